@@ -14,7 +14,7 @@ from pam_machine import LEVEL, PAPER, Array, Bench, joint_of, played, rates, tor
 from vsalog.core.errors import DiagnosisError
 from vsalog.core.signals import JointSignals
 from vsalog.diagnosis.causes import catalogue
-from vsalog.diagnosis.found import MATERIAL, loss_of
+from vsalog.diagnosis.found import loss_of
 from vsalog.diagnosis.joint import diagnose_joint
 from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.selection import Choice, Selection, select
@@ -49,7 +49,7 @@ def diagnosed(bench: Bench, without: tuple[str, ...] = (), friction: str = PAPER
 
 
 def material(found: Selection) -> list[Choice]:
-    return [c for c in found.choices if c.size >= MATERIAL]
+    return [c for c in found.choices if c.size >= 1.0]
 
 
 def loss(found: Selection) -> float:

@@ -48,7 +48,7 @@ def test_correlation_time_is_the_variance_of_a_mean():
 
 def test_correlation_time_of_what_has_none():
     assert correlation_time(np.zeros(100)) == 1.0
-    assert correlation_time(np.arange(7.0)) == 1.0
+    assert correlation_time(np.ones(1)) == 1.0
     # Rows that change their sign each time are worth more than independent ones; no more is made of it.
     assert correlation_time(np.tile([1.0, -1.0], 500)) == 1.0
 

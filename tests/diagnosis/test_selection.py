@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from written_out import ELASTIC, ROLES, Truth, channels, drive, elastic, joint_of, log, sensed, signals
 
-from vsalog.diagnosis.found import MATERIAL
 from vsalog.diagnosis.linear import formed_of, placed
 from vsalog.diagnosis.selection import _exchanged, _settled, blocks_of, nothing_found, select, sites_in, sites_of
 from vsalog.diagnosis.setting import setting_of
@@ -29,7 +28,7 @@ def named(selection):
 
 
 def material(selection):
-    return [choice.site.cause for choice in selection.choices if choice.size >= MATERIAL]
+    return [choice.site.cause for choice in selection.choices if choice.size >= 1.0]
 
 
 def told(selection, cause):
@@ -155,7 +154,7 @@ def test_a_search_that_is_cut_short_says_that_it_did_not_settle(monkeypatch):
     assert found.settled
     arguments = found.problem, found.stage, sites_in(found.stage), found.blocks
     assert _settled(*arguments, found.posterior)[2]
-    monkeypatch.setattr("vsalog.diagnosis.selection.ROUNDS", 1)
+    monkeypatch.setattr("vsalog.diagnosis.selection.ITERATIONS", 1)
     assert not _settled(*arguments)[2]
 
 

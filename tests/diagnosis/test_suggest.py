@@ -13,8 +13,8 @@ from written_out import ELASTIC, Truth, elastic, sensed, write_csv
 
 from vsalog.cli import _run
 from vsalog.diagnosis.causes.base import Parameter, Site
-from vsalog.diagnosis.suggest import ENOUGH, separation
-from vsalog.diagnosis.suggest_candidates import DURATION, WAVES, Room
+from vsalog.diagnosis.suggest import separation
+from vsalog.diagnosis.suggest_candidates import DESIGN, WAVES, Room
 from vsalog.diagnosis.suggest_questions import Hypothesis
 from vsalog.diagnosis.suggest_range import Range
 from vsalog.readers import read
@@ -202,10 +202,10 @@ def test_a_consistent_log_is_answered_with_what_it_shows_least_of(tmp_path, run)
     assert FILE in found["next_experiment"]
     assert "Of what this log shows least it would show" in found["next_experiment"]
     scenario = Scenario.load(tmp_path / "out" / FILE)
-    assert scenario.file.duration == DURATION
+    assert scenario.file.duration == DESIGN.duration
     run("simulate", "right.rig.toml", "--scenario", f"out/{FILE}", "-o", "next.mcap")
     again = read(tmp_path / "next.mcap")
-    assert all(c.values.size == DURATION / PERIOD + 1 for c in again.channels.values())
+    assert all(c.values.size == DESIGN.duration / PERIOD + 1 for c in again.channels.values())
 
 
 def test_the_terminal_names_the_file_and_without_the_option_there_is_none(tmp_path, run):
@@ -236,8 +236,8 @@ def test_what_cannot_be_simulated_is_said_and_nothing_is_proposed(tmp_path, run,
 )
 def test_every_wave_stays_within_its_room_and_its_speed(middle, half, rate, fastest, wave):
     room = Room(middle, half, rate, bend=50.0 * rate)
-    time = np.linspace(0.0, DURATION, 16001)
-    values = sum_of_parts(WAVES[wave](room, fastest), "rad", DURATION, None, ())(time)
+    time = np.linspace(0.0, DESIGN.duration, 16001)
+    values = sum_of_parts(WAVES[wave](room, fastest), "rad", DESIGN.duration, None, ())(time)
     assert np.max(np.abs(values)) <= half * (1.0 + 1e-9)
     assert np.max(np.abs(np.diff(values))) <= rate * (time[1] - time[0]) * (1.0 + 1e-6)
 
@@ -291,5 +291,5 @@ def test_how_far_two_hypotheses_are_apart_is_what_the_best_fit_of_the_other_leav
         ftol=1e-13,
     )
     squares = separation(curve, joint, own, other) ** 2 * Curve.count
-    # A fit ends where a step gains less than this part of what is left.
-    assert squares == pytest.approx(2.0 * left.cost - float(noise @ noise), abs=ENOUGH * 2.0 * left.cost)
+    # A fit ends where a step gains less than 1e-8 of what is left.
+    assert squares == pytest.approx(2.0 * left.cost - float(noise @ noise), abs=1e-7 * left.cost)

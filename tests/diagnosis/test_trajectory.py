@@ -9,7 +9,7 @@ from written_out import Truth, channels, joint_of
 
 from vsalog.diagnosis import trajectory
 from vsalog.diagnosis.causes.base import Parameter, Site
-from vsalog.diagnosis.found import MATERIAL, found_by
+from vsalog.diagnosis.found import found_by
 from vsalog.diagnosis.gain import weighed
 from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.posterior import Problem, most_probable
@@ -107,7 +107,7 @@ def test_a_causes_size_is_the_larger_of_equations_and_trajectories():
     then = refined(first, windows_for(found, first))
     (small,), (large,) = first.choices, then.choices
     assert large.size >= small.size
-    assert large.size > MATERIAL
+    assert large.size > 1.0
     assert large.site.key == small.site.key
     assert then.posterior.simulated.shape == (1, 1)
 

@@ -8,7 +8,7 @@ import pytest
 
 from vsalog.core.errors import EstimatorError
 from vsalog.estimators.pam_noise import pam_noise
-from vsalog.estimators.pam_states import ANGLE, PRESSURE_1, VELOCITY, PamFold, pam_transition
+from vsalog.estimators.pam_states import Column, PamFold, pam_transition
 from vsalog.filters.square_root_ukf import UnscentedTrace
 from vsalog.mechanics.pneumatic_friction import friction_level, kikuuwe_friction, viscous_coefficient
 from vsalog.mechanics.pneumatics import (
@@ -251,7 +251,7 @@ def test_long_periods_are_taken_in_steps():
     log = {k: v[::10] for k, v in scenario_log(()).items()}
     fold, trace = follow(JOINT, log, period=10 * PERIOD)
     assert fold.steps > 5
-    assert np.abs(trace.x[:, ANGLE] - log["link_position"]).max() < 0.03
+    assert np.abs(trace.x[:, Column.ANGLE] - log["link_position"]).max() < 0.03
     assert not trace.diverged.any()
 
 
@@ -311,7 +311,7 @@ def test_angle_of_plants_that_are_not_the_model():
     for signs in (*LIKE, *OPPOSITE):
         log = scenario_log(signs)
         (_, filtered), (_, alone) = follow(JOINT, log), follow(JOINT, log, correct=False)
-        found.append([shares(t.x[:, ANGLE], log["link_position"]) for t in (filtered, alone)])
+        found.append([shares(t.x[:, Column.ANGLE], log["link_position"]) for t in (filtered, alone)])
         assert not filtered.diverged.any()
     largest, mean = np.moveaxis(np.array(found), 2, 0)
     assert largest[:, 0].max() <= 0.0613
@@ -343,7 +343,7 @@ def test_torque_of_a_clamped_plant_that_is_not_the_model():
 def test_the_plants_friction_is_better_than_none_of_it():
     log = scenario_log(LIKE[0])
     found = [
-        shares(follow(joint, log)[1].x[:, ANGLE], log["link_position"])[1]
+        shares(follow(joint, log)[1].x[:, Column.ANGLE], log["link_position"])[1]
         for joint in (JOINT, replace(JOINT, friction=SimpleFriction(level=0.15)), SMOOTH)
     ]
     assert found[0] < found[2]
@@ -353,7 +353,7 @@ def test_the_plants_friction_is_better_than_none_of_it():
 def test_without_commands_the_pressures_tell_still():
     log = scenario_log(LIKE[0])
     _, trace = follow(JOINT, log, valves=False)
-    assert shares(trace.x[:, ANGLE], log["link_position"])[0] <= 0.0613
+    assert shares(trace.x[:, Column.ANGLE], log["link_position"])[0] <= 0.0613
     assert not trace.diverged.any()
 
 
@@ -362,10 +362,10 @@ def test_noise_follows_from_the_log_and_the_doubts():
     np.testing.assert_allclose(slow.process, 2.0 * np.array(n.process))
     assert slow.pressure == n.pressure == (SENSOR, SENSOR)
     # A choked supply fills a muscle of 36 cm³ at some 330 kPa/s: 5 % of it in a millisecond.
-    assert n.process[PRESSURE_1] == pytest.approx(0.05 * n.unknown_flow[0])
+    assert n.process[Column.PRESSURE_1] == pytest.approx(0.05 * n.unknown_flow[0])
     assert n.unknown_flow[0] == pytest.approx(332.0, rel=0.01)
     clamped = noise_for(held(JOINT))
-    assert clamped.process[ANGLE] == clamped.process[VELOCITY] == 0.0
+    assert clamped.process[Column.ANGLE] == clamped.process[Column.VELOCITY] == 0.0
     sure = pam_noise(JOINT, PERIOD, (4e5, 4e5), (SENSOR, SENSOR), flow=0.0, force=0.0, friction=0.0)
     assert sure.process == (0.0, 0.0, 0.0, 0.0)
 
@@ -380,7 +380,7 @@ def test_a_constant_error_of_the_rate_makes_it_lag_by_the_sensors_noise():
         x = move(joint, x, [0.5, 0.5, 0.0])[:, 0] + [0.05 * noise.unknown_flow[0], 0.0, 0.0, 0.0]
     fold, still = PamFold(joint, PERIOD, noise), np.full(count, 5.5)
     trace = fold.block(fold.start(), z, np.full(count, 4e5), still, still)[1]
-    np.testing.assert_allclose((z - trace.x[:, PRESSURE_1])[200:], SENSOR, rtol=0.15)
+    np.testing.assert_allclose((z - trace.x[:, Column.PRESSURE_1])[200:], SENSOR, rtol=0.15)
     assert not trace.diverged.any()
 
 

@@ -8,11 +8,12 @@ import pyarrow.parquet as pq
 import pytest
 from command_line import vsalog_run
 
+from vsalog.core.precision import ROUNDING
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import device_of
 from vsalog.estimators.methods import direct, qr_rls, residual_rls
 from vsalog.estimators.tuning import LEAST_USUAL, usual_regressor
-from vsalog.perturbations.prior import LEAST_WEIGHT, WEAKER, weaker
+from vsalog.perturbations.prior import WEAKER, weaker
 from vsalog.perturbations.trials import Subject
 from vsalog.rig import Rig
 
@@ -128,7 +129,7 @@ def test_the_trial_has_a_weaker_prior_but_not_so_weak_that_digits_are_lost(metho
     p0, c = subject.fold.derived["p0"], subject.tuning.c
     found = weaker(subject)
     assert found.p0 > 100.0 * p0
-    assert found.p0 == pytest.approx(min(WEAKER * p0, 1.0 / (LEAST_WEIGHT * c * usual_regressor(*subject[1:3]) ** 2)))
+    assert found.p0 == pytest.approx(min(WEAKER * p0, 1.0 / (ROUNDING * c * usual_regressor(*subject[1:3]) ** 2)))
     assert found.window == subject.fold.derived["window"]
 
 

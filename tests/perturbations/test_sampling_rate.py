@@ -11,10 +11,11 @@ from scipy.linalg import expm
 
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import device_of
+from vsalog.estimators.equation import REPORTED_CHANGE
 from vsalog.estimators.folding import estimated, run
 from vsalog.estimators.methods import algebraic, qr_rls, residual_rls
 from vsalog.perturbations.sampling_rate import SamplingRate, every_second
-from vsalog.perturbations.trials import REPORTED_SHIFT, Shift, Subject, run_trials, tried
+from vsalog.perturbations.trials import Shift, Subject, run_trials, tried
 from vsalog.rig import Rig
 from vsalog.uncertainty.shift import Ranges, Spread
 
@@ -129,7 +130,7 @@ def test_what_noise_may_do_is_counted_in_without_a_word(surely, told):
     shift = Shift({"1": Spread((Ranges(0.0, 0.0),), np.array([0.3]))}, {"1": surely}, {}, {}, {}, True)
     found = SamplingRate().findings(subject, shift)
     assert [(f.code, f.part, f.value) for f in found] == ([("sampling.too_slow", "1", surely)] if told else [])
-    assert (surely > REPORTED_SHIFT) == told
+    assert (surely > REPORTED_CHANGE) == told
     assert not told or found[0].evidence["stiffness_change"] == 0.3
 
 

@@ -22,7 +22,6 @@ from vsalog.checks.samples import with_both_positions
 from vsalog.checks.signals import WHILE
 from vsalog.core.dependence import FALSE_ALARM_RATE, LEAST_BLOCKS, least_squares, one_more_above
 from vsalog.core.finding import Finding
-from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device, deflection_of
 from vsalog.estimators.row_moments import RowMoments, row_moments_block, row_moments_start
@@ -39,7 +38,7 @@ class StandstillOfEncoder:
     def start(self, context: Context) -> Standstills | None:
         """Look for the stretch of each spring in which the other encoder moves farthest; None where none stands still."""
         signals, found = context.signals, dict[str, Standstill]()
-        for block in [signals] if isinstance(signals, JointSignals) else signals.blocks(WHILE):
+        for block in signals.blocks(WHILE):
             for view in with_both_positions(context.device, block):
                 own = [s for s in standstills(block, view) if s.moved <= s.spring]
                 own += [found[view.name]] if view.name in found else []

@@ -19,13 +19,12 @@ def effective_samples(e: Array) -> float:
     """
     n = e.size
     some = spread_over(e)
-    time = max(_correlation_time(some), _correlation_time(some**2))
+    time = max(correlation_time(x - x.mean()) for x in (some, some**2))
     return float(np.clip(some.size / time if some.size < n else n / time, 1.0, n))
 
 
-def _correlation_time(x: Array) -> float:
-    """Return 1 + 2 Σ ρ_k in samples."""
-    x = x - x.mean()
+def correlation_time(x: Array) -> float:
+    """Return how many samples of a signal that should be zero, shape (N,), count as one: 1 + 2 Σ ρ_k."""
     power = float(x @ x)
     if power <= 0.0:
         return 1.0

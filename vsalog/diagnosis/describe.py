@@ -31,7 +31,7 @@ from vsalog.diagnosis.joint import (
     unexplained_side,
     variables,
 )
-from vsalog.diagnosis.remainder import curve_of, predicted_share
+from vsalog.diagnosis.remainder import AS_GOOD, curve_of, predicted_share
 from vsalog.diagnosis.smooth import UNKNOWN
 from vsalog.diagnosis.words import part_in_words, title_of, unfilled
 from vsalog.residuals.channels import span_of
@@ -40,7 +40,6 @@ from vsalog.rig.schema import role_units
 Array = NDArray[np.float64]
 
 # A cause is shown over the signal that predicts its shape; of several that do so about as well, over the first of these.
-SLACK = 0.03
 ORDER = ("velocity", "rate", "deflection", "position", "setpoint", "torque", "time")
 
 
@@ -244,7 +243,7 @@ def _view(found: JointDiagnosis, cause: Found, known: dict[str, tuple[Array, str
     blocks = found.selection.blocks
     shares = {name: predicted_share(shape[:, i], blocks, x) for name, (x, _) in known.items()}
     best = max(shares.values())
-    near = [name for name, share in shares.items() if share >= best - SLACK]
+    near = [name for name, share in shares.items() if share >= best - AS_GOOD]
     variable = min(near, key=lambda name: next((k for k, word in enumerate(ORDER) if word in name), len(ORDER)))
     scale = float(found.system.deviation[i])
     return CauseEvidence(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.correlation import correlation_time
 from vsalog.diagnosis.linear import Linear, corrected
 from vsalog.residuals.system import System, whitener
 
@@ -19,10 +20,8 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-# What is left of the filters' own error where noise is compared with noise: it keeps equations without noise apart.
-TRACE = 1e-4
-# A quarter of a series' lags are looked at: of fewer samples than this no pair of lags is left.
-SHORTEST = 12
+# Part of the filters' own error that is left where noise is compared with noise [1]: it keeps equations without noise apart.
+FILTER_ERROR_LEFT = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +50,8 @@ class Weights:
         both = used.T @ used
         added = formed[1:] - rows
         noise = np.einsum("kri,krj->ij", added, added) / len(added)
-        covariance = np.where(both > 0.0, noise / np.maximum(both, 1.0), system.covariance) + TRACE * system.exact
+        covariance = np.where(both > 0.0, noise / np.maximum(both, 1.0), system.covariance)
+        covariance += FILTER_ERROR_LEFT * system.exact
         if not np.isfinite(covariance).all():
             return np.inf
         factor = factor_of(covariance)
@@ -104,7 +104,7 @@ def weighted_by(system: System, rows: Array) -> Weights:
     weighted = replace(system, covariance=covariance, whiteners={p: whitener(covariance, p) for p in system.whiteners})
     times = np.array([correlation_time(column) for column in weighted.white(rows).T])
     tempered = {p: w / np.sqrt(times)[:, None] for p, w in weighted.whiteners.items()}
-    bare = factor_of(system.covariance - (1.0 - TRACE) * system.exact)
+    bare = factor_of(system.covariance - (1.0 - FILTER_ERROR_LEFT) * system.exact)
     return Weights(replace(weighted, whiteners=tempered), _in_units_of(bare, covariance), times)
 
 
@@ -118,17 +118,3 @@ def factor_of(covariance: Array) -> Array:
 def _in_units_of(factor: Array, covariance: Array) -> Array:
     inside = np.linalg.solve(factor, np.linalg.solve(factor, covariance).T)
     return np.asarray(0.5 * (inside + inside.T))
-
-
-def correlation_time(x: Array) -> float:
-    """Return how many rows count as one: 1 + 2 Σ ρ over the initial positive pairs (Geyer 1992, Statistical Science 7(4))."""
-    n = x.size
-    if n < SHORTEST or not np.any(x):
-        return 1.0
-    spectrum = np.abs(np.fft.rfft(x, 2 * n)) ** 2
-    rho = np.fft.irfft(spectrum)[: n // 4]
-    rho = rho / rho[0]
-    pairs = rho[1 : 1 + 2 * ((rho.size - 1) // 2)].reshape(-1, 2).sum(axis=1)
-    ends = np.flatnonzero(pairs <= 0.0)
-    total = float(pairs[: ends[0] if ends.size else pairs.size].sum())
-    return max(1.0 + 2.0 * total, 1.0)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, erf, expit
 
+from vsalog.core.significance import INTERVAL, INTERVAL_BELOW, SIGNIFICANCE
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.common import scales
@@ -20,14 +21,9 @@ from vsalog.residuals.system import System
 
 Array = NDArray[np.float64]
 
-# A cause matters where it changes an equation by as much as noise and model error together do, in root mean square, beyond what
-# the other causes could take up.
-MATERIAL = 1.0
-# Share of the causes with overwhelming odds that are not there though equations close: something that the catalogue lacks looks
-# like them. Odds compare models that are known; this share is counted: 2 of 1080, (2 + 1)/(1080 + 2) by Laplace's rule.
-IMITATED = 0.003
-# Standard deviations to either side that hold 95 % of a normal distribution, and to one side.
-NORMAL_95, BELOW_95 = 1.96, 1.645
+# Share of the causes with overwhelming odds that are not there though equations close [1]: something that the catalogue lacks
+# looks like them. Odds compare models that are known; this share is counted: 2 of 1080, (2 + 1)/(1080 + 2) by Laplace's rule.
+IMITATED_SHARE = 0.003
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +48,15 @@ class Found:
 
     @property
     def material(self) -> bool:
-        """Whether its effect matters, and the log determines it, or a class that it is one member of."""
+        """Whether its effect matters, and the log determines it, or a class that it is one member of.
+
+        It matters where it changes an equation by as much as noise and model error together do, beyond what the other causes
+        could take up: that is the unit of its size.
+        """
         # Of what nothing tells, as a part of a sample, no other cause can be told either.
         blurred = any(p.blur for p in self.site.parameters)
         known = any(self.determined().values()) or self._together() or (bool(self.choice.rivals) and not blurred)
-        return self.choice.size >= MATERIAL and known
+        return self.choice.size >= 1.0 and known
 
     @property
     def confidence(self) -> float:
@@ -75,7 +75,7 @@ class Found:
         Model error is no noise: it follows the motion and does not average out. Along the cause's direction it may be as large as
         it is on the whole, as a normal variable: this is the probability that it is less than what was found there.
         """
-        return float((1.0 - IMITATED) * erf(self.choice.over_model_error / 2.0**0.5))
+        return float((1.0 - IMITATED_SHARE) * erf(self.choice.over_model_error / 2.0**0.5))
 
     def numbers(self) -> dict[str, tuple[float, float, str]]:
         """Return name → value, standard deviation, unit, as people are told."""
@@ -105,9 +105,9 @@ class Found:
         Of a shape that is a size, as a speed or a width, the interval has to exclude zero, too.
         """
         absent, told = self.absent(), self.numbers()
-        clear = {n: min(abs(v - absent[n][0]), abs(v)) > NORMAL_95 * std for n, (v, std, _) in told.items()}
+        clear = {n: min(abs(v - absent[n][0]), abs(v)) > INTERVAL * std for n, (v, std, _) in told.items()}
         places = {p.name for p in self.site.parameters if p.low <= 0.0}
-        sized = {n: n in places or abs(v) > NORMAL_95 * std for n, (v, std, _) in told.items()}
+        sized = {n: n in places or abs(v) > INTERVAL * std for n, (v, std, _) in told.items()}
         return {n: any(clear.values()) and sized[n] if v == absent[n][0] else clear[n] for n, (v, _, _) in told.items()}
 
     def _together(self) -> bool:
@@ -119,7 +119,7 @@ class Found:
         blur = np.array([self.site.parameters[i].blur for i in own])
         blurred = blur**2 + (catalogue()[self.site.cause].exact * self.values[own]) ** 2
         surprise = float(away @ np.linalg.solve(self.covariance[np.ix_(own, own)] + np.diag(blurred), away))
-        return surprise > float(chdtri(len(own), 0.05))
+        return surprise > float(chdtri(len(own), SIGNIFICANCE))
 
 
 def found_by(selection: Selection, joint: Any) -> list[Found]:
@@ -163,7 +163,7 @@ def _between(selection: Selection, spread: Array) -> Array:
             if other.size == values.size:
                 farthest[k] = np.maximum(farthest[k], np.abs(other - values))
     far = np.concatenate(farthest)
-    return np.where(far > 0.0, np.maximum(((far + BELOW_95 * spread) / NORMAL_95) ** 2 - spread**2, 0.0), 0.0)
+    return np.where(far > 0.0, np.maximum(((far + INTERVAL_BELOW * spread) / INTERVAL) ** 2 - spread**2, 0.0), 0.0)
 
 
 def _undetermined(selection: Selection) -> Array:

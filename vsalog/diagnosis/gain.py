@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.errors import SimulationError
+from vsalog.core.significance import DRAWS, SIGNIFICANCE
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.windows import (
     WITHIN,
@@ -28,12 +29,13 @@ from vsalog.residuals.windows_mechanical import MechanicalPlayer
 
 Array = NDArray[np.float64]
 
-DRAWS, SEED = 1000, 0
-# Integration steps per sample up to which all windows are simulated; a stiff one counts for so many; the fewest windows.
-STEPS, STIFF, FEWEST = 16, 12, 12
+# Parts of a log that tell as much as the whole [1]: windows that are fitted, or simulated where that takes long, and blocks.
+PARTS = 20
+# Integration steps per sample up to which all windows are simulated [1]; and how many of these a stiff one takes as long as.
+AFFORDABLE_STEPS, COST_OF_STIFF_STEP = 16, 12
 # Windows in which noise is played, of several draws where a log has fewer [1]: what integrates noise has one number a window, and
 # the root mean square of fifty is known to a tenth.
-PLAYED = 50
+NOISY_WINDOWS = 50
 
 
 def reduction_of(before: Array, after: Array) -> tuple[float, tuple[float, float]]:
@@ -44,9 +46,9 @@ def reduction_of(before: Array, after: Array) -> tuple[float, tuple[float, float
     before, after : shape (W,), squares of the errors in each part
     """
     count = before.size
-    counts = np.random.default_rng(SEED).multinomial(count, np.full(count, 1.0 / count), size=DRAWS)
+    counts = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), size=DRAWS)
     drawn = 1.0 - np.sqrt((counts @ after) / np.maximum(counts @ before, 1e-300))
-    low, high = np.quantile(drawn, [0.025, 0.975])
+    low, high = np.quantile(drawn, [0.5 * SIGNIFICANCE, 1.0 - 0.5 * SIGNIFICANCE])
     return float(1.0 - np.sqrt(after.sum() / max(before.sum(), 1e-300))), (float(low), float(high))
 
 
@@ -178,7 +180,7 @@ def weighed(joint: Any, windows: Windows) -> Windows:
     if windows.scale is not None:
         return windows
     count = len(windows.spans)
-    few = windows.part(np.unique(np.linspace(0, count - 1, min(count, FEWEST)).round().astype(np.int64)))
+    few = windows.part(np.unique(np.linspace(0, count - 1, min(count, PARTS)).round().astype(np.int64)))
     states = player_of(joint, windows.channels).measured_states()[few.spans[:, 0]]
     try:
         found = floors(joint, few, shoot(joint, few, states), np.median)
@@ -192,9 +194,9 @@ def _affordable(joint: Any, windows: Windows) -> Windows:
     player = player_of(joint, windows.channels)
     if not isinstance(player, MechanicalPlayer):
         return windows
-    share = STEPS / (player.steps * (STIFF if player.stiff else 1))
+    share = AFFORDABLE_STEPS / (player.steps * (COST_OF_STIFF_STEP if player.stiff else 1))
     count = len(windows.spans)
-    kept = int(np.clip(share * count, min(FEWEST, count), count))
+    kept = int(np.clip(share * count, min(PARTS, count), count))
     return windows if kept == count else windows.part(in_runs(count, kept))
 
 
@@ -219,7 +221,7 @@ def floors(
     scale = np.array([floor_of(windows, r) for r in windows.roles])
     S, squares = by_states(joint, windows, shot), []
     for draw in range(draws):
-        rng, raw = np.random.default_rng([SEED, draw]), dict(channels.raw)
+        rng, raw = np.random.default_rng([0, draw]), dict(channels.raw)
         for role in player.driving():
             if role in raw and channels.noise[role].deviation:
                 raw[role] = raw[role] + channels.noise[role].deviation * rng.standard_normal(raw[role].size)
@@ -237,7 +239,7 @@ def floors(
 
 
 def _draws(windows: Windows) -> int:
-    return -(-PLAYED // len(windows.spans))
+    return -(-NOISY_WINDOWS // len(windows.spans))
 
 
 def _followed_again(channels: Channels, followed: Sequence[str], draw: int) -> Channels:

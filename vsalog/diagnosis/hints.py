@@ -18,12 +18,11 @@ from vsalog.residuals.channels import Channels
 from vsalog.residuals.sensing import motors_of, torque_role
 from vsalog.residuals.system import System
 
-# What a wrong sign or unit makes of a signal.
-FACTORS = (-1.0, 180.0 / np.pi, np.pi / 180.0, 1e3, 1e-3)
-ANGLES = (-1.0, 180.0 / np.pi, np.pi / 180.0)
-# It is said where the equations would close with so much of what they leave now, in squares, and to this mean square: motions
-# made small leave less as well.
-CLOSES, NEAR = 0.05, 100.0
+# What a wrong sign or unit makes of a signal, and whether also of an angle: degrees, and a prefix of SI.
+FACTORS = {-1.0: True, float(np.degrees(1.0)): True, float(np.radians(1.0)): True, 1e3: False, 1e-3: False}
+# A factor is reported where the equations would close with this part of the residual now, in squares [1], and to this mean square
+# over noise [1]: motions made small leave less as well.
+RESIDUAL_WITH_FACTOR, SQUARES_WITH_FACTOR = 0.05, 100.0
 
 
 def hint_of(name: str, joint: Any, system: System) -> Finding | None:
@@ -35,7 +34,7 @@ def hint_of(name: str, joint: Any, system: System) -> Finding | None:
     system : of the log
     """
     now = _left(joint, system)
-    best, found = min(CLOSES * now, NEAR * system.count), None
+    best, found = min(RESIDUAL_WITH_FACTOR * now, SQUARES_WITH_FACTOR * system.count), None
     for about, changed, there in _changed(joint, system):
         left = _left(changed, there)
         if left < best:
@@ -58,15 +57,15 @@ def _changed(joint: Any, system: System) -> Iterator[tuple[Finding, Any, System]
     positions = [r for r in roles if "position" in r or r.startswith("deflection")]
     sensed = [r for r in roles if r.startswith("torque_sensor") or r in positions]
     gains = {role: signal.gain for role, signal in offered_roles(joint).items()}
-    for factor in FACTORS:
+    for factor, of_angles in FACTORS.items():
         wrong = partial(
             Finding,
             code="rig.sign" if factor < 0.0 else "rig.unit",
             severity="invalidates",
             evidence={"factor": factor},
         )
-        own = [[r] for r in sensed if r not in positions or factor in ANGLES]
-        for those in own + ([positions] if len(positions) > 1 and factor in ANGLES else []):
+        own = [[r] for r in sensed if r not in positions or of_angles]
+        for those in own + ([positions] if len(positions) > 1 and of_angles else []):
             changed = joint
             for role in those:
                 changed = with_signal(changed, role, gain=factor * gains[role])

@@ -27,19 +27,17 @@ from vsalog.diagnosis.sides import side_of
 from vsalog.diagnosis.smooth import SmoothSite
 from vsalog.diagnosis.trajectory import refined
 from vsalog.diagnosis.unknown import ENCODERS, TAKEN_UP, spring_findings, with_springs
-from vsalog.diagnosis.words import ALL_OF_IT
 from vsalog.residuals.balance import Motion
 from vsalog.residuals.channels import Channels, channels_of, span_of
 from vsalog.residuals.kinds import balance_for, equations_of, motion_for
 from vsalog.residuals.sensing import at_joint, true_roles
 from vsalog.residuals.system import BELL, System, build_system
 from vsalog.residuals.windows import WITHIN, Windows, windows_of
+from vsalog.validation.scores import FEWEST_BLOCKS
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-# A log has so many times the samples that filter and bell take.
-LEAST = 3
 # What the windows are called that the gain is measured on, where another log was given for it.
 HELD_OUT = "the held-out log"
 
@@ -113,7 +111,7 @@ class JointDiagnosis:
     @property
     def helps(self) -> bool:
         """Whether the causes make the simulation of held-out data better, or the equations where nothing can be simulated."""
-        return (self.fraction <= ALL_OF_IT or bool(self.computed)) if self.gain is None else self.gain.helps
+        return (round(100.0 * self.fraction) < 100 or bool(self.computed)) if self.gain is None else self.gain.helps
 
     @property
     def verdict(self) -> Verdict:
@@ -245,7 +243,7 @@ def _doubts(found: JointDiagnosis) -> Iterator[Finding]:
 
 def _require_motion(name: str, channels: Channels) -> None:
     """Refuse a log of a joint that rests, or one that is over before a filter has seen it."""
-    least = LEAST * (channels.window + round(BELL / channels.period))
+    least = channels.window + FEWEST_BLOCKS * round(BELL / channels.period)
     if len(channels) < least:
         raise DiagnosisError(
             f"joint '{name}': {len(channels)} samples, {len(channels) * channels.period:.3g} s, are too few: the filters alone"

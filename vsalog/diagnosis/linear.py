@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.precision import ROUNDING
 from vsalog.diagnosis.causes.base import Parameter, Remainder, Setting, Site
 from vsalog.diagnosis.priors import deviation_of
 from vsalog.diagnosis.subsets import Candidates
 from vsalog.residuals.sensing import earlier
-from vsalog.residuals.system import System
+from vsalog.residuals.system import BELL, System
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -26,15 +27,10 @@ Integers = NDArray[np.int64]
 # Causes with the values of all their parameters.
 Placed = Sequence[tuple[Site, Array]]
 
-# Prior probability that a cause of the catalogue is present at a part: a few of some dozens are.
+# Prior probability that a cause of the catalogue is present at a part [1]: a few of some dozens are.
 PRESENT = 0.1
 # −log of the prior odds of what is in every set: more than any log says of anything.
 CERTAIN = -1e9
-# Places in a log where something may happen once, per second.
-PLACES = 10.0
-# Directions of the scaled columns with less than this part of the strongest one's squares say nothing: columns are differences of
-# equations whose rounding is a part in 10⁸ of them.
-WELL_DETERMINED = 1e-8
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +122,8 @@ def variants_of(
             continue  # the rig knows it exactly
         price = CERTAIN if site.given else float(np.log((1.0 - PRESENT) / PRESENT))
         if site.transient:
-            price += float(np.log(max(PLACES * setting.duration, 1.0)))
+            # It may happen anywhere, and two bells are the shortest that averages show.
+            price += float(np.log(max(setting.duration / (2.0 * BELL), 1.0)))
         if site.added is not None:
             price += float(np.log(functions))
         if values is not None:
@@ -369,7 +366,8 @@ def corrected(linear: Linear, system: System, chosen: NDArray[np.bool_] | slice 
     size = np.sqrt(np.diag(V + noise))
     scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
     values, vectors = np.linalg.eigh((V + noise) * np.outer(scale, scale))
-    kept = values > WELL_DETERMINED * max(values.max(initial=0.0), 1e-300)
+    # Columns are differences of equations: what is smaller is rounding.
+    kept = values > ROUNDING * max(values.max(initial=0.0), 1e-300)
     W = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
     share, own = np.linalg.eigh(W.T @ V @ W)  # of the columns in both
     # What is not noise is between none and all of the columns.

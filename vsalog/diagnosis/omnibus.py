@@ -12,15 +12,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.precision import ROUNDING
+from vsalog.core.significance import DRAWS
 from vsalog.diagnosis.linear import Linear, corrected
 from vsalog.residuals.system import System
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
-
-# Draws of signs [1]: the smallest p-value there is is one in a thousand.
-FLIPS = 999
 
 
 def p_value(linear: Linear, system: System, chosen: Flags, blocks: Integers, seed: int = 0) -> float:
@@ -46,8 +45,8 @@ def p_value(linear: Linear, system: System, chosen: Flags, blocks: Integers, see
     # In units of the prior's deviations: what is expected to be large counts for more.
     lower = np.linalg.cholesky(J.T @ J + np.eye(J.shape[1]))
     seen = np.linalg.solve(lower, parts.T).T
-    signs = rng.choice([-1.0, 1.0], (FLIPS, count))
+    signs = rng.choice([-1.0, 1.0], (DRAWS - 1, count))
     found = float(np.sum(seen.sum(axis=0) ** 2))
     flipped = np.sum((signs @ seen) ** 2, axis=1)
     # The same signs drawn once more add up to the same but for rounding.
-    return float((1 + np.count_nonzero(flipped >= found * (1.0 - 1e-9))) / (1 + FLIPS))
+    return float((1 + np.count_nonzero(flipped >= found * (1.0 - ROUNDING))) / DRAWS)

@@ -28,8 +28,10 @@ from vsalog.residuals.system import System
 
 Array = NDArray[np.float64]
 
-# Steps of a fit, how often one is damped, and the gain in deviance below which it ends: far below what a cause is priced at.
-STEPS, DAMPINGS, ENOUGH = 12, 6, 0.1
+# Steps after which an iteration is given up [1]: that of a fit, of a search, and of what makes one of their steps smaller.
+ITERATIONS = 12
+# Gain in deviance below which a fit ends [1]: far below what a cause is priced at.
+NEGLIGIBLE = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,10 +95,10 @@ def most_probable(problem: Problem, weights: Weights, start: Placed) -> Posterio
     linear = _about(problem, system, fit, here)
     candidates = candidates_of(linear, system)
     now, damping, fresh = weights.deviance(here) + _surprise(linear.now), 0.0, True
-    for _ in range(STEPS if fit else 0):
+    for _ in range(ITERATIONS if fit else 0):
         H = np.diag(precisions(linear.now)) + candidates.information
         before, moved = now, False
-        for _ in range(DAMPINGS if fresh else 1):
+        for _ in range(ITERATIONS if fresh else 1):
             damped, pull = H + damping * np.diag(np.diag(H)), candidates.score - H @ linear.now
             target = within(damped, pull, linear.now, candidates.low, candidates.high)
             if not np.isfinite(target).all():
@@ -108,7 +110,7 @@ def most_probable(problem: Problem, weights: Weights, start: Placed) -> Posterio
                 fit, here, now, damping, moved = trial, there, after, 0.1 * damping, True
                 break
             damping = max(10.0 * damping, 1e-3)
-        small = before - now <= ENOUGH
+        small = before - now <= NEGLIGIBLE
         if fresh and (before - now <= 0.0 or small):
             linear = carried(linear, fit, here) if moved else linear
             candidates = candidates_of(linear, system)

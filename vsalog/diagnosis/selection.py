@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logsumexp
 
+from vsalog.core.significance import SIGNIFICANCE
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Remainder, Setting, Site
 from vsalog.diagnosis.clock import all_late, counted_from, delays_in, on_fewest_clocks, read_apart
@@ -34,26 +35,27 @@ from vsalog.diagnosis.linear import (
     variants_of,
 )
 from vsalog.diagnosis.omnibus import p_value
-from vsalog.diagnosis.posterior import STEPS, Posterior, Problem, begun_by, most_probable
+from vsalog.diagnosis.posterior import ITERATIONS, Posterior, Problem, begun_by, most_probable
 from vsalog.diagnosis.smooth import smooth_sites
-from vsalog.diagnosis.subsets import Candidates, Ranked, best_sets, precisions, without
+from vsalog.diagnosis.subsets import BEST, Candidates, Ranked, best_sets, precisions, without
 from vsalog.diagnosis.unknown import spring_sites
 from vsalog.residuals.sensing import torque_role, true_roles
 from vsalog.residuals.system import System, build_system, whitener
+from vsalog.validation.scores import FEWEST_BLOCKS
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-# Least length of a block [s], longer than any transient of a joint, and the least and largest number of blocks of a log.
-BLOCK, FEWEST, MOST = 1.0, 8, 24
-# Largest number of rounds of a search; largest number of sets that a round fits in full, and how near to the best their linear
-# score has to be [log-probability]: that of a set far from where it is linearised may be off by as much.
-ROUNDS, SETS, NEAR = 8, 6, 10.0
+# Least length of a block [s]: longer than any transient of a joint; and the largest number of blocks [1].
+LEAST_BLOCK, MOST_BLOCKS = 1.0, 24
+# Sets are fitted in full whose linear score is as near to the best [log-probability]: it may be off by as much far from where it
+# is linearised.
+LINEAR_SCORE_ERROR = 10.0
 # A set that is found again is settled where its score gains less than this [log-probability]: a factor of e in probability.
 SETTLED = 1.0
-# Causes of which a set without the one is less probable by no more than this factor are not told apart from it (log 20: 5 %).
-APART = float(np.log(20.0))
+# Causes of which a set without the one is less probable by no more than this [log-probability] are not told apart from it.
+APART = -float(np.log(SIGNIFICANCE))
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,7 +222,7 @@ def _settled(
     problem: Problem, stage: Stage, sites: Sequence[Site], blocks: Integers, best: Posterior | None = None
 ) -> tuple[Stage, Posterior, bool]:
     """Search, from `best` on, until the best set stays the same; return the equations about it, it, and whether it did."""
-    for _ in range(ROUNDS):
+    for _ in range(ITERATIONS):
         found = _best(problem, stage, best)
         if best is not None and found.keys == best.keys and found.score > best.score - SETTLED:
             return stage, found, True
@@ -251,7 +253,7 @@ def established(problem: Problem, stage: Stage, sites: Sequence[Site], final: Po
         choices, better = list[Choice](), None
         for choice in choices_of(problem, stage, stage.candidates, best, variants, final):
             if choice.odds <= -SETTLED and choice.instead is not None:
-                if _shapes(choice.instead) not in been and len(been) <= ROUNDS:
+                if _shapes(choice.instead) not in been and len(been) <= ITERATIONS:
                     better = choice.instead
                     break
                 settled = False
@@ -287,7 +289,7 @@ def _begins(problem: Problem, stage: Stage, fit: Placed, site: Site, values: Arr
         return True
     without_it = placed(problem.joint, [(s, v) for s, v in fit if s.key != site.key])
     begun = site.starts(remainder(stage.system, without_it, problem.setting))
-    within = np.array([STEPS * p.reach if p.shape else np.inf for p in site.parameters])
+    within = np.array([ITERATIONS * p.reach if p.shape else np.inf for p in site.parameters])
     return any(bool(np.all(np.abs(np.array(start) - values) <= within)) for start in begun)
 
 
@@ -300,7 +302,7 @@ def sites_of(setting: Setting, barred: frozenset[str]) -> list[Site]:
 def blocks_of(system: System) -> Integers:
     """Number the blocks of the rows, shape (R,), rising."""
     time = system.time
-    count = int(np.clip((time[-1] - time[0]) / BLOCK, FEWEST, MOST))
+    count = int(np.clip((time[-1] - time[0]) / LEAST_BLOCK, FEWEST_BLOCKS, MOST_BLOCKS))
     return np.minimum((np.arange(time.size) * count) // max(time.size, 1), count - 1).astype(np.int64)
 
 
@@ -380,7 +382,7 @@ def _best(problem: Problem, stage: Stage, about: Posterior | None) -> Posterior:
     """Search the sets about a stage, fit the best few in full, and return the most probable of them and the one it is about."""
     start = np.array([v.inside for v in stage.unknowns.variants], dtype=np.bool_)
     sets = best_sets(stage.candidates, [start])
-    near = [s for s in sets if s.score <= sets[0].score + NEAR][:SETS]
+    near = [s for s in sets if s.score <= sets[0].score + LINEAR_SCORE_ERROR][:BEST]
     begun = [begun_by(stage.unknowns, stage.candidates, s.chosen) for s in near]
     begun.append(() if about is None else about.fit)
     return min((fitted(problem, stage, b) for b in begun), key=lambda p: p.score)
@@ -432,7 +434,7 @@ def choices_of(
             for o, price in _richer_sets(variants, final.fit, site):
                 richer = fitted(problem, stage, o)
                 exact.append(replace(richer, score=richer.score + price))
-            if odds < NEAR:
+            if odds < LINEAR_SCORE_ERROR:
                 begun, name = begun_by(stage.unknowns, c, other.chosen), other.chosen.tobytes()
                 known[name] = known.get(name) or fitted(problem, stage, begun)
                 exact.append(known[name])
@@ -453,7 +455,7 @@ def choices_of(
             barred = np.array([any(v.site.overlaps(m) for m in (site, *rivals)) for v in variants], dtype=np.bool_)
             gone = without(c, best, barred)
             odds, there = gone.score - best.score, None
-            if odds < NEAR:
+            if odds < LINEAR_SCORE_ERROR:
                 after = fitted(problem, stage, begun_by(stage.unknowns, c, gone.chosen))
                 odds, there = after.score - final.score, after.fit
             against.append(odds)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.significance import INTERVAL
 from vsalog.diagnosis.causes.base import Parameter, Site
 from vsalog.diagnosis.remainder import variables_of
 from vsalog.diagnosis.sides import spring_direction
@@ -21,13 +22,14 @@ from vsalog.residuals.balance import Motion, Side
 from vsalog.residuals.kinds import motion_for
 from vsalog.residuals.sensing import true_roles
 from vsalog.residuals.system import EXACT, System
+from vsalog.rig.tolerance import default_deviation
 
 Array = NDArray[np.float64]
 
 # What the sites are called: no cause of the catalogue.
 UNKNOWN = "unknown"
-# Terms of a series, and the prior deviation of its first one as a part of the side's torque: that of a torque sensor's gain.
-TERMS, SIZE = 6, 0.05
+# Terms of a series [1]: what is sharper is no smooth function.
+TERMS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +90,8 @@ def _as_it_is(joint: Any, values: Sequence[float]) -> Any:
 
 def _places(system: System, joint: Any, motion: Motion) -> Iterator[tuple[str, Side, str, Array, Sequence[str], str]]:
     """Yield part, side, equation, change of the equations (m,) with a torque of the prior's size, signals, and the rate's."""
-    size = SIZE * np.sqrt(np.diag(system.exact)) / EXACT
+    # The first term is as large as a torque sensor's gain may be off.
+    size = INTERVAL * default_deviation("gain", 1.0, 1.0) * np.sqrt(np.diag(system.exact)) / EXACT
     springs = [s for s in motion.deflections if s not in motion.measured]
     for i, name in enumerate(system.names):
         if system.units[i] != "N*m":

@@ -6,13 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.document import Gain
-from vsalog.diagnosis.gain import reduction_of
+from vsalog.diagnosis.gain import PARTS, reduction_of
 from vsalog.estimation.modalities import MODALITIES, Traces, differences
+from vsalog.uncertainty.long_run import FEWEST_SAMPLES
 
 Array = NDArray[np.float64]
-
-# The blocks that a log is cut into.
-BLOCKS = 20
 
 
 def stiffness_gains(name: str, before: Traces, after: Traces) -> list[Gain]:
@@ -47,9 +45,9 @@ def stiffness_gains(name: str, before: Traces, after: Traces) -> list[Gain]:
 
 def _gain(name: str, transmission: str, old: tuple[Array, Array], new: tuple[Array, Array]) -> Gain | None:
     good = np.isfinite(old[0]) & np.isfinite(new[0])
-    if np.count_nonzero(good) < 10 * BLOCKS:
+    if np.count_nonzero(good) < FEWEST_SAMPLES:
         return None
-    squares = [np.array([np.mean(part**2) for part in np.array_split(off[good], BLOCKS)]) for off in (old[0], new[0])]
+    squares = [np.array([np.mean(part**2) for part in np.array_split(off[good], PARTS)]) for off in (old[0], new[0])]
     reduction, interval = reduction_of(*squares)
     before, after = (float(np.sqrt(s.mean())) for s in squares)
     signal = "stiffness" if transmission == "total" else f"stiffness, {transmission}"

@@ -28,16 +28,18 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-# Scores that differ by less are equal: rounding, in natural units of log-probability.
+# Scores that differ by less are equal [natural units of log-probability]: rounding of sums as large as `linear.CERTAIN`.
 SAME_SCORE = 1e-6
 # Sums may be added in any order: several terms at a time.
 SUMS = {"reassoc", "contract"}
-# Number of groups that are tried in place of one; largest set that is searched for two-for-one moves, whose number grows with the
-# square of its size: larger sets are on the way to smaller ones.
-STEAD, PAIRED = 6, 16
+# So many of the best, as a coarse look ranks them, are looked at in full [1]: sets, what stands in place of a cause, experiments.
+BEST = 6
+# Largest set that is searched for two-for-one moves [groups], whose number grows with the square of its size: larger sets are on
+# the way to smaller ones.
+LARGEST_PAIRED = 16
 # Information, in units of the prior's, below which a value that is far out may be held back by the prior and look near. Above
 # it a prior as wide as the value gains less than two natural units of log-probability.
-WEAK = 1.0 / 3.0
+WEAK_INFORMATION = 1.0 / 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +160,7 @@ def without(candidates: Candidates, best: Ranked, barred: Flags) -> Ranked:
     found = [_descended(candidates, s, free, barred) for s in (start, free)]
     instead = np.flatnonzero(~barred & ~start)
     scores = [candidates.scored(_with(candidates, start, int(g))) for g in instead]
-    for k in np.argsort(scores)[:STEAD]:
+    for k in np.argsort(scores)[:BEST]:
         pinned = free.copy()
         pinned[instead[k]] = True
         begin = _descended(candidates, _with(candidates, start, int(instead[k])), pinned, barred).chosen
@@ -187,7 +189,7 @@ def _keep(found: dict[bytes, Ranked], ranked: Ranked) -> None:
 
 def _descended(candidates: Candidates, start: Flags, pinned: Flags, barred: Flags) -> Ranked:
     chosen = (start | pinned) & ~barred
-    score = _descend(chosen, pinned, barred, candidates.conflict, SAME_SCORE, PAIRED, *candidates.arrays)
+    score = _descend(chosen, pinned, barred, candidates.conflict, SAME_SCORE, LARGEST_PAIRED, *candidates.arrays)
     return Ranked(chosen, float(score))
 
 
@@ -254,7 +256,7 @@ def _evidence(A: Array, b: Array, low: Array, high: Array) -> tuple[float, Array
             break
         for i in range(k):
             value = abs(x[i])
-            if value <= 1.0 and A[i, i] < WEAK:
+            if value <= 1.0 and A[i, i] < WEAK_INFORMATION:
                 spread = _variance(L, k, i)
                 value = _far_out(1.0 / spread - 1.0, value / spread)
             if value > 1.0:
@@ -291,7 +293,7 @@ def _evidence_of_one(A: float, b: float, low: float, high: float) -> float:
     precision = 1.0
     if abs(b) > 1.0 + A:
         precision = ((1.0 + A) / b) ** 2
-    elif A < WEAK:
+    elif A < WEAK_INFORMATION:
         precision = 1.0 / _far_out(A, abs(b)) ** 2
     total = precision + A
     # See `_factored`.

@@ -25,10 +25,12 @@ from vsalog.binding.joint import bind
 from vsalog.core.errors import DiagnosisError, VsalogError
 from vsalog.diagnosis.joint import JointDiagnosis, Progress
 from vsalog.diagnosis.linear import placed
-from vsalog.diagnosis.suggest_candidates import Candidate, Played, candidates
+from vsalog.diagnosis.posterior import ITERATIONS
+from vsalog.diagnosis.subsets import BEST
+from vsalog.diagnosis.suggest_candidates import DESIGN, Candidate, Played, candidates
 from vsalog.diagnosis.suggest_questions import Hypothesis, Questions, ordinary_causes, questions_of, shown
 from vsalog.diagnosis.suggest_range import Seen, seen_in
-from vsalog.diagnosis.suggest_words import TELLS, scenario_text, words_of
+from vsalog.diagnosis.suggest_words import SEPARATE, WORTHWHILE, scenario_text, words_of
 from vsalog.effects.gravity import GRAVITY
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.kinds import balance_for
@@ -41,19 +43,6 @@ from vsalog.simulation.scenario_schema import ScenarioFile
 from vsalog.simulation.simulate import simulate
 
 Array = NDArray[np.float64]
-
-# Logs faster than this are answered with a scenario at this sample time [s].
-PERIOD = 5e-4
-# So many of the best candidates are played with the other hypothesis in the rig too.
-BOTH_WAYS = 6
-# Candidates that separate nearly as well as the best one are as good.
-NEARLY = 0.6
-# A payload adds this share to inertia and weight, and is asked for only if it separates so many times better.
-PAYLOAD, WORTHWHILE = 0.3, 1.5
-# A fit of the other hypothesis ends where a step gains less than this part of the squares.
-ENOUGH = 1e-4
-# A candidate that leaves what was seen becomes smaller, so as to stay a little within; so many times, and not below this share.
-TRIES, WITHIN, LEAST = 4, 0.93, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +82,7 @@ def suggest(rig: Rig, found: Sequence[JointDiagnosis], progress: Progress = lamb
     if not questions.asked:
         raise DiagnosisError(f"joint '{one.name}': there is nothing that another experiment could tell")
     channels = one.system.channels.whole or one.system.channels
-    bench = Bench(rig, one, seen_in(one.extended, one.system), max(channels.period, PERIOD))
+    bench = Bench(rig, one, seen_in(one.extended, one.system), max(channels.period, DESIGN.shortest_period))
     progress(f"joint {one.name}: looking for the experiment that would tell most")
     best = bench.best(questions)
     words = words_of(one.name, best, questions, len(rig.joints) > 1)
@@ -160,7 +149,7 @@ class Bench:
 
     def _both_ways(self, plain: Any, played: list[Played], questions: Questions) -> list[Played]:
         """Play the best ones with the other hypotheses too; what separates less counts."""
-        ranked = sorted(played, key=lambda p: -_worth(p, played, questions))[:BOTH_WAYS]
+        ranked = sorted(played, key=lambda p: -_worth(p, played, questions))[:BEST]
         checked = [self._tried(plain, p.candidate, p.payload, questions) for p in ranked]
         return [c for c in checked if c is not None] or ranked
 
@@ -171,7 +160,7 @@ class Bench:
         """
         worth = [_worth(p, played, questions) for p in played]
         # What the best one tells apart has to stay so.
-        bar = max(NEARLY * max(worth), min(max(worth), TELLS))
+        bar = max(max(worth) / WORTHWHILE, min(max(worth), SEPARATE))
         near = [p for p, w in zip(played, worth, strict=True) if w >= bar]
         return [max(near, key=lambda p: self._shown(plain, p.candidate.file, questions.asked[0].one))]
 
@@ -193,14 +182,11 @@ class Bench:
         both: bool = True,
     ) -> Played | None:
         """Return how well a candidate separates, as large as it may be; none where it cannot be small enough."""
-        for _ in range(TRIES):
+        for _ in range(ITERATIONS):
             try:
                 return Played(candidate, self._separations(plain, candidate.file, questions, both), payload)
             except Left as left:
-                share = candidate.share * WITHIN / left.taken
-                if share < LEAST:
-                    return None
-                candidate = candidate.with_share(share)
+                candidate = candidate.with_share(candidate.share * DESIGN.share / left.taken)
         return None
 
     def _separations(self, plain: Any, file: ScenarioFile, questions: Questions, both: bool) -> Array:
@@ -275,7 +261,7 @@ def separation(system: System, joint: Any, own: Hypothesis, other: Hypothesis) -
     parameters = [p for site, _ in other.fit for p in site.parameters]
     low, high = np.array([(p.low, p.high) for p in parameters]).T
     start, steps = np.clip(other.values, low, high), [p.step for p in parameters]
-    theirs = least_squares(residual, start, jacobian, (low, high), x_scale=steps, ftol=ENOUGH)
+    theirs = least_squares(residual, start, jacobian, (low, high), x_scale=steps)
     mine = own.residual(system, joint)
     more = 2.0 * float(theirs.cost) - float(mine @ mine)
     return float(np.sqrt(max(more, 0.0) / max(system.count, 1)))
@@ -288,7 +274,7 @@ def payload_for(joint: Any, questions: Questions) -> Payload | None:
     if link is None or not link.gravity_torque or link.payload is not None or "link.payload" in asked:
         return None
     distance = float(f"{GRAVITY * link.inertia / abs(link.gravity_torque):.2g}")
-    return Payload(mass=float(f"{PAYLOAD * link.inertia / distance**2:.2g}"), distance=distance)
+    return Payload(mass=float(f"{DESIGN.payload * link.inertia / distance**2:.2g}"), distance=distance)
 
 
 def _worth(one: Played, among: Sequence[Played], questions: Questions) -> float:
@@ -301,6 +287,6 @@ def _worth(one: Played, among: Sequence[Played], questions: Questions) -> float:
         now = np.array([max(q.now, 1e-6) for q in questions.asked])
         return float(np.exp(np.mean(np.log(np.maximum(one.separations, 1e-6) / now))))
     best = np.max([p.separations for p in among], axis=0)
-    answered = best >= TELLS
+    answered = best >= SEPARATE
     chosen = one.separations[answered] if answered.any() else one.separations
     return float(np.min(chosen))

@@ -28,14 +28,38 @@ from vsalog.simulation.scenario_schema import Constant, Drives, Parts, ScenarioF
 
 Array = NDArray[np.float64]
 
-# How long an experiment takes [s], and its lowest and highest frequencies [Hz].
-DURATION, SLOWEST, FASTEST = 16.0, 0.1, 5.0
-# Of what was seen, so much is used: a loop overshoots a little.
-SHARE = 0.85
-# Of that, what the second movement (a set-point, two motors against each other) takes, and its frequency [Hz].
-SECOND, SECOND_FREQUENCY = 0.4, 0.07
-# The shortest time in which the middle of the range is approached [s], and the longest that is spent on it.
-APPROACH, LONGEST = 1.0, 4.0
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """What all proposed experiments have in common.
+
+    Attributes
+    ----------
+    duration : of an experiment [s]: some periods of its slowest wave
+    shortest_period : sample time of its scenario, at least [s]: servos are no faster
+    slowest, fastest : frequencies [Hz]: what friction and gravity, and what inertias and springs show in
+    share : of what was seen that is used [1]: a loop overshoots a little
+    second_share, second_frequency : of that, what the second movement (a set-point, two motors against each other) takes [1], and
+        its frequency [Hz]: slower than the first, and no part of it
+    approach, longest_approach : time in which the middle of the range is approached, at least and at most [s]
+    payload : share that a payload adds to inertia and weight [1]: well above their tolerances
+    with_second : waves that are tried with and without a second movement [1]
+    """
+
+    duration: float = 16.0
+    shortest_period: float = 5e-4
+    slowest: float = 0.1
+    fastest: float = 5.0
+    share: float = 0.85
+    second_share: float = 0.4
+    second_frequency: float = 0.07
+    approach: float = 1.0
+    longest_approach: float = 4.0
+    payload: float = 0.3
+    with_second: int = 4
+
+
+DESIGN = Design()
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,15 +88,15 @@ Wave = Callable[[Room, float], Parts]
 
 
 def _ramps(room: Room, _: float) -> Parts:
-    period = 1.0 / SLOWEST
+    period = 1.0 / DESIGN.slowest
     swing = min(room.half, 0.25 * room.rate * period)
     ramp = Trapezoid(amplitude=2.0 * swing, rise=0.5 * period, hold=0.0, period=period, start=0.25 * period)
-    return (Trapezoid(amplitude=-swing, rise=0.25 * period, hold=DURATION), ramp)
+    return (Trapezoid(amplitude=-swing, rise=0.25 * period, hold=DESIGN.duration), ramp)
 
 
 def _speeds(room: Room, _: float) -> Parts:
     swing = min(room.half, 0.5 * room.rate)
-    parts, start = [Trapezoid(amplitude=-swing, rise=1.0, hold=DURATION)], 1.0
+    parts, start = [Trapezoid(amplitude=-swing, rise=1.0, hold=DESIGN.duration)], 1.0
     for rise in (1.0, 2.0, 4.0):
         parts.append(Trapezoid(amplitude=2.0 * swing, rise=rise, hold=0.0, start=start))
         start += 2.0 * rise
@@ -91,8 +115,8 @@ def _swings(room: Room, _: float) -> Parts:
 
 def _sines(count: int, top: float) -> Wave:
     def wave(room: Room, fastest: float) -> Parts:
-        highest = max(top * fastest, 2.0 * SLOWEST)
-        frequencies = np.geomspace(SLOWEST, highest, count)
+        highest = max(top * fastest, 2.0 * DESIGN.slowest)
+        frequencies = np.geomspace(DESIGN.slowest, highest, count)
         return tuple(
             Sine(amplitude=room.sine(float(f), 1.0 / count), frequency=float(f), phase=0.5 * pi) for f in frequencies
         )
@@ -101,9 +125,9 @@ def _sines(count: int, top: float) -> Wave:
 
 
 def _fast(room: Room, fastest: float) -> Parts:
-    slow, quick = room.sine(SLOWEST, 0.4), room.sine(0.8 * fastest, 0.6)
+    slow, quick = room.sine(DESIGN.slowest, 0.4), room.sine(0.8 * fastest, 0.6)
     high = Sine(amplitude=quick, frequency=0.8 * fastest, phase=0.5 * pi)
-    return Sine(amplitude=slow, frequency=SLOWEST, phase=0.5 * pi), high
+    return Sine(amplitude=slow, frequency=DESIGN.slowest, phase=0.5 * pi), high
 
 
 def _steps(room: Room, fastest: float) -> Parts:
@@ -126,8 +150,6 @@ WAVES: Mapping[str, Wave] = {
     "three sines from slow to the joint's resonance": _sines(3, 1.0),
     "smooth swings at three speeds": _swings,
 }
-# So many are tried both with and without a second movement; of muscles fewer, whose simulation takes its time.
-TWICE, OF_MUSCLES = 4, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,8 +203,8 @@ def candidates(name: str, joint: Any, rig: RigFile, seen: Seen, period: float) -
     """
     second = _second(joint, seen)
     waves = list(WAVES.items())
-    some = waves[: OF_MUSCLES if isinstance(joint, PneumaticJoint) else TWICE]
-    kinds = [(w, f, s) for w, f in some for s in ("", second)] if second else [(w, f, "") for w, f in waves]
+    both = [(w, f, s) for w, f in waves[: DESIGN.with_second] for s in ("", second)]
+    kinds = both if second else [(w, f, "") for w, f in waves]
     out = []
     for words, wave, also in kinds:
 
@@ -223,45 +245,48 @@ def _scenario(
         drives[key] = replace(base, reference=parts, limit=_round(limit, down=True) if limit else None)
     joints = {n: (Drives(**drives) if n == name else joints[n]) for n in plain.joint}
     return ScenarioFile(
-        name="next", description="proposed by vsalog diagnose", duration=DURATION, period=period, joint=joints
+        name="next", description="proposed by vsalog diagnose", duration=DESIGN.duration, period=period, joint=joints
     )
 
 
 def _reference(key: str, seen: Range, joint: Any, wave: Wave, second: bool, share: float, top: float) -> Parts:
     """Return what a motor's servo follows."""
     room, first = _room(seen, share), _rest(seen, joint)
-    moving = room.part(1.0 - SECOND) if second and key[-2:] in ("_1", "_2") else room
+    moving = room.part(1.0 - DESIGN.second_share) if second and key[-2:] in ("_1", "_2") else room
     if key == "secondary_servo":
         if not second:
             return (Constant(value=_round(room.middle)),)
-        slow = room.sine(SECOND_FREQUENCY, 1.0)
-        return (Constant(value=_round(room.middle)), Sine(amplitude=_round(slow), frequency=SECOND_FREQUENCY))
+        slow = room.sine(DESIGN.second_frequency, 1.0)
+        return (Constant(value=_round(room.middle)), Sine(amplitude=_round(slow), frequency=DESIGN.second_frequency))
     if first is None:
         parts: list[Any] = [Constant(value=room.middle)] if room.middle else []
     else:
         # It begins where the link hangs, and goes to the middle of what was seen without haste.
-        way, most = room.middle - first, room.rate * LONGEST / (0.5 * pi)
+        way, most = room.middle - first, room.rate * DESIGN.longest_approach / (0.5 * pi)
         if abs(way) > most:
             way = float(np.copysign(most, way))
             middle = first + way
-            left = max(min(seen.high - middle, middle - seen.low) * SHARE * share, 0.0)
+            left = max(min(seen.high - middle, middle - seen.low) * DESIGN.share * share, 0.0)
             moving = dataclasses.replace(moving, half=min(left, moving.half))
         # Sines begin at their peaks, where they are at rest.
         begun = sum(p.amplitude for p in wave(moving, top) if isinstance(p, Sine))
         way += begun
-        rise = max(APPROACH, 0.5 * pi * abs(way) / room.rate) if room.rate else APPROACH
+        rise = max(DESIGN.approach, 0.5 * pi * abs(way) / room.rate) if room.rate else DESIGN.approach
         parts = [Constant(value=first - begun)] if first - begun else []
         parts += [Steps(times=(0.0,), values=(way,), rise=rise)] if way else []
     if second and key[-2:] in ("_1", "_2"):
         side = -1.0 if key.endswith("_2") else 1.0
-        slow = room.part(SECOND).sine(SECOND_FREQUENCY, 1.0)
+        slow = room.part(DESIGN.second_share).sine(DESIGN.second_frequency, 1.0)
         # From together to apart and back: the two begin where they are.
-        parts += [Constant(value=side * slow), Sine(amplitude=-side * slow, frequency=SECOND_FREQUENCY, phase=0.5 * pi)]
+        parts += [
+            Constant(value=side * slow),
+            Sine(amplitude=-side * slow, frequency=DESIGN.second_frequency, phase=0.5 * pi),
+        ]
     return tuple(map(_rounded, (*parts, *wave(moving, top))))
 
 
 def _room(seen: Range, share: float) -> Room:
-    part = share * SHARE
+    part = share * DESIGN.share
     return Room(0.5 * (seen.low + seen.high), part * seen.half, part * seen.rate, part * seen.bend)
 
 
@@ -275,12 +300,12 @@ def _rest(seen: Range, joint: Any) -> float | None:
 
 def _valve(key: str, seen: Range, wave: Wave, second: bool, share: float, top: float) -> Parts:
     """Return a valve's voltage: the muscles take turns, and stiffen together as the second movement."""
-    middle, half = 0.5 * (seen.low + seen.high), share * SHARE * seen.half
+    middle, half = 0.5 * (seen.low + seen.high), share * DESIGN.share * seen.half
     room = Room(middle, half, 2.0 * pi * half * top)
     parts: list[Any] = [Constant(value=middle)]
     if second:
-        parts.append(Sine(amplitude=SECOND * half, frequency=SECOND_FREQUENCY))
-        room = room.part(1.0 - SECOND)
+        parts.append(Sine(amplitude=DESIGN.second_share * half, frequency=DESIGN.second_frequency))
+        room = room.part(1.0 - DESIGN.second_share)
     side = -1.0 if key.endswith("_2") else 1.0
     return tuple(map(_rounded, (*parts, *(_turned(p, side) for p in wave(room, top)))))
 
@@ -317,7 +342,7 @@ def fastest(joint: Any) -> float:
     stiff = sum(float(stiffness(s, 0.5 * s.backlash + 1e-4, arm)) for s in known)
     load = joint.link.payload
     inertia = joint.link.inertia + (load.mass * load.distance**2 if load is not None else 0.0)
-    return float(np.clip(sqrt(max(stiff, 0.0) / inertia) / (2.0 * pi), 0.5, FASTEST))
+    return float(np.clip(sqrt(max(stiff, 0.0) / inertia) / (2.0 * pi), 0.5, DESIGN.fastest))
 
 
 def _rounded(part: Any) -> Any:

@@ -10,19 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
-from vsalog.diagnosis.causes.base import Parameter, Site
+from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.found import loss_of
 from vsalog.diagnosis.joint import JointDiagnosis
 from vsalog.diagnosis.linear import Placed, clash, placed
+from vsalog.diagnosis.priors import deviation_of
 from vsalog.diagnosis.unknown import TAKEN_UP
 from vsalog.residuals.system import System
 
 Array = NDArray[np.float64]
 
-# So many hypotheses are held against each other at most, and so many causes that the log would not have shown.
-MOST, HIDDEN = 4, 3
-# A cause of an ordinary size changes what the rig says by this share, or, where it says nothing, by so many small steps.
-ORDINARY, STEPS = 0.1, 30.0
+# So many hypotheses, or causes that the log would not have shown, are compared at most [1]: an experiment answers no more.
+MOST_HYPOTHESES = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +104,7 @@ def _confused(found: JointDiagnosis) -> tuple[Question, ...]:
         held = [Hypothesis(one.site, found.selection.posterior.fit)]
         for rival in rivals:
             # Of a family the first: the others are the same and more.
-            if len(held) < MOST and not any(h.site and clash(rival, h.site) for h in held[1:]):
+            if len(held) < MOST_HYPOTHESES and not any(h.site and clash(rival, h.site) for h in held[1:]):
                 held.append(Hypothesis(rival, one.choice.instead or ()))
         left = {id(h): loss_of(system, placed(joint, h.fit)) for h in held}
         return tuple(
@@ -122,23 +121,29 @@ def _hidden(found: JointDiagnosis) -> tuple[Question, ...]:
         Question(one, nothing, shown(system, joint, one, nothing), size)
         for one, size in ordinary_causes(found, nothing)
     ]
-    return tuple(sorted(asked, key=lambda q: q.now)[:HIDDEN])
+    return tuple(sorted(asked, key=lambda q: q.now)[:MOST_HYPOTHESES])
 
 
-def ordinary_causes(found: JointDiagnosis, beside: Hypothesis) -> list[tuple[Hypothesis, tuple[float, str]]]:
-    """Return the causes of one number, each of an ordinary size, beside what is there, with that size and its unit."""
+def ordinary_causes(found: JointDiagnosis, present: Hypothesis) -> list[tuple[Hypothesis, tuple[float, str]]]:
+    """Return the causes of one number, each as large as one prior deviation, with that size and its unit.
+
+    They are in addition to the causes that are present.
+    """
     out = []
-    setting = found.selection.problem.setting
+    setting, stated = found.selection.problem.setting, found.selection.problem.stated
     # What a spring that is fitted again takes up shows in no experiment.
     for cause in (c for c in catalogue().values() if not (setting.fitted and c.name in TAKEN_UP)):
         for site in cause.sites(setting):
-            if len(site.parameters) > 1 or site.transient or any(clash(site, s) for s, _ in beside.fit):
+            if len(site.parameters) > 1 or site.transient or any(clash(site, s) for s, _ in present.fit):
                 continue
-            value = _ordinary(site.parameters[0])
-            told, unit = next(iter(site.reported([value]).values()))
-            start = next(iter(site.reported([site.parameters[0].start]).values()))[0]
-            one = Hypothesis(site, [*beside.fit, (site, np.array([value]))])
-            out.append((one, (abs(told - start), unit)))
+            (parameter,) = site.parameters
+            change = deviation_of(site, parameter, setting, stated)
+            if not change:
+                continue  # the rig knows it exactly
+            value = parameter.start + (change if parameter.start + change <= parameter.high else -change)
+            reported, unit = next(iter(site.reported([value]).values()))
+            start = next(iter(site.reported([parameter.start]).values()))[0]
+            out.append((Hypothesis(site, [*present.fit, (site, np.array([value]))]), (abs(reported - start), unit)))
     return out
 
 
@@ -156,10 +161,3 @@ def shown(system: System, joint: Any, one: Hypothesis, nothing: Hypothesis) -> f
         J = nothing.jacobian(system, joint)
         change = change - J @ np.linalg.lstsq(J, change, rcond=1e-9)[0]
     return float(np.sqrt(float(change @ change) / max(system.count, 1)))
-
-
-def _ordinary(parameter: Parameter) -> float:
-    """Return a value that is neither tiny nor gross."""
-    change = ORDINARY * abs(parameter.start) or STEPS * parameter.step
-    value = parameter.start + change
-    return float(value if value <= parameter.high else parameter.start - change)

@@ -17,9 +17,9 @@ from vsalog.rig.schema import PneumaticJoint
 
 Array = NDArray[np.float64]
 
-# Rates and pressures are taken without their few largest values, which may be noise.
-MOST = 0.995
-# So much beyond what was seen is still what was seen: encoders count in steps, filters smear peaks.
+# Share of a signal that is its range [1]: its few largest values may be noise.
+RANGE_SHARE = 0.995
+# Share beyond what was seen that is still what was seen [1]: encoders count in steps, filters smear peaks.
 SLACK = 0.02
 
 
@@ -50,7 +50,7 @@ class Range:
         swing = off / ((1.0 + SLACK) * self.half) if self.half else np.inf if off > 0.0 else 0.0
         if rates is None or not self.rate:
             return swing
-        return max(swing, float(np.quantile(np.abs(rates), MOST)) / ((1.0 + SLACK) * self.rate))
+        return max(swing, float(np.quantile(np.abs(rates), RANGE_SHARE)) / ((1.0 + SLACK) * self.rate))
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,4 +138,4 @@ def _range(values: Array, system: System) -> Range:
 
 def _most(values: Array) -> float:
     finite = np.abs(values[np.isfinite(values)])
-    return float(np.quantile(finite, MOST)) if finite.size else 0.0
+    return float(np.quantile(finite, RANGE_SHARE)) if finite.size else 0.0

@@ -19,10 +19,10 @@ from vsalog.simulation.scenario_schema import ScenarioFile, ServoDrive
 
 Array = NDArray[np.float64]
 
-# Two hypotheses that are at least so many standard deviations of an average apart are told apart: what a cause has to be worth.
-TELLS = 0.3
-# What is shown from so many times smaller a size on is worth an experiment.
-BETTER = 1.2
+# Two hypotheses are told apart that are so many standard deviations of an average apart [1]: what a cause has to be worth.
+SEPARATE = 0.3
+# An experiment is better that separates so many times better, or shows a cause that is so many times smaller [1].
+WORTHWHILE = 1.5
 FILE = "next.scenario.toml"
 
 
@@ -56,8 +56,8 @@ def swings(file: ScenarioFile, joint: str) -> list[tuple[str, float, float, str]
 
 def _apart(questions: Questions, separations: Array) -> str:
     """Say how far the causes that are confused would be apart."""
-    told = [(q, float(d)) for q, d in zip(questions.asked, separations, strict=True) if d >= TELLS]
-    left = [q for q, d in zip(questions.asked, separations, strict=True) if d < TELLS]
+    told = [(q, float(d)) for q, d in zip(questions.asked, separations, strict=True) if d >= SEPARATE]
+    left = [q for q, d in zip(questions.asked, separations, strict=True) if d < SEPARATE]
     out = []
     if told:
         first, least = min(told, key=lambda t: t[1])
@@ -69,7 +69,7 @@ def _apart(questions: Questions, separations: Array) -> str:
         )
     if left:
         pairs = "; ".join(f"{_name(q, 'one', questions)} from {_name(q, 'other', questions)}" for q in left)
-        most = max(float(d) for d in separations if d < TELLS)
+        most = max(float(d) for d in separations if d < SEPARATE)
         site = left[0].other.site
         confirm = f" {unfilled(catalogue()[site.cause].confirm)}" if site is not None and not told else ""
         out.append(f"No experiment within those bounds tells {pairs} ({_times(most)} the noise at best).{confirm}")
@@ -89,10 +89,10 @@ def _shown(questions: Questions, separations: Array) -> str:
     less, hidden = [], []
     for question, there in zip(questions.asked, separations, strict=True):
         value, unit = question.size or (0.0, "1")
-        now = value * TELLS / question.now if question.now > 0.0 else np.inf
-        then = value * TELLS / there if there > 0.0 else np.inf
+        now = value * SEPARATE / question.now if question.now > 0.0 else np.inf
+        then = value * SEPARATE / there if there > 0.0 else np.inf
         name = _name(question, "one", questions)
-        if now > BETTER * then:
+        if now > WORTHWHILE * then:
             less.append(f"{name} from {_size(then, unit)} on instead of from {_size(now, unit)}")
         else:
             hidden.append(f"{name} below {_size(now, unit)}")

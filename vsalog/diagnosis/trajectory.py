@@ -18,13 +18,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.correlation import correlation_time
 from vsalog.core.errors import SimulationError
 from vsalog.diagnosis.causes import catalogue
-from vsalog.diagnosis.discrepancy import correlation_time
+from vsalog.diagnosis.gain import PARTS
 from vsalog.diagnosis.linear import Placed, Variant, columns_of, placed, with_unknowns
-from vsalog.diagnosis.posterior import Posterior, begun_by, most_probable
+from vsalog.diagnosis.posterior import ITERATIONS, Posterior, begun_by, most_probable
 from vsalog.diagnosis.selection import (
     APART,
+    SETTLED,
     Choice,
     Selection,
     choices_of,
@@ -39,12 +41,8 @@ from vsalog.residuals.windows import WITHIN, Shot, Windows, begun, by_states, in
 
 Array = NDArray[np.float64]
 
-# So many windows are fitted, spread over the log, in so many steps; one that makes it worse is halved so often.
-WINDOWS, STEPS, HALVINGS = 20, 8, 4
-# Steps end where less than this is gained, in squares over noise.
-ENOUGH = 1.0
-# Trajectories are off where a signal's error is more than so many times its noise, and sets are then searched at most so often.
-OFF, SEARCHES = 1.5, 3
+# Trajectories are off where a signal's error is more than so many times its noise [1].
+TRAJECTORIES_OFF = 1.5
 
 
 def refined(selection: Selection, windows: Windows) -> Selection:
@@ -64,17 +62,20 @@ def refined(selection: Selection, windows: Windows) -> Selection:
     player = player_of(selection.problem.joint, windows.channels)
     if not player.free(player.measured_states()):
         return selection
-    windows = windows.part(in_runs(len(windows.spans), WINDOWS))
+    windows = windows.part(in_runs(len(windows.spans), PARTS))
     best, shot, J = _fitted(selection, windows)
     # A cause that trajectories drive as far as it may go stands for something else: they say nothing of it.
     if not shot.is_linear or _at_bounds(best):
         return selection
     # Where equations do not close, trajectories mostly cannot either; then they say nothing that is not in the equations.
-    if np.max(np.diag(selection.weights.inflation)) > WITHIN**2 and np.max(_squares(shot, windows)) > OFF**2:
+    if (
+        np.max(np.diag(selection.weights.inflation)) > WITHIN**2
+        and np.max(_squares(shot, windows)) > TRAJECTORIES_OFF**2
+    ):
         return selection
     best, shot, J = _simplified(best, windows, shot, J)
-    for _ in range(SEARCHES):
-        if np.max(_squares(shot, windows)) <= OFF**2:
+    for _ in range(ITERATIONS):
+        if np.max(_squares(shot, windows)) <= TRAJECTORIES_OFF**2:
             break
         other = _searched(best, windows, shot)
         if other is None:
@@ -84,7 +85,7 @@ def refined(selection: Selection, windows: Windows) -> Selection:
         except SimulationError:
             break
         # What takes away a part of an error only may be anything.
-        if not there.is_linear or np.max(_squares(there, windows)) > OFF**2 or _at_bounds(other):
+        if not there.is_linear or np.max(_squares(there, windows)) > TRAJECTORIES_OFF**2 or _at_bounds(other):
             break
         best, shot, J = other, there, changes
     return replace(best, choices=_as_seen(best, windows, J)) if best.posterior.fit else best
@@ -106,7 +107,7 @@ def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Ar
         return selection, shot, np.zeros((len(windows.spans), 0, 0))
     prior = _prior(posterior)
     away, information, columns = np.zeros(prior.shape[0]), np.zeros_like(prior), np.zeros(0)
-    for _ in range(STEPS):
+    for _ in range(ITERATIONS):
         weights = _weights(shot, windows)
         slopes = by_states(placed(joint, fit), windows, shot)
         bases = _bases(slopes)
@@ -116,7 +117,7 @@ def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Ar
         information = J.T @ J
         step = np.linalg.solve(prior + information, -J.T @ r - prior @ away)
         before, moved, after = _misfit(shot, windows, weights) + float(away @ prior @ away), False, np.inf
-        for _ in range(HALVINGS):
+        for _ in range(ITERATIONS):
             trial = with_unknowns(posterior.linear.variants, posterior.linear.now + away + step)
             try:
                 there = begun(placed(joint, trial), windows, near=shot, slopes=slopes)
@@ -127,7 +128,7 @@ def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Ar
                 fit, shot, away, moved = trial, there, away + step, True
                 break
             step = 0.5 * step
-        if not moved or before - after < ENOUGH:
+        if not moved or before - after < SETTLED:
             break
     return replace(selection, posterior=replace(posterior, fit=fit, simulated=prior + information)), shot, columns
 

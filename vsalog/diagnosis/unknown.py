@@ -17,12 +17,12 @@ from vsalog.diagnosis.causes.base import Parameter, Setting, Site, with_signal
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.sensing import true_roles
 from vsalog.rig.schema import PolynomialTransmission, UnknownTransmission
+from vsalog.uncertainty.long_run import FEWEST_SAMPLES
 
 Array = NDArray[np.float64]
 
-# Powers of the deflection that a smooth spring is given, without and with the torque at rest.
-HIGHEST = 7
-FEWEST = 100
+# Highest power of the deflection that a smooth spring is given [1]: what bends more often is not a spring alone.
+HIGHEST_POWER = 7
 # Encoders whose zero may be off.
 ENCODERS = ("motor_position", "link_position")
 # What a spring that is fitted to a log takes up.
@@ -66,7 +66,7 @@ def with_springs(joint: Any, signals: JointSignals, zero: str = "") -> tuple[Any
             continue
         torque = roles[sensor][0]
         good = np.isfinite(phi) & np.isfinite(torque)
-        if np.count_nonzero(good) < FEWEST or np.ptp(phi[good]) == 0.0:
+        if np.count_nonzero(good) < FEWEST_SAMPLES or np.ptp(phi[good]) == 0.0:
             continue
         spring, at_rest = fitted_spring(phi[good], torque[good])
         role = zero if zero == "link_position" else f"{zero}{suffix}"
@@ -137,7 +137,7 @@ def unknown_in(joint: Any) -> list[str]:
 def fitted_spring(phi: Array, torque: Array) -> tuple[PolynomialTransmission, float]:
     """Return the polynomial spring nearest to a torque over a deflection, shape (N,) each, and the torque at rest [N·m]."""
     scale = float(np.max(np.abs(phi)))
-    powers = (phi / scale)[:, None] ** np.arange(HIGHEST + 1)
+    powers = (phi / scale)[:, None] ** np.arange(HIGHEST_POWER + 1)
     found = np.linalg.lstsq(powers, torque, rcond=1e-10)[0]
     return PolynomialTransmission(coefficients=tuple(float(c) for c in found[1:]), scale=scale), float(found[0])
 

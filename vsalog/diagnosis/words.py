@@ -8,9 +8,6 @@ from collections.abc import Sequence
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.document import FoundCause, Gain, Unexplained, Verdict
 
-# A share above this is said to be all of it; no verdict may say otherwise.
-ALL_OF_IT = 0.99
-
 _PARTS = {
     "motor": "motor",
     "motor_1": "first motor",
@@ -168,7 +165,8 @@ def _immaterial(causes: Sequence[FoundCause]) -> str:  # that are more probable 
 
 
 def _per_cent(share: float) -> str:
-    return "above 99 %" if share > ALL_OF_IT else "below 1 %" if share < 0.01 else f"{100.0 * share:.0f} %"
+    whole = round(100.0 * share)
+    return "above 99 %" if whole > 99 else "below 1 %" if whole < 1 else f"{whole} %"
 
 
 def _held_out(gains: Sequence[Gain], held_out: str, extended: bool, verdict: Verdict) -> str:

@@ -38,7 +38,6 @@ from vsalog.rig.template import rig_template
 
 Progress = Callable[[str], None]
 
-MOST_JOINTS_TOLD = 3
 # Bytes of samples that are held in memory; what is beyond is worked on in a temporary file.
 ROOM = 256 * 2**20
 
@@ -304,10 +303,9 @@ def _guess(recording: Recording) -> tuple[Rig, list[Finding]]:
     roles = "; ".join(
         f"{joint.name}: "
         + ", ".join(f"{role} = '{g.channel}' ({g.confidence:.0%} sure)" for role, g in joint.roles.items())
-        for joint in guess.joints[:MOST_JOINTS_TOLD]
+        for joint in guess.joints
     )
-    more = f" and {len(guess.joints) - MOST_JOINTS_TOLD} more joints" if len(guess.joints) > MOST_JOINTS_TOLD else ""
-    evidence = {"roles": roles + more, "name": name, "stem": recording.path.stem}
+    evidence = {"roles": roles, "name": name, "stem": recording.path.stem}
     guessed = Finding(code="rig.guessed", value=len(guess.joints), evidence=evidence)
     return Rig.from_toml(rig_template(recording, guess), f"the rig guessed for {name}"), of_log(
         name, [guessed, *guess.findings]

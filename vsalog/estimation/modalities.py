@@ -20,8 +20,6 @@ from vsalog.perturbations.trials import TRIED_SAMPLES, Subject, tried
 Array = NDArray[np.float64]
 Traces = Mapping[str, Trace]
 
-# The part of a log in which the estimators settle.
-SETTLED = 0.5
 MODALITIES = ("RESIDUAL", "SENSOR")
 
 
@@ -77,13 +75,14 @@ def stiffness_change(after: Traces, without: Traces) -> float | None:
 def differences(pair: tuple[Trace, ...], transmission: str, stamps: Stamps) -> tuple[Array, Array]:
     """Return the first − the second of two traces at some stamps, NaN where either is not supported; and the variance of that.
 
-    A delay that one rig knows of and the other does not leaves traces that begin and end apart.
+    A delay that one rig knows of and the other does not leaves traces that begin and end apart. In the first half of a log
+    estimators settle.
     """
     columns = [
         {k: _at(stamps, trace, trace.transmissions[transmission][k]) for k in ("excited", "stiffness", "stiffness_std")}
         for trace in pair
     ]
-    good = stamps > stamps[0] + SETTLED * (stamps[-1] - stamps[0])
+    good = stamps > stamps[0] + 0.5 * (stamps[-1] - stamps[0])
     for c in columns:
         good &= (c["excited"] > 0.5) & np.isfinite(c["stiffness"])
     off = np.where(good, columns[0]["stiffness"] - columns[1]["stiffness"], np.nan)

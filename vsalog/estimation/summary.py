@@ -14,17 +14,10 @@ from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device
-from vsalog.estimators.equation import SUPPORTED_SHARE
+from vsalog.estimators.equation import MOST_OF_LOG, NEGLIGIBLE_SHARE, SUPPORTED_SHARE
+from vsalog.uncertainty.sensor_error import ENOUGH
 
 Array = NDArray[np.float64]
-
-# Supported rows kept for the quantiles.
-QUANTILE_SAMPLES = 20_000
-# Below the first share of rows with whole filter windows, missing samples are why a log is not excited; below the second share of
-# excited rows, that is reported.
-TORN, PARTLY = 0.5, 0.5
-# A stiffness that is surely negative for this part of the time comes of a sign; an offset this part of the torque matters.
-NEGATIVE, OFFSET = 0.01, 0.01
 
 
 class TransmissionSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -138,7 +131,7 @@ class Summarizer:
 def _keep(s: _Sums, sigma: Array) -> None:
     """Keep a thinned sample for the quantiles, of bounded size however long the log is."""
     s.seen.append(sigma[:: s.every].copy())
-    if sum(x.size for x in s.seen) > QUANTILE_SAMPLES:
+    if sum(x.size for x in s.seen) > ENOUGH:
         s.seen = [np.concatenate(s.seen)[::2]]
         s.every *= 2
 
@@ -179,20 +172,22 @@ def findings_of(summary: JointSummary, device: Device, whole: float, void: Colle
     odd = 0 not in device.basis.powers
     for p in (p for p in summary.transmissions if p.transmission != "total"):
         found = partial(Finding, joint=summary.joint, part=p.transmission)
-        if p.excited_share < TORN and whole < TORN:
-            yield found(code="estimate.torn", value=whole, limit=TORN)
-        elif p.excited_share == 0.0 and p.negative_share < NEGATIVE and p.transmission not in void:
+        if p.excited_share < MOST_OF_LOG and whole < MOST_OF_LOG:
+            # Missing samples are why the log is not excited.
+            yield found(code="estimate.torn", value=whole, limit=MOST_OF_LOG)
+        elif p.excited_share == 0.0 and p.negative_share < NEGLIGIBLE_SHARE and p.transmission not in void:
             yield found(
                 code="estimate.never_excited" if p.fit_rms is None else "estimate.fit_never_excited",
                 severity="invalidates",
                 value=p.excited_share,
                 limit=0.0,
             )
-        elif 0.0 < p.excited_share < PARTLY:
-            yield found(code="estimate.partly_excited", severity="info", value=p.excited_share, limit=PARTLY)
+        elif 0.0 < p.excited_share < MOST_OF_LOG:
+            yield found(code="estimate.partly_excited", severity="info", value=p.excited_share, limit=MOST_OF_LOG)
         if odd and p.fit_mean and p.fit_rms and p.fit_share:
-            limit = max(0.5, OFFSET / p.fit_share) * p.fit_rms
+            limit = max(0.5, NEGLIGIBLE_SHARE / p.fit_share) * p.fit_rms
             if abs(p.fit_mean) > limit:
                 yield found(code="fit.offset", value=p.fit_mean, limit=limit, unit="N*m")
-        if p.negative_share > NEGATIVE:
-            yield found(code="stiffness.negative", value=p.negative_share, limit=NEGATIVE)
+        if p.negative_share > NEGLIGIBLE_SHARE:
+            # A sign is wrong.
+            yield found(code="stiffness.negative", value=p.negative_share, limit=NEGLIGIBLE_SHARE)

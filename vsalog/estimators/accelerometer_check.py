@@ -13,22 +13,21 @@ from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
+from vsalog.core.significance import DETECTED_OF_MANY
 from vsalog.estimators.acceleration_group import Axis, Group
+from vsalog.estimators.device import PLACES
+from vsalog.estimators.net_torque import CUBIC
 from vsalog.filters.acceleration_arm import Arm, axis_rows
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
 from vsalog.uncertainty.sensor_error import ENOUGH
 
 Array = NDArray[np.float64]
 
-# What swings faster than this is smoothed away [s], by a polynomial of this degree.
-SLOW, DEGREE = 0.25, 3
-# So many samples are looked at.
-PLACES = 500
-# An axis that differs by this part of what its link's axes should measure is a finding, where noise does not explain it by so
-# many deviations.
-OFF, SURELY = 0.3, 5.0
-# A difference that a factor explains but for this part of what is measured is reported with that factor.
-LEFT = 0.3
+# What swings faster than this is smoothed away [s]: springs do.
+SWING = 0.25
+# An axis that differs by this part of what its link's axes should measure is a finding [1], with a factor where one leaves less:
+# place and orientation of a sensor are known better.
+DIFFERENT_SHARE = 0.3
 
 
 def accelerometer_findings(arm: Arm, group: Group, signals: JointSignals) -> tuple[Finding, ...]:
@@ -39,12 +38,12 @@ def accelerometer_findings(arm: Arm, group: Group, signals: JointSignals) -> tup
     arm : the kinematics of `group`
     signals : with the roles of `group`
     """
-    window = 2 * max(round(0.5 * SLOW / signals.period), DEGREE) + 1
+    window = 2 * max(round(0.5 * SWING / signals.period), CUBIC) + 1
     theta = [signals.roles[m.view.motor_position][:ENOUGH] for m in group.members]
     measured = [signals.roles[axis.role][:ENOUGH] for axis in group.axes]
     if len(theta[0]) < 2 * window:
         return ()
-    weights = savgol_weights(window, DEGREE, 2, signals.period)
+    weights = savgol_weights(window, CUBIC, 2, signals.period)
     motion = np.array([savgol_filter(x, weights) for x in theta])
     slow = np.array([savgol_filter(x, weights[:1])[0] for x in measured])
     whole = _without_gaps(signals.starts[:ENOUGH], window) & np.isfinite(motion).all(axis=(0, 1))
@@ -65,7 +64,7 @@ def accelerometer_findings(arm: Arm, group: Group, signals: JointSignals) -> tup
     links = np.array([axis.place for axis in group.axes])
     whole_size = np.sqrt([size[links == link].sum() for link in links])
     off = _rms(found - expected)
-    limit = np.maximum(OFF * whole_size, SURELY * noise)
+    limit = np.maximum(DIFFERENT_SHARE * whole_size, DETECTED_OF_MANY * noise)
     return tuple(
         _finding(group, axis, float(off[i]), float(limit[i]), float(whole_size[i]), _factor(found[i], expected[i]))
         for i, axis in enumerate(group.axes)
@@ -93,7 +92,7 @@ def _factor(found: Array, expected: Array) -> float | None:
     if not expected.any() or not found.any():
         return None
     factor = float(found @ expected / (expected @ expected))
-    return factor if np.linalg.norm(found - factor * expected) < LEFT * np.linalg.norm(found) else None
+    return factor if np.linalg.norm(found - factor * expected) < DIFFERENT_SHARE * np.linalg.norm(found) else None
 
 
 def _finding(group: Group, axis: Axis, off: float, limit: float, size: float, factor: float | None) -> Finding:

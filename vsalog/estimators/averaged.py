@@ -14,16 +14,14 @@ from numpy.polynomial.legendre import legval, legvander
 from numpy.typing import NDArray
 
 from vsalog.core.correlation import effective_samples
+from vsalog.core.significance import INTERVAL
 from vsalog.estimators.rates import Rates
+from vsalog.uncertainty.long_run import ENOUGH_BATCHES
 
 Array = NDArray[np.float64]
 
-# A spread that is not so many times its standard deviation is none.
-SURE = 2.0
-# Sums over the memory whose variance is known to a quarter.
-FEWEST_SUMS = 32
-# Degree of the polynomial, where there are so many independent samples for each of its terms.
-DEGREE, EACH = 4, 3
+# Degree of the polynomial, where there are so many independent samples for each of its terms [1].
+COURSE_DEGREE, SAMPLES_PER_TERM = 4, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +50,7 @@ class Course:
 
     def surely(self, phi: Array) -> Array:
         """Return what of the square of K(φ) − K̂ is beyond what its noise may make, shape (N,) [N²·m²/rad²]."""
-        return np.asarray(np.maximum(self.at(phi) ** 2 - SURE**2 * self._variance(phi), 0.0))
+        return np.asarray(np.maximum(self.at(phi) ** 2 - INTERVAL**2 * self._variance(phi), 0.0))
 
     def _variance(self, phi: Array) -> Array:
         return np.asarray((legval(self._place(phi), self.spread) ** 2).sum(axis=0))
@@ -119,7 +117,7 @@ def _alike(left: Array, memory: int) -> float:
 
     Within a longer time than the memory noise that a filter differentiated averages out; the observer does not wait for that.
     """
-    length = int(np.clip(memory, 1, max(1, left.size // FEWEST_SUMS)))
+    length = int(np.clip(memory, 1, max(1, left.size // ENOUGH_BATCHES)))
     power = float(np.mean(left**2))
     sums = left[: left.size // length * length].reshape(-1, length).sum(axis=1)
     return float(np.mean(sums**2)) / (length * power) if power > 0.0 else 1.0
@@ -133,7 +131,7 @@ def _growth(left: Array, power: Array) -> float:
     off = power - power.mean()
     slope = float(np.mean((left - left.mean()) * off)) / spread
     rest = (left - left.mean() - slope * off) * off
-    return slope - SURE * float(np.std(rest) / spread / np.sqrt(effective_samples(rest)))
+    return slope - INTERVAL * float(np.std(rest) / spread / np.sqrt(effective_samples(rest)))
 
 
 def _drift(found: Array, lag: int) -> float:
@@ -150,7 +148,7 @@ def _course(phi: Array, speed: Array, left: Array, alike: float) -> Course | Non
     if not half > 0.0:
         return None
     middle = float(phi.min()) + half
-    degree = int(np.clip(left.size / (alike * EACH) - 1.0, 0, DEGREE))
+    degree = int(np.clip(left.size / (alike * SAMPLES_PER_TERM) - 1.0, 0, COURSE_DEGREE))
     moved = legvander((phi - middle) / half, degree) * speed[:, None]
     powers, axes = np.linalg.eigh(moved.T @ moved)
     powers[powers <= powers.size * np.finfo(float).eps * powers[-1]] = np.inf

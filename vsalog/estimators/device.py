@@ -25,6 +25,9 @@ from vsalog.rig.schema import (
 
 Array = NDArray[np.float64]
 
+# So many samples, spread over a log, show how something changes along it [1].
+PLACES = 500
+
 
 @dataclass(frozen=True, slots=True)
 class TransmissionView:

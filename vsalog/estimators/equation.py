@@ -16,8 +16,14 @@ from vsalog.uncertainty.errors_in_variables import RegressorNoise
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# A stiffness counts as supported when its standard deviation is below this share of it; a negative one never does.
+# A stiffness counts as supported when its standard deviation is below this share of it [1]; a negative one never does.
 SUPPORTED_SHARE = 0.2
+# A change of a stiffness or an inertia is reported beyond this share of it [1]: rigs and springs are hardly known better.
+REPORTED_CHANGE = 0.03
+# What is below this share of a torque, a range or the time does not matter [1].
+NEGLIGIBLE_SHARE = 0.01
+# What holds for less than this share of a log does not hold for the log [1].
+MOST_OF_LOG = 0.5
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,11 +18,11 @@ from vsalog.filters.savitzky_golay import savgol_weights
 
 Array = NDArray[np.float64]
 
-# A window that was asked for and leaves less of the deflection's rate is told, as a part of its power.
-SMOOTHED = 0.8
-# A deflection that spans fewer of its encoders' steps has no course that a function could be fitted to, unless both positions
-# pass so many steps that these even out.
-FEWEST_STEPS, EVENED_OUT = 4.0, 40.0
+# A window that was asked for is reported where it leaves less of the power of the deflection's rate [1].
+POWER_LEFT = 0.8
+# A deflection that spans fewer of its encoders' steps [1] has no course that a function could be fitted to, unless both positions
+# pass so many steps [1] that these even out.
+FEWEST_STEPS, STEPS_THAT_EVEN_OUT = 4.0, 40.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ def _span(view: TransmissionView, signals: JointSignals) -> float:
     if any(step is None for step in steps):
         return np.inf
     passed = [_range(signals.roles[role]) / step for role, step in zip(roles, steps, strict=True) if step]
-    if len(roles) > 1 and min(passed) > EVENED_OUT:
+    if len(roles) > 1 and min(passed) > STEPS_THAT_EVEN_OUT:
         return np.inf
     return _range(deflection_of(signals.roles, view)) / float(np.linalg.norm(np.array(steps, dtype=np.float64)))
 
@@ -103,9 +103,9 @@ def _smoothed_away(device: Device, signals: JointSignals, tuning: Tuning) -> lis
             joint=device.joint,
             part=view.name,
             value=float(left / rate),
-            limit=float((SMOOTHED * (1.0 - (noise / rate) ** 2)) ** 0.5),
+            limit=float((POWER_LEFT * (1.0 - (noise / rate) ** 2)) ** 0.5),
             evidence={"window": tuning.window},
         )
         for view, rate, noise, left in zip(device.transmissions, *before, now[0], strict=True)
-        if noise < LOUD * rate and left**2 < SMOOTHED * (rate**2 - noise**2)
+        if noise < LOUD * rate and left**2 < POWER_LEFT * (rate**2 - noise**2)
     ]

@@ -13,8 +13,8 @@ from vsalog.core.trace import Trace
 if TYPE_CHECKING:  # the package imports the estimators, which import this
     from vsalog.estimators.fold import Fold
 
-# Rows an estimator works on at a time.
-BLOCK = 8192
+BLOCK = 2**13
+"""Rows that an estimator works on at a time: what it computes of them stays in a processor's cache."""
 
 
 def fold_over(fold: Fold, signals: JointSignals, block: int, give: Callable[[Trace], None]) -> Any:

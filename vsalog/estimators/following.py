@@ -34,12 +34,12 @@ Columns = dict[str, NDArray[Any]]
 
 # Memories of the observer that are tried where no gain is asked for [s].
 MEMORIES = tuple(np.geomspace(0.003, 3.0, 13).tolist())
-# What has been learnt counts when so much of the memory is filled.
-FILLED = 0.95
-# A rate's noise swings so often within a filter's window.
-SWINGS = 6.0
-# What was learnt longer ago than so many memories, and the time the deflection takes to swing to and fro, is not of now.
-RESTED = 5.0
+# What has been learnt counts when this share of the memory is filled [1].
+FILLED_MEMORY = 0.95
+# A rate's noise turns by so many radians within a filter's window.
+NOISE_TURN = 6.0
+# What was learnt longer ago than so many memories [1], and the time the deflection takes to swing to and fro, is not of now.
+STALE_MEMORIES = 5.0
 
 
 class ObserverTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -208,19 +208,19 @@ class ObserverFold:
         std = np.sqrt(learning + late**2 + (noise.bent(stiffness) / speed**2) ** 2 + missed)
         # None at all is what a gain beyond all numbers leaves, and no certainty.
         std[std == 0.0] = np.nan
-        supported = use & (learnt >= FILLED) & (age <= self._stale(speed)) & (name not in self.look.blind)
+        supported = use & (learnt >= FILLED_MEMORY) & (age <= self._stale(speed)) & (name not in self.look.blind)
         return columns(phi, borne.torque(part.of), stiffness, std, supported)
 
     def _stale(self, speed: T) -> T:
         """Return the age at which what was learnt at a speed is not of now any more [s]."""
-        return RESTED / (self.alpha * speed) + self.swing
+        return STALE_MEMORIES / (self.alpha * speed) + self.swing
 
     def _least_variance(self, noise: Array, speed: Array) -> Array:
         """Return what the noise of the rates makes of a stiffness, at least.
 
         Within a window it swings to and fro, and what is summed up of it over a longer memory goes back again.
         """
-        swings = SWINGS / (self.alpha * speed * self.conditioner.window * self.period)
+        swings = NOISE_TURN / (self.alpha * speed * self.conditioner.window * self.period)
         return noise / speed**2 / (1.0 + swings**2)
 
     def _rates(self, state: ObserverState, part: Differentiated, borne: BorneTorque) -> Rates:
@@ -234,7 +234,7 @@ class ObserverFold:
 
     def _best_alpha(self, rates: Iterable[Rates], speed: float) -> float:
         """Return the gain of the observer that predicts best: a long memory averages noise, a short one follows the stiffness."""
-        shortest = self.conditioner.window * self.period / SWINGS
+        shortest = self.conditioner.window * self.period / NOISE_TURN
         memories = [memory for memory in MEMORIES if memory >= shortest] or [shortest]
         off = np.zeros(len(memories))
         for known in rates:
@@ -252,7 +252,7 @@ class ObserverFold:
                 known = Rates(*(np.diff(v, prepend=np.nan) / self.period for v in borne.samples(whole)))
             phi, known = borne.deflection(whole.of, 0)[known.use], Rates(*(v[known.use] for v in known))
             found = observe_stiffness(observer_start(), *known, known.use, self.alpha, self.period)[0]
-            if SWINGS / (self.alpha * speed) < self.conditioner.window * self.period:
+            if NOISE_TURN / (self.alpha * speed) < self.conditioner.window * self.period:
                 # It follows every swing of the noise and leaves nothing over: but of what it knew a window before.
                 ahead = self.conditioner.window
                 phi, known, found = phi[ahead:], Rates(*(v[ahead:] for v in known)), found[:-ahead]

@@ -12,6 +12,7 @@ from vsalog.core.errors import EstimatorError
 from vsalog.core.signals import JointSignals
 from vsalog.effects.backlash import engaged
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, spread
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.estimators.net_torque import NetTorque, doubt_role, extended, way_role
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.conditioning import Conditioned, Conditioner
@@ -20,10 +21,8 @@ from vsalog.rig.schema import UnknownTransmission
 
 Array = NDArray[np.float64]
 
-# Doubt does no harm below a hundredth of the torque that is learnt from: it spares a log in which friction hardly matters. It is
-# borne up to a tenth of friction's level, since it comes and goes with every turn of the motion, and up to a hundredth of a
-# loop's, since it stays until the deflection moves on.
-SHARE_OF_TORQUE, SHARE_OF_FRICTION, SHARE_OF_LOOP = 0.01, 0.1, 0.01
+# Doubt is borne up to this share of friction's level [1], since it comes and goes with every turn of the motion.
+DOUBT_OF_FRICTION = 0.1
 # Three standard deviations of the deflection's noise, in those of what the sensors round: a Savitzky–Golay filter leaves a third
 # of it, the MKKF at speed nearly all.
 SLACK = {"savitzky-golay": 1.0, "pair": 1.0, "kinematic": 3.0}
@@ -124,9 +123,9 @@ def known_of(
         return None
     size, load = spread(signals.roles[torque]), friction.load if rubbing else 0.0
     level = load * size + (friction.breakaway if rubbing else 0.0)
-    limits = (
-        max(share * of, SHARE_OF_TORQUE * size) for share, of in ((SHARE_OF_FRICTION, level), (SHARE_OF_LOOP, loops))
-    )
+    # Below a small part of the torque that is learnt from it does no harm. That in a loop stays until the deflection moves on.
+    least = NEGLIGIBLE_SHARE * size
+    limits = max(DOUBT_OF_FRICTION * level, least), max(NEGLIGIBLE_SHARE * loops, least)
     steps = [signals.resolution.get(role, 0.0) for role in view.deflection_roles(signals.roles)]
     slack = SLACK[tuning.filter] * float(np.linalg.norm(steps)) / 12.0**0.5
     return Known(view, damping, gap, loops > 0.0, slack, rubbing, load, *limits)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vsalog.core.finding import Finding
 from vsalog.core.resolution import sensor_noise
 from vsalog.core.signals import JointSignals
+from vsalog.core.significance import DETECTED, INTERVAL
 from vsalog.effects.gravity import holding_torque
 from vsalog.estimators.device import Device, spread
 from vsalog.estimators.equation import SUPPORTED_SHARE
@@ -26,16 +27,14 @@ from vsalog.uncertainty.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
 
 Array = NDArray[np.float64]
 
-# 1/I and N/I may be so many times what accelerations, velocities and torques of the log are in proportion.
-ROOM = 10.0
-# 1/I is known when it is so many times its standard deviation: below, its inverse is anything.
-KNOWN = 3.0
+# 1/I and N/I may be so many times what accelerations, velocities and torques of the log are in proportion [1].
+PRIOR_WIDTH = 10.0
 # Innovations whose mean square is so many times what noise makes of them are of a link that is another than is assumed.
-MOST_EXCESS = 4.0
-# Inertia and damping are known no better than to this share.
-FLOOR = 1e-3
-# What the sensors add is tried out on so many samples, the torque's noise in so many pairs of opposite sign.
-TRIED, PAIRS = 1 << 14, 3
+MOST_EXCESS = INTERVAL * INTERVAL
+# Inertia and damping are known no better than to this share [1]: filters and rigs are not.
+FINEST_SHARE = 1e-3
+# The torque's noise is played in so many pairs of opposite sign [1].
+NOISE_PAIRS = 3
 
 
 class LinkImpedance:
@@ -58,8 +57,8 @@ class LinkImpedance:
         torque = savgol_filter(u, weights[:1])[0]
         self.noise = _noise(signals, u, torque, rate, acceleration, wander)
         self.bent = np.maximum(
-            self._bent(most_moved(signals, ["link_position"])[:TRIED], weights.shape[1]),
-            max(FLOOR, _between(q, weights[2], acceleration)),
+            self._bent(most_moved(signals, ["link_position"])[:ENOUGH], weights.shape[1]),
+            max(FINEST_SHARE, _between(q, weights[2], acceleration)),
         )
         self.beside = what_else_acts(torque, rate, acceleration, weights.shape[1])
         if sensor_error(q[:ENOUGH], weights.shape[1]).rms(weights[2]) > LOUD * rms(acceleration):
@@ -91,7 +90,7 @@ class LinkImpedance:
             P[:, State.MOBILITY, State.DECAY],
         )
         with np.errstate(divide="ignore", invalid="ignore"):
-            known = (a > KNOWN * np.sqrt(var_a)) & (excess <= MOST_EXCESS)
+            known = (a > DETECTED * np.sqrt(var_a)) & (excess <= MOST_EXCESS)
             inertia, damping = 1.0 / a, b / a
             inertia_std = np.hypot(np.sqrt(var_a) / a**2, self.doubt[0] * inertia)
             damping_std = np.sqrt(np.maximum(var_b - 2.0 * damping * both + damping**2 * var_a, 0.0)) / a
@@ -101,7 +100,7 @@ class LinkImpedance:
             inertia_std = np.hypot(inertia_std, np.nan_to_num(apart[:, 0]))
             damping_std = np.hypot(damping_std, np.nan_to_num(apart[:, 1]))
             # A link that is surely driven by its damping is not understood.
-            known &= damping > -KNOWN * damping_std
+            known &= damping > -DETECTED * damping_std
         told = {"link_inertia": (inertia, inertia_std, 0), "link_damping": (damping, damping_std, 1)}
         columns = {"link_velocity": x[:, State.VELOCITY]}
         for name, (value, std, i) in told.items():
@@ -150,7 +149,7 @@ class LinkImpedance:
         (Cook and Stefanski, "Simulation-extrapolation estimation in parametric measurement error models", JASA 89, 1994.)
         """
         q, u = part.roles["link_position"], self._acting(part)
-        noises = self.noise.torque * np.random.default_rng(0).standard_normal((PAIRS, u.size))
+        noises = self.noise.torque * np.random.default_rng(0).standard_normal((NOISE_PAIRS, u.size))
         steps = sensor_error(q, window).whole(q.size)
         before = self._ends(part, q, u)
         louder = np.array([self._ends(part, q, u + sign * more) for more in noises for sign in (-1.0, 1.0)])
@@ -197,14 +196,14 @@ def _noise(
     torque, rate, acceleration : of the link, behind one filter
     """
     q = signals.roles["link_position"]
-    mobility = ROOM * rms(acceleration) / max(spread(u), 1e-300)
-    decay = ROOM * rms(acceleration) / max(rms(rate), 1e-300)
+    mobility = PRIOR_WIDTH * rms(acceleration) / max(spread(u), 1e-300)
+    decay = PRIOR_WIDTH * rms(acceleration) / max(rms(rate), 1e-300)
     # Taken for linear around a = b = 0, as the paper begins, the link may be lost before it is found.
     first = _least_squares(acceleration, torque, rate)
     return LinkNoise(
         position=sensor_noise(q, signals.resolution.get("link_position", 0.0), LEAST_NOISE),
         torque=sensor_noise(u, 0.0, LEAST_NOISE),
-        velocity=ROOM * rms(rate),
+        velocity=PRIOR_WIDTH * rms(rate),
         mobility=mobility,
         decay=decay,
         wander=wander,

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.signals import JointSignals
+from vsalog.core.significance import DETECTED
 from vsalog.effects.cogging import cogging_torque
 from vsalog.estimators.device import TransmissionView
 from vsalog.filters.conditioning import FINEST, FilterName
@@ -24,12 +25,10 @@ Array = NDArray[np.float64]
 
 # The velocity whose sign matters is that of a cubic fitted to so many samples: long enough to see slow motion, short enough to
 # see where it turns.
-WINDOW, DEGREE = 21, 3
-# A velocity is told from zero when it is so many of its standard deviations away.
-SURE = 3.0
-# Samples to either side of a change of sign by which the cubic may miss it: where the acceleration jumps, as it does when
+DIRECTION_WINDOW, CUBIC = 21, 3
+# Samples to either side of a change of sign by which the cubic may miss it [1]: where the acceleration jumps, as it does when
 # friction turns round, the cubic's velocity is off by the jump times 0.81 samples, and a jump may be twice what is seen.
-REACH = 2.0
+REVERSAL_REACH = 2.0
 
 
 def extended(motor: Motor) -> bool:
@@ -78,16 +77,16 @@ class NetTorque:
         self.motors = {v.name: v.motor.reflected for v in views}
         self.roles = tuple(role for v in views if v.motor.friction.rubs for role in (way_role(v), doubt_role(v)))
         self.centred = kind == "savitzky-golay"
-        self.lag = savgol_lag(WINDOW) if self.centred else 0
+        self.lag = savgol_lag(DIRECTION_WINDOW) if self.centred else 0
         steps = {v.name: signals.resolution.get(v.motor_position) or FINEST for v in views}
         if self.centred:
-            self.weights = savgol_weights(WINDOW, DEGREE, 1, self.period)[1:]
-            spread, self.reach = float(np.linalg.norm(self.weights)), REACH
-            self.floors = {name: SURE * spread * step / 12.0**0.5 for name, step in steps.items()}
+            self.weights = savgol_weights(DIRECTION_WINDOW, CUBIC, 1, self.period)[1:]
+            spread, self.reach = float(np.linalg.norm(self.weights)), REVERSAL_REACH
+            self.floors = {name: DETECTED * spread * step / 12.0**0.5 for name, step in steps.items()}
         else:
             self.settings = {n: KinematicSettings.for_resolution(s, self.period, shape) for n, s in steps.items()}
             spread, self.reach = _kinematic_velocity(PAPER_TRACKING_INDEX)
-            self.floors = {name: SURE * spread / self.period * step / 12.0**0.5 for name, step in steps.items()}
+            self.floors = {name: DETECTED * spread / self.period * step / 12.0**0.5 for name, step in steps.items()}
 
     def start(self) -> NetTorqueState:
         """Return the state before the first sample."""
@@ -131,7 +130,7 @@ class NetTorque:
             velocities[v.name] = np.concatenate(
                 (np.full(missing, np.nan), found[found.size - (last - first - missing) :])
             )
-        new = NetTorqueState(seen, joined[max(len(joined) - WINDOW + 1, 0) :], frictions)
+        new = NetTorqueState(seen, joined[max(len(joined) - DIRECTION_WINDOW + 1, 0) :], frictions)
         return new, [self._netted(frictions, joined[rows], velocities)] if last > first else []
 
     def _netted(self, frictions: dict[str, Array], rows: JointSignals, velocities: dict[str, Array]) -> JointSignals:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from vsalog.core.source_stamp import source_stamp
 from vsalog.estimators import pam_states
 from vsalog.estimators.pam_noise import PamNoise
-from vsalog.estimators.pam_states import ANGLE, PamFold, pam_observation, pam_transition
+from vsalog.estimators.pam_states import Column, PamFold, pam_observation, pam_transition
 from vsalog.filters import square_root_ukf as ukf
 from vsalog.mechanics import pneumatics as pneu
 from vsalog.rig.schema import PneumaticJoint, PressureFriction
@@ -84,7 +84,7 @@ class LinearPamFold(PamFold):
             "torque_std": np.linalg.norm(np.einsum("nij,i->nj", trace.S, self.slope), axis=1),
         }
         for name, function in (("stiffness", pneu.trapped_stiffness), ("stiffness_isobaric", pneu.isobaric_stiffness)):
-            value = float(function(self.joint, self.at[ANGLE], self.at[0], self.at[1]))
+            value = float(function(self.joint, self.at[Column.ANGLE], self.at[0], self.at[1]))
             there[name] = np.where(np.isfinite(trace.x[:, 0]), value, np.nan)
             there[f"{name}_std"] = np.where(np.isfinite(trace.x[:, 0]), 0.0, np.nan)
         return there
@@ -95,7 +95,7 @@ class LinearPamFold(PamFold):
         if seesaw.held_at is not None:
             return seesaw.held_at
         drive = float(self.slope[:2] @ (pressures - self.at[:2])) + external
-        return float(self.at[ANGLE] + drive / (seesaw.return_stiffness - self.slope[ANGLE]))
+        return float(self.at[Column.ANGLE] + drive / (seesaw.return_stiffness - self.slope[Column.ANGLE]))
 
     def _nonlinear_rest(self, pressures: Array, external: float) -> float:
         return super()._rest(pressures, external)
@@ -114,7 +114,7 @@ class LinearPamFold(PamFold):
         for side in (1.0, -1.0):
             x = self.at.copy()
             x[which] += side * MOVED[which]
-            ends.append(float(pneu.joint_torque(self.joint, x[ANGLE], x[0], x[1])))
+            ends.append(float(pneu.joint_torque(self.joint, x[Column.ANGLE], x[0], x[1])))
         return (ends[0] - ends[1]) / (2.0 * float(MOVED[which]))
 
 

@@ -7,7 +7,8 @@ the simpler law needs follow from the rig and the log, since the paper's are of 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -39,13 +40,33 @@ ModelName = Literal["hybrid", "linear", FrictionModel, ForceModel]
 
 FRICTION_MODELS, FORCE_MODELS = get_args(FrictionModel), get_args(ForceModel)
 
-# §IV-B: f_s = 0.146, f_k = 0.03285, ẋ_k = 0.8. The share is printed without doubt; the speed is taken for rad/s.
-KINETIC_SHARE, TONDU_SPEED = 0.03285 / 0.146, 0.8
-# §II-A: the joint turns by ±25°. Forces are fitted over the lengths that this makes and all pressures the supply can make.
-FITTED_ANGLE, FITTED_POINTS = np.deg2rad(25.0), 15
+
+@dataclass(frozen=True, slots=True)
+class Shin2021:
+    """What the paper prints.
+
+    Attributes
+    ----------
+    angle : by which the joint turns to either side [rad], §II-A
+    static, kinetic : f_s and f_k of Tondu's friction, §IV-B, whose quotient is printed without doubt
+    speed : ẋ_k of it, taken for rad/s
+    sensor : deviations of P₁ and P₂ [Pa], §IV: R = diag(1e8, 1e8)
+    state : deviations of P₁, P₂ [Pa], ψ [rad] and ψ̇ [rad/s]: P(0) = Q = diag(1e-5, 1e-4, 1e6, 1e6) of ψ, ψ̇, P₁, P₂
+    """
+
+    angle: float = float(np.deg2rad(25.0))
+    static: float = 0.146
+    kinetic: float = 0.03285
+    speed: float = 0.8
+    sensor: tuple[float, float] = (1e4, 1e4)
+    state: tuple[float, float, float, float] = (1e3, 1e3, 1e-5**0.5, 1e-2)
+
+
+PRINTED = Shin2021()
+
 # Where the one number that does not enter linearly is looked for: the exponent a₃, and the rest length by the muscle's length.
 # As a₃ → 0 the exponential becomes eq. 6–7: for a rig with the paper's force the fit ends at this bound, and hardly differs.
-EXPONENTS, REST_LENGTHS = (-60.0, -1.0), (0.5, 0.99)
+SEARCHED: Mapping[str, tuple[float, float]] = {"exponential-force": (-60.0, -1.0), "spring-force": (0.5, 0.99)}
 
 
 def as_if(joint: PneumaticJoint, model: ModelName, pressures: tuple[float, float]) -> PneumaticJoint:
@@ -78,7 +99,9 @@ def as_if(joint: PneumaticJoint, model: ModelName, pressures: tuple[float, float
     laws = {
         "frictionless": None,
         "simple-friction": SimpleFriction(level=level),
-        "tondu-friction": TonduFriction(static=level, kinetic=KINETIC_SHARE * level, speed=TONDU_SPEED),
+        "tondu-friction": TonduFriction(
+            static=level, kinetic=PRINTED.kinetic / PRINTED.static * level, speed=PRINTED.speed
+        ),
     }
     return replace(joint, friction=laws[model])
 
@@ -86,6 +109,7 @@ def as_if(joint: PneumaticJoint, model: ModelName, pressures: tuple[float, float
 def fitted_force(muscle: Muscle, air: Air, radius: float, model: str) -> MuscleForce:
     """Return the empirical force of that form which is nearest to a muscle's pull, by least squares.
 
+    It is fitted over the lengths that the paper's joint makes and all pressures the supply can make.
     The paper prints neither the forms nor their coefficients; the forms are those of `vsalog.mechanics.muscle_forces`. All but
     one number of each enter linearly. That one is looked for within bounds; of the braid it is no number of its own,
     since its pull has two, π r₀² a / l_rest² and π r₀² b, and any rest length gives the same.
@@ -101,12 +125,12 @@ def fitted_force(muscle: Muscle, air: Air, radius: float, model: str) -> MuscleF
     EstimatorError
         The nearest braid is none: its pull would not fall as the muscle shortens.
     """
-    travel = radius * np.sin(FITTED_ANGLE)
+    travel = radius * np.sin(PRINTED.angle)
     lengths, pressures = (
         grid.ravel()
         for grid in np.meshgrid(
-            muscle.length + np.linspace(-travel, travel, FITTED_POINTS),
-            np.linspace(air.outside_pressure, air.supply_pressure, FITTED_POINTS),
+            muscle.length + np.linspace(-travel, travel),
+            np.linspace(air.outside_pressure, air.supply_pressure),
         )
     )
     pull, gauge = contraction_force(muscle, air, pressures, lengths), pressures - air.outside_pressure
@@ -128,7 +152,7 @@ def fitted_force(muscle: Muscle, air: Air, radius: float, model: str) -> MuscleF
             growth = np.exp(exponent * short)
             return np.column_stack([gauge * growth, growth, gauge * short, gauge, np.ones_like(gauge)])
 
-        a3 = _nearest(exponential, pull, EXPONENTS)
+        a3 = _nearest(exponential, pull, SEARCHED[model])
         a1, a2, a4, a5, a6 = _solved(exponential(a3), pull)[0]
         return ExponentialForce(rest_length=muscle.length, a1=a1, a2=a2, a3=a3, a4=a4, a5=a5, a6=a6)
 
@@ -136,7 +160,7 @@ def fitted_force(muscle: Muscle, air: Air, radius: float, model: str) -> MuscleF
         s = lengths - share * muscle.length
         return np.column_stack([s, s**3, gauge * s**2, gauge**2 * s])
 
-    share = _nearest(spring, pull, REST_LENGTHS)
+    share = _nearest(spring, pull, SEARCHED[model])
     c0, c1, c2, c3 = _solved(spring(share), pull)[0]
     return SpringForce(rest_length=share * muscle.length, c0=c0, c1=c1, c2=c2, c3=c3)
 

@@ -16,6 +16,7 @@ factor, sigma points along ψ and ψ̇ then leave the pressures alone, and the f
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,15 +35,22 @@ from vsalog.rig.schema import PneumaticJoint
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-PRESSURE_1, PRESSURE_2, ANGLE, VELOCITY = range(4)  # columns of the state
-
-# A step may turn the fastest swing by this angle [rad] and let a muscle fill by this share. The drift and kick's frequency is
-# off by (ω h)²/24, 0.4 %, far below what a rig's stiffness is known to.
+# A step may turn the fastest swing by this angle [rad] and let a muscle fill by this share; and the most steps in a sample [1].
+# The drift and kick's frequency is off by (ω h)²/24, 0.4 %, far below what a rig's stiffness is known to.
 ANGLE_PER_STEP, FILL_PER_STEP, MOST_STEPS = 0.3, 0.1, 1000
-# Samples for which a command that is missing is taken to be the one before.
-HELD = 10
-# Beyond the fitted range D₁ l² + D₂ l + D₃ falls to zero; a sigma point out there has this share of the volume at rest.
+# Samples for which a command that is missing is taken to be the one before [1].
+COMMAND_HELD = 10
+# Beyond the fitted range D₁ l² + D₂ l + D₃ falls to zero; a sigma point out there has this share of the volume at rest [1].
 LEAST_VOLUME = 0.02
+
+
+class Column(IntEnum):
+    """Columns of the state."""
+
+    PRESSURE_1 = 0
+    PRESSURE_2 = 1
+    ANGLE = 2
+    VELOCITY = 3
 
 
 class PamState(NamedTuple):
@@ -121,8 +129,8 @@ class PamFold:
         ----------
         state : of `start` or of the block before
         pressure_1, pressure_2 : shape (N,), measured, absolute [Pa]; NaN where missing (the other alone then corrects)
-        valve_1, valve_2 : shape (N,), commands [V], each held until the next sample, and for `HELD` missing ones (NaN); where
-            they are not known, also where None, the pressure stays as it is but for what the joint's motion does, and may
+        valve_1, valve_2 : shape (N,), commands [V], each held until the next sample, and for `COMMAND_HELD` missing ones (NaN);
+            where they are not known, also where None, the pressure stays as it is but for what the joint's motion does, and may
             change as fast as the valve can
         external_torque : shape (N,), push on the joint [N·m]; none where absent or NaN
 
@@ -178,7 +186,7 @@ class PamFold:
         at = np.stack([trace.x, *(trace.x + side * trace.S[:, :, j] for j in range(3) for side in (1.0, -1.0))])
         found: dict[str, Array] = {}
         for name, function in functions.items():
-            values = function(self.joint, at[..., ANGLE], at[..., PRESSURE_1], at[..., PRESSURE_2])
+            values = function(self.joint, at[..., Column.ANGLE], at[..., Column.PRESSURE_1], at[..., Column.PRESSURE_2])
             found[name] = values[0]
             found[f"{name}_std"] = np.sqrt(np.sum(((values[1::2] - values[2::2]) / 2.0) ** 2, axis=0))
         return found
@@ -197,7 +205,7 @@ def _held(openings: Array, before: float, age: int) -> tuple[Array, int]:
     last = np.maximum.accumulate(np.where(known, index, -1))
     ages = np.where(last >= 0, index - last, index + 1 + age)
     held = np.where(last >= 0, openings[last], before)
-    return np.where(ages <= HELD, held, np.nan), int(ages[-1]) if ages.size else age
+    return np.where(ages <= COMMAND_HELD, held, np.nan), int(ages[-1]) if ages.size else age
 
 
 def _columns(count: int, *columns: Array) -> Array:

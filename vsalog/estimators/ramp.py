@@ -10,22 +10,23 @@ from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
-from vsalog.estimators.device import Device, deflection_of
+from vsalog.core.significance import DETECTED_OF_MANY
+from vsalog.estimators.device import PLACES, Device, deflection_of
+from vsalog.estimators.equation import REPORTED_CHANGE
 from vsalog.estimators.equations import IntegratedMotorEquation
 from vsalog.estimators.first_look import FirstLook
 from vsalog.filters.conditioning import Conditioned, Conditioner
+from vsalog.uncertainty.long_run import ENOUGH_BATCHES
 from vsalog.uncertainty.sensor_error import ENOUGH
 
 Array = NDArray[np.float64]
 
-# A ramp is there when it is so many times what the torque's noise makes of one, as so many walks show, and takes of what is left
-# over; it matters when it changes the stiffness by more than this, in the median.
-SURELY, WALKS, LEFT, MATTERS = 6.0, 30, 0.97, 0.05
-# A torque that stands still is itself a ramp, once it is integrated, which needs no motor and no spring: by so many times these
-# have to leave over less than the ramp alone, or an offset cannot be told.
-ALONE = 30.0
-# At so many samples the stiffness is looked at.
-ENOUGH_ROWS = 500
+# A ramp is there when the noise of the torque does not make it, and the residual with it is no more than this part of the one
+# without [1].
+RESIDUAL_WITH_RAMP = 0.97
+# A torque that stands still is itself a ramp, once it is integrated, which needs no motor and no spring: the residual of a ramp
+# alone has to be so many times that of all together [1], or an offset cannot be identified.
+RESIDUAL_OF_RAMP_ALONE = 30.0
 
 
 def look_for_ramps(
@@ -93,18 +94,18 @@ def _offset(
     size[size == 0.0] = 1.0
     plain = F / size
     both = np.column_stack((plain, ramp / np.linalg.norm(ramp)))
-    steps = equation.torque_noise * equation.period * np.random.default_rng(0).standard_normal((len(y), WALKS))
+    steps = equation.torque_noise * equation.period * np.random.default_rng(0).standard_normal((len(y), ENOUGH_BATCHES))
     wanted = np.column_stack((y, np.cumsum(steps, axis=0)))
     without, found = (np.linalg.lstsq(A, wanted, rcond=1e-10)[0] for A in (plain, both))
     left = [float(np.linalg.norm(y - A @ x[:, 0])) for A, x in ((plain, without), (both, found))]
-    if abs(found[-1, 0]) <= SURELY * np.std(found[-1, 1:]) or left[1] > LEFT * left[0]:
+    if abs(found[-1, 0]) <= DETECTED_OF_MANY * np.std(found[-1, 1:]) or left[1] > RESIDUAL_WITH_RAMP * left[0]:
         return None
     trivial = both[:, [0, -1]]
-    if np.linalg.norm(y - trivial @ np.linalg.lstsq(trivial, y, rcond=None)[0]) < ALONE * left[1]:
+    if np.linalg.norm(y - trivial @ np.linalg.lstsq(trivial, y, rcond=None)[0]) < RESIDUAL_OF_RAMP_ALONE * left[1]:
         return None
-    some = slopes[:: max(1, len(slopes) // ENOUGH_ROWS)]
+    some = slopes[:: max(1, len(slopes) // PLACES)]
     springs = slice(equation.leading, F.shape[1])
     before, after = (some @ (x[springs, 0] / size[springs]) for x in (without, found))
-    if np.median(np.abs(before - after)) <= MATTERS * np.median(np.abs(after)):
+    if np.median(np.abs(before - after)) <= REPORTED_CHANGE * np.median(np.abs(after)):
         return None
     return float(found[-1, 0] / np.linalg.norm(ramp))

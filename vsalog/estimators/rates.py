@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 
 from vsalog.core.errors import EstimatorError
 from vsalog.estimators.device import Device
+from vsalog.uncertainty.long_run import ENOUGH_BATCHES
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-# What noise is, is known to this share.
-ROUGHLY = 0.25
 
 
 class Rates(NamedTuple):
@@ -45,10 +43,11 @@ class RateNoise(NamedTuple):
         """Return what it bends a stiffness by that is followed, times the square of the speed [N·m·rad/s²].
 
         Where φ̇ changes its sign, noise of φ̇ makes a spring look softer, and noise that Σ̇ shares makes it look stiffer. How large
-        either is, is known roughly.
+        either is, is known as well as a variance of so many batches.
         """
         softer = self.deflection * stiffness
-        return np.abs(self.shared - softer) + ROUGHLY * (abs(self.shared) + np.abs(softer))
+        known = (2.0 / ENOUGH_BATCHES) ** 0.5
+        return np.abs(self.shared - softer) + known * (abs(self.shared) + np.abs(softer))
 
 
 def typical_speed(device: Device, rates: Iterable[Rates]) -> float:

@@ -7,12 +7,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.precision import ROUNDING
+
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-_EMPTY = (np.inf, -np.inf)
-# Differences below this share of a value are rounding.
-ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +27,8 @@ class Region:
         reached is known by that one noise, whatever the standard deviation says.
     """
 
-    phi: tuple[float, float] = _EMPTY
-    c: tuple[float, float] = _EMPTY
+    phi: tuple[float, float] = (np.inf, -np.inf)
+    c: tuple[float, float] = (np.inf, -np.inf)
     hull: Array = field(default_factory=lambda: np.empty((0, 2)))
     samples: int = 0
     waiting: Array = field(default_factory=lambda: np.empty((2, 0)))

@@ -18,26 +18,27 @@ from vsalog.core.model import JointModel, TransmissionModel, basis_spec
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device, deflection_of
-from vsalog.estimators.equation import SUPPORTED_SHARE, Equation, EquationRows, Solver
+from vsalog.estimators.equation import (
+    MOST_OF_LOG,
+    NEGLIGIBLE_SHARE,
+    SUPPORTED_SHARE,
+    Equation,
+    EquationRows,
+    Solver,
+)
 from vsalog.estimators.first_look import NOTHING_SEEN, FirstLook
 from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.region import Region, lengths
 from vsalog.estimators.residual_motion import motion_rows_block, motion_rows_start, residual_findings
+from vsalog.estimators.tuning import Tuning
 from vsalog.filters.conditioning import Conditioned, Conditioner, ConditionerState
 from vsalog.filters.direction import direction_start, loading_block
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# A stiffness counts as supported when it has been sure for a filter's window, or so many samples: even where a model is hardly
-# known, a standard deviation may pass near zero for a moment.
-LASTING = 25
-# Windows of the filter after which a deflection learnt from counts as covered.
-DELAY = 2
-# A deflection that comes back by this share of the deflection scale has turned.
-BAND = 0.01
-# Where the rig's friction is in doubt for more than this part of a log, that is a finding.
-DOUBTED_SHARE = 0.5
+# Windows of the filter after which a deflection learnt from counts as covered [1]: its noise lasts as long as one.
+WINDOWS_UNTIL_COVERED = 2
 
 
 class RegressionFold:
@@ -71,7 +72,7 @@ class RegressionFold:
         self.name, self.modality, self.device, self.conditioner = name, modality, device, conditioner
         self.equations, self.solver, self.passes = equations, solver, passes
         self.chosen, self.look = chosen, look
-        self.delay = DELAY * max(conditioner.window, memory)
+        self.delay = WINDOWS_UNTIL_COVERED * max(conditioner.window, memory)
 
     @property
     def derived(self) -> dict[str, float]:
@@ -161,7 +162,7 @@ class RegressionFold:
                 state.directions[key], flags[-1][view.name] = loading_block(
                     state.directions.get(key, direction_start()),
                     deflection_of(values, view),
-                    BAND * self.device.basis.deflection_scale,
+                    NEGLIGIBLE_SHARE * self.device.basis.deflection_scale,
                 )
         return replace(block, loading_fit=flags[0], loading_now=flags[1])
 
@@ -191,7 +192,8 @@ class RegressionFold:
             length = lengths(supported, state.supported.get(view.name, 0))
             if length.size:
                 state.supported[view.name] = int(length[-1])
-            excited = seen & (length >= max(self.conditioner.window, LASTING))
+            # Even where a model is hardly known, a standard deviation may pass near zero for a moment.
+            excited = seen & (length >= max(self.conditioner.window, Tuning.default_window // 2))
             if excited.any():
                 state.claimed[view.name] = float(
                     np.min((std / sigma)[excited], initial=state.claimed.get(view.name, np.inf))
@@ -267,10 +269,10 @@ class RegressionFold:
                 part=names,
                 severity="info",
                 value=count / state.seen,
-                limit=DOUBTED_SHARE,
+                limit=MOST_OF_LOG,
             )
             for names, count in state.doubted.items()
-            if count > DOUBTED_SHARE * state.seen
+            if count > MOST_OF_LOG * state.seen
         )
         return (*self.look.findings, *doubted, *self._of_residual(state))
 

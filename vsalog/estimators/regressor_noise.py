@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.precision import ROUNDING
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import TransmissionView
 from vsalog.estimators.torque import lag_block
@@ -15,9 +16,6 @@ from vsalog.uncertainty.errors_in_variables import DeflectionNoise, RegressorNoi
 from vsalog.uncertainty.sensor_error import ENOUGH, sensor_error
 
 Array = NDArray[np.float64]
-
-# A lag is followed until this part of it is left, or for so many samples.
-FORGOTTEN, LONGEST_LAG = 1e-6, ENOUGH // 8
 
 
 def noise_for_torque(signals: JointSignals, view: TransmissionView, conditioner: Conditioner) -> DeflectionNoise | None:
@@ -46,7 +44,8 @@ def noise_for_residual(
     if conditioner.kind == "kinematic":
         return None
     (inertia, damping), turn = motor, bandwidth * signals.period
-    tail = min(int(np.ceil(-np.log(FORGOTTEN) * max(1.0 / turn, 1.0))), LONGEST_LAG)
+    # The lag is followed until only rounding is left of it, or for a good part of the samples that tell the noise.
+    tail = min(int(np.ceil(-np.log(ROUNDING) * max(1.0 / turn, 1.0))), ENOUGH // 8)
     # The weights as the filter's answer to a single sample, which the lag begins before.
     answers = np.concatenate((np.zeros((1, 2)), conditioner.weights[:2].T[::-1], np.zeros((tail, 2))))
     _, slow = lag_block(np.zeros((2, 2)), answers, np.ones(len(answers), dtype=np.bool_), bandwidth, signals.period)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, spread
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
@@ -22,24 +23,26 @@ from vsalog.uncertainty.sensor_error import ENOUGH, sensor_error
 Array = NDArray[np.float64]
 T = TypeVar("T", bound=Tuning)
 
-# Windows that are tried, in samples.
-WINDOWS = (51, 101, 201, 401, 801, 1601)
-# Those of `derivative_weights` are so much wider: they let as much through as the Savitzky–Golay filter does, motion and noise.
+
+def _octaves_of_the_usual(first: int, end: int) -> tuple[int, ...]:
+    """Return windows, in samples, that are some powers of two times as long as the usual one."""
+    half = Tuning.default_window // 2
+    return tuple(2 * round(half * 2.0**k) + 1 for k in range(first, end))
+
+
+# Windows that are tried, in samples; and where even the first takes away of the motion, because samples are few, shorter ones.
+WINDOWS, SHORTER = _octaves_of_the_usual(0, 6), _octaves_of_the_usual(-3, 0)
+# Those of `derivative_weights` are so much wider [1]: they let as much through as the Savitzky–Golay filter, motion and noise.
 WIDER = 1.5
-# And where even the first of them takes away of the motion, because samples are few: more than this part of a rate's power, which
-# is little, for what bends a stiffness is its share of the amplitude.
-SHORTER, ALL = (7, 13, 25), 0.9995
 # No joint's motion is taken away by a window as short as this [s]; a still shorter one keeps noise, and jolts of friction.
-SHORT_ENOUGH = 0.15
-# A rate is quiet when its noise is this part of it or less: a stiffness then loses its square, 0.25 %.
-QUIET = 0.05
-# What noise that two sides of an equation share may bend a stiffness by, as a part of it.
-BENT = 0.01
-# A rate that has more noise than this part of it tells nothing of the motion.
-LOUD = 0.5
-# A window is short enough for a motion when the rate keeps this part of its power; less will do where all orders keep the same.
-KEPT, KEPT_ALIKE = 0.98, 0.95
-# A run loses half a window at either end: no window is longer than this part of the longest run.
+SHORT_WINDOW = 0.15
+# A rate is quiet when its noise is this part of it or less [1]: a stiffness then loses its square, 0.25 %; and noisy when it is
+# more than this part [1]: it then shows nothing of the motion.
+QUIET, LOUD = 0.05, 0.5
+# A window is short enough for a motion when the rate keeps this part of its power [1]; less will do where all orders keep the
+# same; and of a window shorter than the usual more, for what biases a stiffness is its share of the amplitude.
+KEPT, KEPT_ALIKE, KEPT_BY_SHORTER = 0.98, 0.95, 0.9995
+# A run loses half a window at either end: no window is longer than this part of the longest run [1].
 PART_OF_RUN = 0.1
 
 
@@ -69,7 +72,7 @@ class Behind(NamedTuple):
     @property
     def surely(self) -> Array:
         """What a longer window has to keep: how large noise is, is known no better than to its own size."""
-        return (ALL if self.window < WINDOWS[0] else self.kept) * self.motion - self.noises**2
+        return (KEPT_BY_SHORTER if self.window < WINDOWS[0] else self.kept) * self.motion - self.noises**2
 
 
 def suitable_windows(device: Device, signals: JointSignals, tuning: Tuning, order: int | None = None) -> list[int]:
@@ -120,7 +123,7 @@ def _shorter(signals: JointSignals, tuning: Tuning, usual: int) -> list[int]:
 
     A log that is too short for the usual one is refused rather than filtered hardly at all.
     """
-    if usual * signals.period <= SHORT_ENOUGH or signals.longest_run < usual:
+    if usual * signals.period <= SHORT_WINDOW or signals.longest_run < usual:
         return []
     return [window for window in SHORTER if tuning.degree + 1 < window < usual]
 
@@ -180,7 +183,7 @@ def _quiet_motor(view: TransmissionView, signals: JointSignals, weights: Array) 
         # Noise that the deflection shares with B θ̈ does not average out.
         bent = inertia * abs(added.product(weights[0], weights[2]))
         moved = spread(deflection_of(signals.roles, view)) * spread(torque)
-        return bool(inertia * added.rms(weights[2]) <= QUIET * spread(torque) and bent <= BENT * moved)
+        return bool(inertia * added.rms(weights[2]) <= QUIET * spread(torque) and bent <= NEGLIGIBLE_SHARE * moved)
     return not (speed := rms(savgol_filter(theta, weights[1:2])[0])) or bool(added.rms(weights[1]) <= QUIET * speed)
 
 

@@ -12,21 +12,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from vsalog.core.finding import Finding
+from vsalog.core.significance import DETECTED
+from vsalog.estimators.equation import REPORTED_CHANGE
 from vsalog.perturbations.trials import Shift, Subject, Trial
-
-# A change over the log that is reported, as a part of the stiffness: what 70 K do to a steel spring, whose shear modulus falls by
-# 0.03 % per kelvin. In how many deviations (p = 0.3 %).
-REPORTED_CHANGE, REPORTED_DEVIATIONS = 0.02, 3.0
-# What the stiffness changes over the log, in differences of both fits: these lag a linear change by half of what they have seen.
-CHANGE_PER_SHIFT = 4.0
 
 
 class Drift:
-    """Runs on the second half."""
+    """Runs on the second half.
+
+    Fits lag a linear change by half of what they have seen: that to the second half differs from that to the whole by a quarter
+    of the change over the log, and at the end of the log the whole's lags by half of the change.
+    """
 
     name = "drift"
-    # At the end of the log the fit lags by half of the change.
-    scale = 0.5 * CHANGE_PER_SHIFT
+    scale = 2.0
     uniform = True
     own_noise = 0.5
     while_learning = False
@@ -43,15 +42,15 @@ class Drift:
         """Return the transmissions whose stiffness changes over the log."""
         found = []
         for name, (moved, noise) in shift.overall.items():
-            change = moved / self.scale * CHANGE_PER_SHIFT
-            if name != "total" and change > REPORTED_CHANGE and moved > REPORTED_DEVIATIONS * noise:
+            change = 2.0 * moved
+            if name != "total" and change > REPORTED_CHANGE and moved > DETECTED * noise:
                 found.append(
                     Finding(
                         code="stiffness.drifts",
                         joint=subject.device.joint,
                         part=name,
                         value=change,
-                        limit=max(REPORTED_CHANGE, REPORTED_DEVIATIONS * noise / self.scale * CHANGE_PER_SHIFT),
+                        limit=max(REPORTED_CHANGE, 2.0 * DETECTED * noise),
                     )
                 )
         return found

@@ -13,13 +13,13 @@ import msgspec
 import numpy as np
 
 from vsalog.core.finding import Finding
+from vsalog.core.precision import ROUNDING
+from vsalog.estimators.equation import REPORTED_CHANGE
 from vsalog.estimators.tuning import Tuning, usual_regressor
-from vsalog.perturbations.trials import REPORTED_SHIFT, Shift, Subject, Trial
+from vsalog.perturbations.trials import Shift, Subject, Trial
 
-# Times by which the prior covariance of a trial is larger, and at least, else the prior is weak already.
-WEAKER, LEAST_WEAKER = 1e4, 100.0
-# What of a usual sample's weight a prior has to have at least: the square root of a double's digits, which the recursion needs.
-LEAST_WEIGHT = 1e-8
+# Times by which the prior covariance of a trial is larger [1]; where that leaves too few digits, by the square root at least.
+WEAKER = 1e4
 
 
 class WeakerPrior:
@@ -46,7 +46,7 @@ class WeakerPrior:
                 joint=subject.device.joint,
                 part=name,
                 value=moved,
-                limit=REPORTED_SHIFT,
+                limit=REPORTED_CHANGE,
                 evidence={"stiffness_change": spread.most, "p0": float(getattr(weaker(subject), "p0", np.nan))},
             )
             for name, spread in shift.spreads.items()
@@ -61,7 +61,8 @@ def weaker(subject: Subject) -> Tuning | None:
     if p0 is None or not np.isfinite(p0) or not subject.device.transmissions:
         return None
     usual = getattr(tuning, "c", 1.0) * usual_regressor(subject.device, subject.signals) ** 2
-    larger = float(min(WEAKER * p0, 1.0 / (LEAST_WEIGHT * usual)))
-    if larger < LEAST_WEAKER * p0:
+    # The recursion needs a prior that weighs more than the rounding of a usual sample.
+    larger = float(min(WEAKER * p0, 1.0 / (ROUNDING * usual)))
+    if larger < WEAKER**0.5 * p0:
         return None
     return msgspec.structs.replace(tuning, p0=larger, window=derived.get("window", tuning.window))

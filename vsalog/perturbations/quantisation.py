@@ -12,27 +12,30 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import stdtrit
 
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
+from vsalog.core.significance import INTERVAL, SIGNIFICANCE
 from vsalog.estimators.device import deflection_of, deflection_step, encoder_steps, has_deflection
 from vsalog.perturbations.trials import Shift, Subject, Trial
 
-# How much coarser the steps of a trial are, and where the grids of the sensors lie in each, in steps.
+# How many times coarser the steps of a trial are [1], and where the grids of the sensors lie in each [steps].
 COARSER = 3
 GRIDS = ((0, 0, 1), (1, 2, 0), (2, 1, 2), (0, 1, 2))
-# Four trials tell a spread badly: by so much a 95 % band of Student's t with 4 degrees of freedom is wider than a normal one.
-STUDENT = 2.776 / 1.960
 # A deflection that spans more steps is not tried: rests anywhere within a step at either end of so many change the stiffness of a
 # linear spring by 1/(√6 · 300) = 0.14 % (one standard deviation).
 FINE_STEPS = 300.0
 
 
 class Quantisation:
-    """Rounds positions to coarser steps."""
+    """Rounds positions to coarser steps.
+
+    A few trials tell a spread badly: a band of Student's t with as many degrees of freedom is wider than a normal one.
+    """
 
     name = "quantisation"
-    scale = STUDENT * float((COARSER**2 - 1.0) ** -0.5)
+    scale = float(stdtrit(len(GRIDS), 1.0 - 0.5 * SIGNIFICANCE) / INTERVAL * (COARSER**2 - 1.0) ** -0.5)
     uniform = False
     own_noise = 0.0
     while_learning = False

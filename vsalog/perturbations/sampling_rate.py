@@ -18,7 +18,8 @@ import numpy as np
 from vsalog.core.errors import VsalogError
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
-from vsalog.perturbations.trials import REPORTED_SHIFT, Shift, Subject, Trial
+from vsalog.estimators.equation import REPORTED_CHANGE
+from vsalog.perturbations.trials import Shift, Subject, Trial
 
 
 class SamplingRate:
@@ -54,7 +55,7 @@ class SamplingRate:
             if not (moved := shift.largest(name)) or (name == "total" and len(subject.device.transmissions) < 2):
                 continue
             of = partial(
-                Finding, joint=joint, value=moved, limit=REPORTED_SHIFT, evidence={"stiffness_change": spread.most}
+                Finding, joint=joint, value=moved, limit=REPORTED_CHANGE, evidence={"stiffness_change": spread.most}
             )
             if name == "total":
                 found.append(of(code="sampling.too_slow_for_total"))

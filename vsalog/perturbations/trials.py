@@ -20,7 +20,7 @@ from vsalog.core.model import JointModel
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device
-from vsalog.estimators.equation import SUPPORTED_SHARE
+from vsalog.estimators.equation import REPORTED_CHANGE, SUPPORTED_SHARE
 from vsalog.estimators.fold import Fold, Method
 from vsalog.estimators.folding import Estimated, run
 from vsalog.estimators.tuning import Tuning
@@ -29,10 +29,8 @@ from vsalog.uncertainty.shift import DEVIATIONS, Spread, beyond_noise, change, s
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Samples that are tried, 33 s at 1 kHz: what is in no residual repeats with the motion, and shows as soon as the motion has.
+# Samples that are tried [1], 33 s at 1 kHz: what is in no residual repeats with the motion, and shows as soon as the motion has.
 TRIED_SAMPLES = 1 << 15
-# A shift of the stiffness that is reported is more than this part of it.
-REPORTED_SHIFT = 0.03
 
 
 class Subject(NamedTuple):
@@ -114,7 +112,7 @@ class Shift:
     def largest(self, name: str) -> float:
         """Return the largest part by which a stiffness surely moves and that is reported, else zero."""
         surely = self.surely.get(name, 0.0)
-        return surely if surely > REPORTED_SHIFT else 0.0
+        return surely if surely > REPORTED_CHANGE else 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 
 from vsalog.core.errors import ReadError, RigError
 from vsalog.core.model import JointModel, ModelFile, TransmissionModel
+from vsalog.core.precision import ROUNDING
+from vsalog.estimators.tuning import LARGEST
 from vsalog.rig import Rig
 
 Array = NDArray[np.float64]
 
-# Correlations are known to this.
-ROUNDING = 1e-6
-# Beyond these no torque is left that could be told from infinity, and no power of a deflection.
-LARGEST, HIGHEST_POWER, MOST_SETPOINT_POWERS = 1e100, 100, 100
-LEAST_SCALE = 1e-9
+# Highest power of a deflection, and the most of a set-point, that can be evaluated [1].
+HIGHEST_POWER = 100
 
 
 def frozen(path: Path) -> ModelFile:
@@ -52,10 +51,10 @@ def _basis_fault(joint: JointModel) -> str | None:
     basis = joint.basis
     if not basis.powers or not all(0 <= p <= HIGHEST_POWER for p in basis.powers):
         return f"the powers have to be whole numbers from 0 to {HIGHEST_POWER}, at least one"
-    if not 1 <= basis.setpoint_order <= MOST_SETPOINT_POWERS:
-        return f"setpoint_order has to be between 1 and {MOST_SETPOINT_POWERS}, not {basis.setpoint_order}"
+    if not 1 <= basis.setpoint_order <= HIGHEST_POWER:
+        return f"setpoint_order has to be between 1 and {HIGHEST_POWER}, not {basis.setpoint_order}"
     for key in ("deflection_scale", "setpoint_scale"):
-        if not LEAST_SCALE <= getattr(basis, key) <= LARGEST:
+        if not ROUNDING <= getattr(basis, key) <= LARGEST:
             return f"{key} has to be a positive number, not {getattr(basis, key):g}"
     return None
 

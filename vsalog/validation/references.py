@@ -13,9 +13,10 @@ from vsalog.core.errors import FilterError
 from vsalog.core.model import JointModel
 from vsalog.core.recording import Channel
 from vsalog.core.signals import LONGER, JointSignals
+from vsalog.core.spool import PART
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.estimators.known import conditioner_of
-from vsalog.estimators.regression import BAND
 from vsalog.estimators.torque import lag_block
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.conditioning import Conditioned
@@ -29,11 +30,10 @@ Flags = NDArray[np.bool_]
 # Nobody needs more than seven digits of a standard deviation.
 Deviations = NDArray[np.float32]
 
-# The filter of every signal, forwards and backwards alike: what `estimate` learns with.
-WINDOW, DEGREE = 51, 5
-# Of the residual [rad/s] (Flacco 2012 §6.1).
+# Samples of the filter of every signal, forwards and backwards alike: what `estimate` learns with.
+WINDOW = Tuning.default_window
+# Bandwidth of the residual [rad/s] (Flacco 2012 §6.1).
 BANDWIDTH = 300.0
-BLOCK = 1 << 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class Smoothed:
 
 def tuning_of(signals: JointSignals) -> Tuning:
     """Return the filter that validating uses, as an estimator's tuning."""
-    return Tuning(filter="savitzky-golay", window=(WINDOW - 1) * signals.period, degree=DEGREE)
+    return Tuning(window=(WINDOW - 1) * signals.period)
 
 
 def smoothed(device: Device, signals: JointSignals, roles: tuple[str, ...]) -> Smoothed:
@@ -88,7 +88,7 @@ def smoothed(device: Device, signals: JointSignals, roles: tuple[str, ...]) -> S
             at += len(block.rows)
         return at
 
-    for part in signals.blocks(BLOCK):
+    for part in signals.blocks(PART):
         state, found = conditioner.step(state, part)
         given = keep(found, given)
     keep(conditioner.finish(state)[1], given)
@@ -97,7 +97,7 @@ def smoothed(device: Device, signals: JointSignals, roles: tuple[str, ...]) -> S
 
 def noise_correlation() -> float:
     """Return for how many samples white noise stays alike once it has gone through the filter."""
-    return float(1.0 / np.sum(savgol_weights(WINDOW, DEGREE)[0] ** 2))
+    return float(1.0 / np.sum(savgol_weights(WINDOW, Tuning().degree)[0] ** 2))
 
 
 def prediction(
@@ -106,12 +106,12 @@ def prediction(
     """Return the frozen model's flexibility torque and stiffness with their standard deviations, shape (N,) each."""
     phi, loading = deflection_of(s.roles, view), None
     if model.basis.branches:
-        loading = loading_block(direction_start(), phi, BAND * model.basis.deflection_scale)[1]
+        loading = loading_block(direction_start(), phi, NEGLIGIBLE_SHARE * model.basis.deflection_scale)[1]
     c = setpoint if model.basis.setpoint_order > 1 else None
     torque, sigma = np.empty(phi.size), np.empty(phi.size)
     std, sigma_std = np.empty(phi.size, dtype=np.float32), np.empty(phi.size, dtype=np.float32)
-    for begin in range(0, phi.size, BLOCK):
-        part = slice(begin, begin + BLOCK)
+    for begin in range(0, phi.size, PART):
+        part = slice(begin, begin + PART)
         at, on = (None if c is None else c[part]), (None if loading is None else loading[part])
         found = model.torque_and_stiffness(view.name, phi[part], at, on)
         (torque[part], std[part]), (sigma[part], sigma_std[part]) = found
@@ -130,8 +130,8 @@ def nominal(view: TransmissionView, s: Smoothed, setpoint: Array | None) -> tupl
         return None
     phi = deflection_of(s.roles, view)
     torque, sigma = np.empty(phi.size), np.empty(phi.size)
-    for begin in range(0, phi.size, BLOCK):
-        part = slice(begin, begin + BLOCK)
+    for begin in range(0, phi.size, PART):
+        part = slice(begin, begin + PART)
         at = None if setpoint is None else setpoint[part]
         torque[part], sigma[part] = torque_and_stiffness(view.nominal, phi[part], at, s.time[part])
     return torque, sigma

@@ -6,16 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.model import TransmissionModel
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Part of the region's span that is granted around it: new extremes by noise are no extrapolation.
-MARGIN = 0.01
-
 
 def inside_region(model: TransmissionModel, phi: Array, setpoint: Array | None) -> Flags:
-    """Tell which samples lie inside.
+    """Tell which samples lie inside, or so near that noise may have put them outside.
 
     Parameters
     ----------
@@ -39,12 +37,12 @@ def inside_region(model: TransmissionModel, phi: Array, setpoint: Array | None) 
         length = np.hypot(bx - ax, by - ay)
         if length > 0.0:
             distance = np.sign(area) * ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / length
-            inside &= distance >= -MARGIN
+            inside &= distance >= -NEGLIGIBLE_SHARE
     return np.asarray(inside)
 
 
 def _between(x: Array, ends: Array) -> Flags:
     low, high = float(ends.min()), float(ends.max())
     # A set-point that stood still has no span of its own.
-    margin = MARGIN * (high - low) if high > low else 1e-6 * max(abs(low), 1e-12)
+    margin = NEGLIGIBLE_SHARE * (high - low) if high > low else 1e-6 * max(abs(low), 1e-12)
     return np.asarray((x >= low - margin) & (x <= high + margin))

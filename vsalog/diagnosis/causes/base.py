@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -11,15 +12,12 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from vsalog.binding.joint import signal_of
+from vsalog.core.precision import ROUNDING
 from vsalog.effects.base import SMOOTH
 from vsalog.residuals.sensing import motors_of, position_role, torque_role
 from vsalog.rig.schema import RigidJoint
 
 Array = NDArray[np.float64]
-
-# Values come from units of their priors: one at a bound may be short of it by this part of itself, the rounding of numbers a
-# thousand times larger.
-ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +35,7 @@ class Parameter:
     blur : what of it nothing tells, one standard deviation
     rounded : part of the value that filters may take off where equations tell it, one standard deviation; trajectories keep it
     shape : whether it says what an effect looks like, not how strong it is: nothing is known of it before a log is seen
+    starts : values that a search begins with; `start` alone when absent
     key : of the rig below the cause's part; the name when absent
     scale : the value that would matter in the log
     nominal : what the rig has, where the search does not begin there
@@ -53,6 +52,7 @@ class Parameter:
     blur: float = 0.0
     rounded: float = 0.0
     shape: bool = False
+    starts: tuple[float, ...] = ()
     key: str = ""
     scale: float = 0.0
     nominal: float | None = None
@@ -79,6 +79,12 @@ class Remainder:
 Apply = Callable[[Any, Sequence[float]], Any]
 Starts = Callable[[Remainder], list[tuple[float, ...]]]
 Report = Callable[[Sequence[float]], dict[str, tuple[float, str]]]
+
+
+def starts_of(parameters: Sequence[Parameter]) -> Starts:
+    """Return a search that begins with each combination of its parameters' starts, whatever is left over."""
+    begun = list(product(*(p.starts or (p.start,) for p in parameters)))
+    return lambda _: begun
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +148,8 @@ class Site:
     def driven_out(self, values: Array) -> bool:
         """Tell whether all numbers, or one with hard bounds, have been driven as far as they may go.
 
-        Nothing is no bound: a friction of 0 is one that is not there.
+        Nothing is no bound: a friction of 0 is one that is not there. Values come from units of their priors: one at a bound may
+        be short of it by rounding.
         """
         near = [(p, v, ROUNDING * abs(v)) for p, v in zip(self.parameters, values, strict=True)]
         out = [(p.low != 0.0 and v <= p.low + e) or v >= p.high - e for p, v, e in near]

@@ -14,6 +14,7 @@ from vsalog.diagnosis.causes.base import (
     Remainder,
     Setting,
     Site,
+    Starts,
     angle_of,
     moved_motors,
     position_of,
@@ -22,11 +23,12 @@ from vsalog.diagnosis.causes.base import (
 )
 from vsalog.effects.base import WAVY
 from vsalog.effects.cogging import Cogging
+from vsalog.uncertainty.long_run import FEWEST_SAMPLES
 
 Array = NDArray[np.float64]
 
-# Periods per turn of the rotor that are looked for, and how many of the best are tried.
-ORDERS, TRIED = 72, 3
+# A search begins with so many of the orders that are strongest in the remainder [1]: harmonics of one wave are strong together.
+STRONGEST_ORDERS = 3
 
 
 class MotorCogging(Cause):
@@ -50,12 +52,18 @@ class MotorCogging(Cause):
             ratio = getattr(setting.joint, name).gear_ratio
             theta = angle_of(setting.joint, setting.roles[role], name)
             span = float(np.nanmax(theta) - np.nanmin(theta)) * ratio or 1.0
+            # Slots and poles of a motor, and teeth of a gear, come round up to some dozens of times in a turn.
+            orders = tuple(float(n) for n in range(1, 73))
+            order = Parameter(
+                "order", "1", 1.0, 0.01 / span, 0.1, 1.2 * orders[-1], 1.0 / span, shape=True, starts=orders
+            )
             parameters = (
                 Parameter("cosine", "N*m", 0.0, 1e-3 * torque, key="cogging.torque", scale=torque),
                 Parameter("sine", "N*m", 0.0, 1e-3 * torque, key="cogging.torque", scale=torque),
-                Parameter("order", "1", 1.0, 0.01 / span, 0.1, 1.2 * ORDERS, 1.0 / span, shape=True),
+                order,
             )
-            yield Site(self.name, name, parameters, _cogging(name), _waves(setting.joint, name, role), _cogging_report)
+            starts = _waves(setting.joint, name, role, np.array(orders))
+            yield Site(self.name, name, parameters, _cogging(name), starts, _cogging_report)
 
 
 def _cogging(name: str) -> Any:
@@ -77,8 +85,8 @@ def _cogging_report(values: Sequence[float]) -> dict[str, tuple[float, str]]:
     }
 
 
-def _waves(joint: Any, name: str, role: str) -> Any:
-    """Look for waves over the rotor's turn in what is left over of the motor equation."""
+def _waves(joint: Any, name: str, role: str, orders: Array) -> Starts:
+    """Look for waves of some orders over the rotor's turn in the residual of the motor equation."""
 
     def starts(left: Remainder) -> list[tuple[float, ...]]:
         residual = left.equations.get(name)
@@ -88,14 +96,13 @@ def _waves(joint: Any, name: str, role: str) -> Any:
         if residual is None:
             return []
         good = np.isfinite(residual) & np.isfinite(theta)
-        if np.count_nonzero(good) < 100:
+        if np.count_nonzero(good) < FEWEST_SAMPLES:
             return []
         y, x = residual[good] - np.mean(residual[good]), theta[good]
         # Less than a turn tells little of slow waves.
-        orders = np.unique(np.r_[np.arange(1.0, ORDERS + 1.0)])
-        orders = orders[orders * np.ptp(x) > 2.0 * np.pi]
-        power = [abs(np.mean(y * np.exp(-1j * n * x))) for n in orders]
-        best = orders[np.argsort(power)[::-1][:TRIED]]
+        passed = orders[orders * np.ptp(x) > 2.0 * np.pi]
+        power = [abs(np.mean(y * np.exp(-1j * n * x))) for n in passed]
+        best = passed[np.argsort(power)[::-1][:STRONGEST_ORDERS]]
         found: list[tuple[float, ...]] = []
         for n in best:
             basis = np.stack([np.cos(n * x), np.sin(n * x), np.ones_like(x)], axis=-1)

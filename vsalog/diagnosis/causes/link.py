@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from vsalog.core.significance import FALSE_ALARM
 from vsalog.diagnosis.causes.base import (
     Cause,
     Parameter,
@@ -25,12 +27,8 @@ from vsalog.rig.schema import Contact
 
 Array = NDArray[np.float64]
 
-# Lengths of pushes to begin with [s]; the equation's remainder is averaged over them to find where.
-PUSHES = (0.1, 0.3, 1.0)
-# Time in the beginning in which nothing is taken for a push [s].
-SETTLING = 0.2
-# Something happened once, or a few times, where the largest bumps stand out of all others; how often they would by chance.
-TIMES, BY_CHANCE = 3, 1e-3
+# So many pushes at most stand out of what is left over [1]: what bursts more often is no push.
+MOST_PUSHES = 3
 
 
 class _OfLink(Cause):
@@ -134,7 +132,7 @@ class LinkContact(_OfLink):
         torque = setting.torque_size()
         parameters = (
             Parameter("start", "s", 0.0, 0.005, 0.0, setting.duration, 0.1, shape=True),
-            Parameter("duration", "s", 0.3, 0.005, 0.03, 3.0, 0.1, shape=True),
+            Parameter("duration", "s", 0.3, 0.005, 0.03, 3.0, 0.1, shape=True, starts=(0.1, 0.3, 1.0)),
             Parameter("torque", "N*m", 0.0, 1e-3 * torque, key="friction.coulomb", scale=torque),
         )
 
@@ -143,11 +141,11 @@ class LinkContact(_OfLink):
             push = Contact(start=max(start, 0.0), duration=max(duration, 1e-3), torque=torque)
             return with_part(joint, "link", contact=(*joint.link.contact, push))
 
-        yield Site(self.name, "link", parameters, apply, _pushes, transient=True)
+        yield Site(self.name, "link", parameters, apply, partial(_pushes, parameters[1].starts), transient=True)
 
 
-def _pushes(left: Remainder) -> list[tuple[float, ...]]:
-    """Look for the strongest short bump in what is left over of the link's equation."""
+def _pushes(durations: Sequence[float], left: Remainder) -> list[tuple[float, ...]]:
+    """Look for the strongest bump of each duration [s] in the residual of the link's equation, averaged over it."""
     name = "link" if "link" in left.equations else "motor"
     residual = left.equations.get(name)
     if residual is None:
@@ -156,7 +154,7 @@ def _pushes(left: Remainder) -> list[tuple[float, ...]]:
     good = np.isfinite(residual)
     values = np.where(good, residual - np.median(residual[good]), 0.0) if good.any() else np.zeros_like(residual)
     found: list[tuple[float, ...]] = []
-    for duration in PUSHES:
+    for duration in durations:
         length = max(3, round(duration / period))
         if length >= values.size // 2:
             continue
@@ -172,7 +170,7 @@ def _pushes(left: Remainder) -> list[tuple[float, ...]]:
         beside = (around - within) / (4 * length)
         sizes = fit / np.sqrt(np.maximum(np.median(fit**2) + near + beside, 1e-300))
         # What the log begins with may be a loop that is not where the search has it.
-        sizes[: max(1, round(SETTLING / period))] = 0.0
+        sizes[:length] = 0.0
         k = int(np.argmax(np.abs(sizes)))
         if stands_out(sizes, length):
             found.append((float(left.time[k]), length * period, float(fit[k])))
@@ -192,12 +190,12 @@ def stands_out(sizes: Array, length: int) -> bool:
     length : of a bump, in samples
     """
     count = sizes.size // (2 * length)
-    if count < 4 * TIMES:
+    if count < 4 * MOST_PUSHES:
         return True  # too short to tell
     peaks = np.sort(np.max(np.abs(sizes[: count * 2 * length]).reshape(count, -1), axis=1) ** 2)[::-1][: count // 2]
     spacings = np.arange(1, peaks.size) * -np.diff(peaks)
-    for m in range(TIMES):
+    for m in range(MOST_PUSHES):
         others = spacings[m + 1 :]
-        if (1.0 + spacings[m] / max(float(np.sum(others)), 1e-300)) ** -float(others.size) < BY_CHANCE:
+        if (1.0 + spacings[m] / max(float(np.sum(others)), 1e-300)) ** -float(others.size) < FALSE_ALARM:
             return True
     return False

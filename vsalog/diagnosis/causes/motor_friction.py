@@ -22,20 +22,15 @@ from vsalog.diagnosis.causes.base import (
     position_of,
     scale_of,
     size,
+    starts_of,
     with_part,
 )
 from vsalog.effects.base import CORNERED
 from vsalog.mechanics.links import link_weight
 
 DRY = frozenset({"motor.coulomb_friction", "motor.stribeck_friction"})
-# Stribeck speeds to begin with, as parts of the motor's speed.
-SPEEDS = (0.03, 0.1, 0.3, 0.8)
-# Friction rises towards rest within a filter's length: up to a tenth of the rise is averaged away.
-ROUNDED = 0.1
-# Displacements over which bristles give way, as parts of the position's, to begin with.
-BRISTLES = (3e-4, 3e-3, 3e-2)
-# Bristles give way over no less and no more than these parts of it: what never slides is a spring to the ground, not friction.
-NARROW, WIDE = 1e-5, 0.3
+# Dry friction gives way over no less than this part of what moves [1]: below it is a jump to any filter.
+LEAST_TRAVEL = 1e-5
 
 
 def with_bristles(plain: Site, setting: Setting) -> Iterator[Site]:
@@ -66,21 +61,23 @@ def with_bristles(plain: Site, setting: Setting) -> Iterator[Site]:
         return  # what does not move shows no displacement before it slides
     torque = setting.torque_size() if plain.part == "link" else scale_of(setting, plain.part)[0]
 
+    # What never slides is a spring to the ground, not friction.
+    low, high = np.log(LEAST_TRAVEL * travel), np.log(0.3 * travel)
+    begun = tuple(float(np.log(share * travel)) for share in (3e-4, 3e-3, 3e-2))
+    way = Parameter("way", "1", 0.5 * (low + high), 0.05, float(low), float(high), 1.5, shape=True, starts=begun)
+
     def apply(joint: Any, values: Sequence[float]) -> Any:
         return giving_way(joint, values, float(np.exp(values[own])))
 
     def starts(left: Remainder) -> list[tuple[float, ...]]:
         first = plain.starts(left) if plain.starts is not None else [plain.start]
         least = 0.03 * torque if plain.parameters[0].unit == "N*m" else 0.03
-        begun = [(max(s[0], least), *s[1:]) for s in first[:2]]
-        return [(*s, float(np.log(share * travel))) for s in begun for share in BRISTLES]
+        return [(max(s[0], least), *s[1:], displacement) for s in first[:2] for displacement in way.starts]
 
     def report(values: Sequence[float]) -> dict[str, tuple[float, str]]:
         stiffness = level(values) / float(np.exp(values[own]))
         return plain.reported(values[:own]) | {"presliding_stiffness": (stiffness, "N*m/rad")}
 
-    low, high = np.log(NARROW * travel), np.log(WIDE * travel)
-    way = Parameter("way", "1", 0.5 * (low + high), 0.05, float(low), float(high), 1.5, shape=True)
     yield Site(plain.cause, plain.part, (*plain.parameters, way), apply, starts, report, plain.excludes)
 
 
@@ -143,6 +140,8 @@ class MotorStribeckFriction(Cause):
             torque, speed = scale_of(setting, name)
             friction = getattr(setting.joint, name).friction
             falling = friction.stribeck_velocity or 0.1 * speed
+            # Friction rises towards rest within a filter's length: up to a tenth of the rise is averaged away.
+            rounded = 0.1
             parameters = (
                 Parameter("torque", "N*m", friction.coulomb, 1e-3 * torque, 0.0, key="friction.coulomb", scale=torque),
                 Parameter(
@@ -151,7 +150,8 @@ class MotorStribeckFriction(Cause):
                     friction.breakaway - friction.coulomb,
                     1e-3 * torque,
                     0.0,
-                    rounded=ROUNDED,
+                    rounded=rounded,
+                    starts=(0.01 * torque,),
                     key="friction.static",
                     scale=torque,
                 ),
@@ -163,16 +163,12 @@ class MotorStribeckFriction(Cause):
                     1e-3 * speed,
                     3.0 * speed,
                     0.3 * speed,
-                    rounded=ROUNDED,
+                    rounded=rounded,
                     shape=True,
+                    starts=tuple(share * speed for share in (0.03, 0.1, 0.3, 0.8)),
                 ),
             )
-
-            def starts(
-                _: Remainder, c: float = friction.coulomb, t: float = torque, v: float = speed
-            ) -> list[tuple[float, ...]]:
-                return [(c, 0.01 * t, share * v) for share in SPEEDS]
-
+            starts = starts_of(parameters)
             plain = Site(self.name, name, parameters, _stribeck(name), starts, _stribeck_report, excludes=DRY)
             yield from with_bristles(plain, setting)
 

@@ -14,11 +14,12 @@ from vsalog.diagnosis.causes.base import (
     Remainder,
     Setting,
     Site,
+    starts_of,
     suffix_of,
     transmissions_of,
     with_part,
 )
-from vsalog.diagnosis.causes.motor_friction import NARROW
+from vsalog.diagnosis.causes.motor_friction import LEAST_TRAVEL
 from vsalog.effects.base import CORNERED
 from vsalog.rig.schema import (
     AwasTransmission,
@@ -27,9 +28,6 @@ from vsalog.rig.schema import (
     PolynomialTransmission,
     SlipElement,
 )
-
-# Widths of loops to begin with, as parts of the deflection.
-WIDTHS = (5e-4, 4e-3, 0.02, 0.06, 0.2, 0.5)
 
 
 def scaled(transmission: Any, factor: float) -> Any:
@@ -97,14 +95,21 @@ class TransmissionHysteresis(_OfTransmission):
         loop = transmission.bouc_wen
         height, width = (loop.torque, loop.width) if loop is not None else (0.0, 0.1 * phi)
         # A loop may be as narrow as dry friction is.
-        low, high = float(np.log(NARROW * phi)), float(np.log(2.0 * phi))
+        low, high = float(np.log(LEAST_TRAVEL * phi)), float(np.log(2.0 * phi))
+        begun = tuple(float(np.log(share * phi)) for share in (5e-4, 4e-3, 0.02, 0.06, 0.2, 0.5))
         parameters = (
-            Parameter("torque", "N*m", height, 1e-3 * torque, 0.0, key="bouc_wen.torque", scale=torque),
-            Parameter("width", "1", float(np.log(width)), 0.02, low, high, 1.0, shape=True),
+            Parameter(
+                "torque",
+                "N*m",
+                height,
+                1e-3 * torque,
+                0.0,
+                starts=(max(height, 0.01 * torque),),
+                key="bouc_wen.torque",
+                scale=torque,
+            ),
+            Parameter("width", "1", float(np.log(width)), 0.02, low, high, 1.0, shape=True, starts=begun),
         )
-
-        def starts(_: Remainder) -> list[tuple[float, ...]]:
-            return [(max(height, 0.01 * torque), float(np.log(share * phi))) for share in WIDTHS]
 
         def apply(joint: Any, values: Sequence[float]) -> Any:
             exponent, shape = (loop.exponent, loop.shape) if loop is not None else (1.0, 1.0)
@@ -114,7 +119,7 @@ class TransmissionHysteresis(_OfTransmission):
         def report(values: Sequence[float]) -> dict[str, tuple[float, str]]:
             return {"torque": (float(values[0]), "N*m"), "width": (float(np.exp(values[1])), "rad")}
 
-        return Site(self.name, name, parameters, apply, starts, report)
+        return Site(self.name, name, parameters, apply, starts_of(parameters), report)
 
     def sites(self, setting: Setting) -> Iterator[Site]:
         """Yield one per transmission; of a bench, whose equations have no other friction, one with dry friction, too."""
@@ -128,12 +133,13 @@ def _beside_friction(loop: Site, setting: Setting) -> Site:
     """Return hysteresis with a slip element that gives way at once beside its loop."""
     name, phi, own = loop.part, setting.deflection_size(suffix_of(loop.part)), len(loop.parameters)
     step = loop.parameters[0].step
-    low, high = float(np.log(NARROW * phi)), float(np.log(WIDTHS[1] * phi))
-    travel = Parameter("slip_travel", "1", 0.5 * (low + high), 0.02, low, high, 1.0, shape=True)
+    narrowest, narrow = loop.parameters[1].starts[:2]
+    low = float(np.log(LEAST_TRAVEL * phi))
+    travel = Parameter("slip_travel", "1", 0.5 * (low + narrow), 0.02, low, narrow, 1.0, shape=True)
 
     def starts(left: Remainder) -> list[tuple[float, ...]]:
         begun = loop.starts(left) if loop.starts is not None else []
-        return [(*s, 10.0 * step, float(np.log(WIDTHS[0] * phi))) for s in begun if np.exp(s[1]) > WIDTHS[1] * phi]
+        return [(*s, 10.0 * step, narrowest) for s in begun if s[1] > narrow]
 
     def apply(joint: Any, values: Sequence[float]) -> Any:
         changed = loop.apply(joint, values[:own])

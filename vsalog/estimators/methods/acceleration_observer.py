@@ -22,7 +22,8 @@ from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimators.acceleration_group import NAME, Group, group_of
 from vsalog.estimators.accelerometer_check import accelerometer_findings
-from vsalog.estimators.device import Device, largest
+from vsalog.estimators.device import PLACES, Device, largest
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.estimators.net_torque import NetTorque, NetTorqueState, extended
 from vsalog.estimators.tuning import Positive, Tuning
 from vsalog.estimators.unfiltered import Unfiltered
@@ -46,18 +47,13 @@ Integers = NDArray[np.int64]
 
 SUMMARY = "positions, velocities and torque from motor position and link accelerations, no link encoder (De Luca 2007)"
 OWN = ("frequency", "damping", "torque", "reach")
-# The paper's bandwidth [rad/s], and the most that an observer may turn in a sample.
+# The paper's bandwidth [rad/s], and the most that an observer may turn in a sample [rad].
 PAPER_FREQUENCY, TURN_PER_SAMPLE = 250.0, 0.5
-# As fast as the paper's, unless a slower observer has so many times less noise in the deflection.
+# The observer is as fast as the paper's, unless a slower one has so many times less noise in the deflection [1].
 NOISE_WORTH = 1.5
-# Positions along the log at which the accelerometers' arms are looked at.
-POSITIONS = 50
-# What is left of the start when so many times 1/(ζ ω) have passed is nothing; and the most samples that are told apart.
-SETTLED, MOST_UNSETTLED = 30.0, 20_000
-# It is a finding when nothing is estimated for more than this share of the time.
-MASKED = 0.01
-# A deflection is believed up to so many times what the motor's largest torque and the observer's noise make of it together.
-FARTHEST = 5.0
+# A deflection is believed up to so many times what the motor's largest torque and the observer's noise make of it together [1]:
+# springs overshoot.
+LARGEST_OVERSHOOT = 5.0
 
 
 class AccelerationTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -184,14 +180,14 @@ class AccelerationFold:
     def findings(self, state: AccelerationState) -> tuple[Finding, ...]:
         """Return where the accelerations do not determine this joint's, and that the observers diverged."""
         found, joint = list(self.noticed), self.device.joint
-        if state.masked > MASKED * state.seen:
+        if state.masked > NEGLIGIBLE_SHARE * state.seen:
             found.append(
                 Finding(
                     code="acceleration.masked",
                     joint=joint,
                     severity="info",
                     value=state.masked / state.seen,
-                    limit=MASKED,
+                    limit=NEGLIGIBLE_SHARE,
                     evidence={"reach": self.tuning.reach},
                 )
             )
@@ -319,7 +315,9 @@ class AccelerationFold:
         found = []
         for i, member in enumerate(self.group.members):
             noise = self._deflection_variance(i, self.frequencies[i], float(usual[i])) ** 0.5
-            found.append(FARTHEST * (largest(signals.roles[member.view.motor_torque]) / member.motor.K + noise))
+            found.append(
+                LARGEST_OVERSHOOT * (largest(signals.roles[member.view.motor_torque]) / member.motor.K + noise)
+            )
         return np.array(found)
 
     def _deflection_variance(self, i: int, frequency: float, deviation: float) -> float:
@@ -350,7 +348,7 @@ class AccelerationFold:
         if not len(theta):
             raise EstimatorError(f"joint '{self.device.joint}': the motors' positions are never known all at once")
         found = []
-        for q in theta[np.linspace(0, len(theta) - 1, POSITIONS).astype(np.int64)]:
+        for q in theta[np.linspace(0, len(theta) - 1, PLACES).astype(np.int64)]:
             seen = axis_rows(arm, q, np.zeros_like(q))[0] / arm.row_noise[:, None]
             found.append(np.sqrt(np.diag(np.linalg.inv(seen.T @ seen + np.eye(q.size) / worst**2))))
         return np.asarray(np.median(found, axis=0))
@@ -383,10 +381,12 @@ class AccelerationFold:
         few = max(1, min(round(1.0 / (frequency * self.period)), len(theta) - 1))
         speed = rms((theta[few:] - theta[:-few]) / (few * self.period))
         start = np.array([self.noise[own.view.motor_position], rms(tau) / own.motor.K, speed, speed], dtype=np.float64)
-        count = int(np.ceil(SETTLED / (self.tuning.damping * frequency * self.period))) + 1
+        # Its error falls with 1/(ζ ω) until only rounding is left of the start.
+        forgotten = -np.log(np.finfo(np.float64).eps)
+        count = int(np.ceil(forgotten / (self.tuning.damping * frequency * self.period))) + 1
         index = self.group.place
         observer = SampledObserver(self.arm.Phi[index], self.arm.before[index], self.arm.after[index])
-        table = error_variances(observer, start, min(count, MOST_UNSETTLED))
+        table = error_variances(observer, start, min(count, ENOUGH))
         # An encoder's steps are no white noise where the motion takes them slowly.
         rounding = sensor_error(theta[:ENOUGH], 2 * few + 1).rounding
         if rounding:

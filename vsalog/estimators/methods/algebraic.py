@@ -31,7 +31,7 @@ from vsalog.estimators.known import Known, conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_behind_filters
-from vsalog.estimators.solvers import RlsSolver, least_samples
+from vsalog.estimators.solvers import FEWEST_WINDOWS, RlsSolver, least_samples
 from vsalog.estimators.tuning import RlsTuning, Seconds
 from vsalog.filters.conditioning import Conditioned, Conditioner
 from vsalog.uncertainty.errors_in_variables import RegressorNoise
@@ -43,11 +43,8 @@ Flags = NDArray[np.bool_]
 NAME = "algebraic"
 SUMMARY = "operational calculus and FIR filters on the motor's side (Ménard 2013); needs the motor's inertia, takes no derivative"
 
-# w = (s (1 − s))^POWER on 0 ≤ s ≤ 1: its first two derivatives vanish at the ends too.
+# w = (s (1 − s))^POWER on 0 ≤ s ≤ 1 [1]: its first two derivatives vanish at the ends too.
 POWER = 3
-FEWEST = 2 * POWER + 1
-# Spans without which nothing is said of the uncertainty: within one all that is left over is alike.
-SPANS = 8
 
 
 class AlgebraicTuning(RlsTuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -92,7 +89,8 @@ def build(device: Device, signals: JointSignals, tuning: AlgebraicTuning) -> Reg
     look = first_look(device, signals, tuning)
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
     equations = tuple(_equation(device, view, signals, tuning, weights, conditioner) for view in device.transmissions)
-    least = least_samples(conditioner) + SPANS * taps
+    # Within a span all that is left over is alike, as within a filter's window.
+    least = least_samples(conditioner) + FEWEST_WINDOWS * taps
     solver = RlsSolver(
         tuning.initial_covariance(device, signals, 0.01, second=True), tuning.c, least, max(BOX, taps // 4)
     )
@@ -118,8 +116,8 @@ def fir_weights(taps: int, period: float) -> Array:
 
 def _check_span(signals: JointSignals, span: float, taps: int) -> None:
     longest = signals.longest_run
-    if taps < FEWEST:
-        least = (FEWEST - 1) * signals.period
+    if taps <= 2 * POWER:
+        least = 2 * POWER * signals.period
         raise FilterError(
             f"{NAME}: a span of {span:.3g} s holds {taps} samples at {1.0 / signals.period:.4g} Hz, which is too few; give"
             f" --tune span={least:.2g} or more"

@@ -19,11 +19,8 @@ from vsalog.estimators.methods.residual_rls import sensor_equations, sensor_role
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.solvers import QrSolver, RlsSolver, least_samples
-from vsalog.estimators.tuning import RlsTuning
+from vsalog.estimators.tuning import LARGEST, RlsTuning
 from vsalog.estimators.windows import keeping_window
-
-# Of a prior covariance; the product of two small numbers must not become zero.
-LEAST = 1e-200
 
 NAME = "direct"
 SUMMARY = "deflection and torque sensor alone, no motor data; RLS or QR-RLS"
@@ -65,7 +62,7 @@ def build(device: Device, signals: JointSignals, tuning: DirectTuning) -> Regres
     conditioner = conditioner_of(device, signals, tuning, needed, motor=False)
     p0, least = tuning.initial_covariance(device, signals, 1e-4), least_samples(conditioner)
     solver = (
-        QrSolver(tuning.forgetting, 0, max(tuning.c * p0, LEAST), least=least)
+        QrSolver(tuning.forgetting, 0, max(tuning.c * p0, LARGEST**-4), least=least)  # the product must not become zero
         if tuning.solver == "qr"
         else RlsSolver(p0, tuning.c, least)
     )

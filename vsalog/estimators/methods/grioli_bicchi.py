@@ -18,6 +18,7 @@ from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.borne_torque import BorneTorque, LoadFriction, carried_by, effects_left_in
 from vsalog.estimators.device import Device, TransmissionView
+from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.first_look import FirstLook, first_look
 from vsalog.estimators.folding import estimated
 from vsalog.estimators.following import ObserverFold, ObserverState, ObserverTuning
@@ -31,9 +32,6 @@ from vsalog.uncertainty.shift import change
 
 NAME = "grioli-bicchi"
 SUMMARY = "stiffness observer without torque sensor or basis (Grioli and Bicchi 2010); needs the motor's inertia, or the link's"
-
-# The shortest window with which the stiffness is known to this share is taken.
-GOOD = 0.1
 
 
 class GrioliBicchiTuning(ObserverTuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -112,8 +110,8 @@ def build(device: Device, signals: JointSignals, tuning: GrioliBicchiTuning) -> 
         share = claimed_share(fold(window, part), part)
         if share < least:
             best, least = window, share
-        if share <= GOOD:
-            break
+        if share <= 0.5 * SUPPORTED_SHARE:
+            break  # a longer one follows less
     found = fold(best, signals)
     shorter = best // 2 | 1
     if tuning.window is None and shorter > tuning.degree + 1:

@@ -22,9 +22,10 @@ from vsalog.core.trace import Trace
 from vsalog.estimators.averaged import Averaged, averaged
 from vsalog.estimators.borne_torque import Weight, carried_by, effects_left_in
 from vsalog.estimators.device import Device, deflection_of
+from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.following import (
-    FILLED,
+    FILLED_MEMORY,
     MEMORIES,
     Columns,
     ObserverTuning,
@@ -44,18 +45,10 @@ Flags = NDArray[np.bool_]
 
 NAME = "impedance-coupled"
 SUMMARY = "stiffness, link inertia and damping in one loop, from a measured push (Serio 2011, §III-A); for comparison"
-# Another loop begins with so many times the guessed inertia, and without damping: where both do not meet, neither is right.
+# Another loop begins with so many times the guessed inertia [1], and without damping: where both do not meet, neither is right.
 ANOTHER_GUESS = 2.0
-# They have met when their inertias differ by less than this share.
-MET = 0.1
-# The link's position is differentiated so often.
-HIGHEST = 3
-# No noise and no guess is smaller.
-LEAST = 1e-12
-# What is all noise is counted as this part of it.
-NEARLY_ALL = 0.999
-# Values before the first sample of a run.
-UNKNOWN = (np.nan,) * 4
+# The link's position is differentiated so often [1].
+JERK = 3
 
 
 class ImpedanceCoupledTuning(ObserverTuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -76,6 +69,7 @@ class ImpedanceCoupledTuning(ObserverTuning, frozen=True, forbid_unknown_fields=
 
 
 TUNING = ImpedanceCoupledTuning
+BEFORE_A_RUN = tuple(np.full(4, np.nan))
 
 
 def roles(device: Device, offered: Collection[str], tuning: ImpedanceCoupledTuning) -> tuple[str, ...]:
@@ -130,7 +124,7 @@ class ImpedanceCoupledState:
 
     filters: DerivativesState
     loops: tuple[CoupledState, ...]
-    last: tuple[float, ...] = UNKNOWN
+    last: tuple[float, ...] = BEFORE_A_RUN
 
 
 class ImpedanceCoupledFold:
@@ -153,21 +147,23 @@ class ImpedanceCoupledFold:
         self.look = first_look(device, signals, tuning)
         tuning = with_window(tuning, signals, quiet_window(device, signals, tuning))
         orders = dict.fromkeys((*self.view.deflection_roles(signals.roles), "external_torque"), 1) | {
-            "link_position": HIGHEST
+            "link_position": JERK
         }
         self.conditioner = Derivatives(orders, signals.period, tuning.window_for(signals), tuning.degree)
         self.difference = tuning.derivative == "difference"
         whole = self.conditioner.whole(signals)
-        motion, _ = self._motion(whole, UNKNOWN)
+        motion, _ = self._motion(whole, BEFORE_A_RUN)
         known = Motion(*(v[motion.use] for v in motion))
         speed = typical_speed(device, [Rates(known.f, known.deflection)])
         # A filter's window makes so many neighbouring samples one.
         rate = unexplained(known) * self.conditioner.window**0.5
         sizes = [float(np.sqrt(np.mean(v**2))) for v in (known.jerk, known.acceleration, known.deflection)]
-        inertia = max(self.guess[0], LEAST)
+        # Neither noise nor a guess is nothing.
+        least = float(np.finfo(np.float64).eps)
+        inertia = max(self.guess[0], least)
         # A damping may be guessed to be none: it is then as doubtful as that which would move the link as its inertia does.
         damping = self.guess[1] or inertia * sizes[0] / sizes[1]
-        self.noise = CoupledNoise(max(rate, LEAST), inertia, damping, tuning.wander, FILLED)
+        self.noise = CoupledNoise(max(rate, least), inertia, damping, tuning.wander, FILLED_MEMORY)
         self.alpha = tuning.alpha if tuning.alpha is not None else self._best_alpha(known, speed)
         self.average = self._average_of(signals, self._deflection(whole)[motion.use], known)
         # What the spring is beside its average goes into the link, as far as φ̇ looks like q⃛ or q̈: it may altogether.
@@ -203,13 +199,14 @@ class ImpedanceCoupledFold:
         """Return, among others, whether the loop depends on what it began with."""
         found = [*self.look.findings, *effects_left_in(NAME, self.device)]
         inertia, other = float(state.loops[0].link[0]), float(state.loops[2].link[0])
-        if inertia <= 0.0 or abs(inertia - other) > MET * inertia:
+        limit = 0.5 * SUPPORTED_SHARE * max(inertia, 0.0)
+        if inertia <= 0.0 or abs(inertia - other) > limit:
             found.append(
                 Finding(
                     code="link.guess_matters",
                     joint=self.device.joint,
                     value=abs(inertia - other),
-                    limit=max(MET * inertia, 0.0),
+                    limit=limit,
                     unit="kg*m^2",
                     evidence={
                         "guess": self.guess[0],
@@ -250,7 +247,7 @@ class ImpedanceCoupledFold:
         loops, last, traces = state.loops, state.last, []
         for part in ready:
             if len(part.rows) and part.rows.starts[0]:
-                last = UNKNOWN
+                last = BEFORE_A_RUN
             motion, last = self._motion(part, last)
             loops, own = self._columns(loops, motion, part)
             name = self.view.name
@@ -278,7 +275,7 @@ class ImpedanceCoupledFold:
         taken = link[:, 0] * part.of["link_position"][2] + link[:, 1] * part.of["link_position"][1]
         torque = part.of["external_torque"][0] - self._weighs(part) - taken
         known = bool(np.all(self.noisy < LOUD**2)) and not self.look.blind
-        supported = motion.use & (learnt >= FILLED) & (link[:, 0] > 0.0) & known
+        supported = motion.use & (learnt >= FILLED_MEMORY) & (link[:, 0] > 0.0) & known
         spread = np.sqrt(
             link[:, 2:] ** 2
             + (other[:, :2] - link[:, :2]) ** 2
@@ -330,11 +327,11 @@ class ImpedanceCoupledFold:
         return float(1.0 / (MEMORIES[int(np.argmin(off))] * speed))
 
     def _noisy(self, signals: JointSignals, sizes: Sequence[float]) -> Array:
-        """Return which share of the power of q⃛, q̈ and φ̇ is noise, below 1."""
+        """Return which share of the power of q⃛, q̈ and φ̇ is noise."""
         q, weights = signals.roles["link_position"], self.conditioner.weights
         added = [sensor_error(q[:ENOUGH], self.conditioner.window).rms(w) for w in (weights[3], weights[2])]
         _, (noise,) = rates_of(self.device, signals[:ENOUGH], weights[:2])
-        return np.minimum(np.array([*added, noise]) / sizes, NEARLY_ALL) ** 2
+        return np.minimum(np.array([*added, noise]) / sizes, 1.0) ** 2
 
     def _deflection(self, part: Differentiated) -> Array:
         return deflection_of({role: values[0] for role, values in part.of.items()}, self.view)
@@ -357,15 +354,15 @@ def quiet_window(device: Device, signals: JointSignals, tuning: ImpedanceCoupled
 
     Where none does, that of those quiet in φ̇ behind which the least part of q⃛ is noise.
     """
-    windows, shares, kept = suitable_windows(device, signals, tuning, HIGHEST), [], -np.inf
+    windows, shares, kept = suitable_windows(device, signals, tuning, JERK), [], -np.inf
     q = signals.roles["link_position"][:ENOUGH]
     for window in windows:
-        weights = derivative_weights(window, tuning.degree, HIGHEST, signals.period)[3:]
+        weights = derivative_weights(window, tuning.degree, JERK, signals.period)[3:]
         jerk, noise = rms(savgol_filter(q, weights)[0]), sensor_error(q, window).rms(weights[0])
         motion = jerk**2 - noise**2
         if motion < kept:
             break
-        shares.append(noise / max(jerk, noise, LEAST))
+        shares.append(noise / (max(jerk, noise) or 1.0))
         if shares[-1] <= QUIET:
             break
         if shares[-1] <= LOUD:

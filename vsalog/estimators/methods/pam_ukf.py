@@ -21,18 +21,20 @@ from vsalog.core.finding import Finding
 from vsalog.core.model import JointModel, basis_spec
 from vsalog.core.resolution import sensor_noise
 from vsalog.core.signals import JointSignals
+from vsalog.core.significance import DETECTED_OF_MANY
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device
 from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.needs import require
 from vsalog.estimators.pam_linear import LinearPamFold
-from vsalog.estimators.pam_models import ModelName, as_if
+from vsalog.estimators.pam_models import PRINTED, ModelName, as_if
 from vsalog.estimators.pam_noise import PamNoise, pam_noise
-from vsalog.estimators.pam_states import ANGLE, PRESSURE_1, PRESSURE_2, VELOCITY, PamFold, PamState
+from vsalog.estimators.pam_states import Column, PamFold, PamState
 from vsalog.estimators.region import lengths
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.unfiltered import Unfiltered
 from vsalog.filters.square_root_ukf import UnscentedTrace
+from vsalog.uncertainty.sensor_error import LEAST_NOISE
 
 Array = NDArray[np.float64]
 
@@ -40,25 +42,18 @@ NAME = "pam-ukf"
 SUMMARY = "angle, torque and stiffness of pneumatic muscles from their pressures alone (Shin 2021)"
 PRESSURES = ("pressure_1", "pressure_2")
 OTHERS = ("valve_1", "valve_2", "external_torque")
-# A sensor without any noise has some: this part of its largest value.
-LEAST_NOISE = 1e-6
-
 OWN = ("air", "model", "flow", "force", "friction", "covariances")
 
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
-# A pressure below that outside, which no valve can bring about: so far below (share of it) is no offset of a sensor; and so
-# many deviations of the noise are no noise, nor is this share of the outside pressure a sensor's or the weather's.
-NO_OFFSET, NO_NOISE, NO_WEATHER = 0.1, 5.0, 0.02
+# A pressure below that outside, which no valve can bring about, by more than the weather changes, and by more than a sensor's
+# offset [1], shares of that outside.
+WEATHER, LARGEST_OFFSET = 0.02, 0.1
 
-# A linear flow has one slope where the orifice into the muscle and that out of it have one each; and it never chokes. How far
-# its flow is believed, at most.
-LINEAR_FLOW = 0.25
-
-# Shin §IV: R = diag(1e8, 1e8) and, of ψ, ψ̇, P₁, P₂, P(0) = Q = diag(1e-5, 1e-4, 1e6, 1e6), in Pa, rad and s.
-# As deviations of P₁, P₂ and of P₁, P₂, ψ, ψ̇:
-PRINTED_SENSOR, PRINTED_STATE = (1e4, 1e4), (1e3, 1e3, 1e-5**0.5, 1e-2)
+# A linear flow has one slope where the orifice into the muscle and that out of it have one each; and it never chokes. It is off
+# by this share, at least [1].
+LINEAR_FLOW_ERROR = 0.25
 
 
 class PamTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -133,7 +128,7 @@ def estimate_of(name: str, device: Device, signals: JointSignals, tuning: PamTun
         below += _below_outside(role, finite, sensors[-1], device)
     pressures = middle[0], middle[1]
     joint = as_if(device.pneumatic, tuning.model, pressures)
-    flow = max(tuning.flow, LINEAR_FLOW) if tuning.model == "linear" else tuning.flow
+    flow = max(tuning.flow, LINEAR_FLOW_ERROR) if tuning.model == "linear" else tuning.flow
     noise = pam_noise(
         joint, signals.period, pressures, (sensors[0], sensors[1]), flow=flow, force=tuning.force,
         friction=tuning.friction,
@@ -141,9 +136,9 @@ def estimate_of(name: str, device: Device, signals: JointSignals, tuning: PamTun
     if tuning.covariances == "printed":
         # A joint that is held stays there, whatever noise a free one is given.
         free = 1.0 if joint.seesaw.held_at is None else 0.0
-        angle, velocity = free * PRINTED_STATE[2], free * PRINTED_STATE[3]
+        of_pressures, angle, velocity = PRINTED.state[:2], free * PRINTED.state[2], free * PRINTED.state[3]
         noise = replace(
-            noise, pressure=PRINTED_SENSOR, process=(*PRINTED_STATE[:2], angle, velocity), start=(angle, velocity)
+            noise, pressure=PRINTED.sensor, process=(*of_pressures, angle, velocity), start=(angle, velocity)
         )
     fold: PamFold
     if tuning.model == "linear":
@@ -163,10 +158,10 @@ def _below_outside(role: str, pressure: Array, noise: float, device: Device) -> 
     """
     assert device.pneumatic is not None
     outside, least = device.pneumatic.air.outside_pressure, float(np.min(pressure))
-    limit = outside - max(NO_NOISE * noise, NO_WEATHER * outside)
+    limit = outside - max(DETECTED_OF_MANY * noise, WEATHER * outside)
     if least > limit:
         return []
-    if least < (1.0 - NO_OFFSET) * outside:
+    if least < (1.0 - LARGEST_OFFSET) * outside:
         raise EstimatorError(
             f"joint '{device.joint}': {role} falls to {least / 1e3:.4g} kPa, below the {outside / 1e3:.4g} kPa outside,"
             " which no valve brings about: it is not absolute. A signal of the rig may have an offset, what the sensor says at"
@@ -274,9 +269,9 @@ class PamEstimate:
         with np.errstate(invalid="ignore"):
             excited = np.isfinite(sigma) & ~lost & (std < SUPPORTED_SHARE * np.abs(sigma))
         states = (
-            ("link_position", ANGLE),
-            ("link_velocity", VELOCITY),
-            *zip(PRESSURES, (PRESSURE_1, PRESSURE_2), strict=True),
+            ("link_position", Column.ANGLE),
+            ("link_velocity", Column.VELOCITY),
+            *zip(PRESSURES, (Column.PRESSURE_1, Column.PRESSURE_2), strict=True),
         )
         extra = {name: found.x[:, i] for name, i in states} | {f"{name}_std": deviation[:, i] for name, i in states}
         # Where the filter has lost the joint, or nobody says what a muscle does, nothing is told: a number would look like one.
@@ -324,9 +319,9 @@ def _blind(rows: JointSignals, correct: bool) -> NDArray[np.bool_]:
 
 def _anywhere(found: UnscentedTrace) -> NDArray[np.bool_]:
     """Return where the joint may be further than a quarter turn from its middle, beyond which no seesaw turns, by the filter."""
-    deviation = np.sqrt(np.einsum("nj,nj->n", found.S[:, ANGLE], found.S[:, ANGLE]))
+    deviation = np.sqrt(np.einsum("nj,nj->n", found.S[:, Column.ANGLE], found.S[:, Column.ANGLE]))
     with np.errstate(invalid="ignore"):
-        return np.asarray(np.abs(found.x[:, ANGLE]) + deviation > 0.5 * np.pi)
+        return np.asarray(np.abs(found.x[:, Column.ANGLE]) + deviation > 0.5 * np.pi)
 
 
 def _told(deviation: Array) -> Array:

@@ -15,7 +15,9 @@ from msgspec import Meta
 from vsalog.core.finding import Finding
 from vsalog.core.resolution import sensor_noise
 from vsalog.core.signals import JointSignals
+from vsalog.core.significance import DETECTED_OF_MANY
 from vsalog.estimators.device import Device, TransmissionView
+from vsalog.estimators.equation import REPORTED_CHANGE
 from vsalog.estimators.equations import IntegratedMotorEquation
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.fold_state import FoldState
@@ -33,9 +35,9 @@ from vsalog.uncertainty.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
 NAME = "qr-rls"
 SUMMARY = "integrated motor equation and QR-RLS (Flacco 2014); estimates motor inertia and damping too"
 
-# p0 times the usual regressor squared. Stronger, and the prior shows until the deflection has been through its range;
+# p0 times the usual regressor squared [1]. Stronger, and the prior shows until the deflection has been through its range;
 # weaker, and a direction that noise alone moves runs away in the first seconds.
-WEAK = 2e5
+PRIOR_VARIANCE = 2e5
 
 
 class QrRlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -54,9 +56,6 @@ class QrRlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True)
 
 TUNING = QrRlsTuning
 
-# A motor's inertia that differs from the rig's by so much, and by so many of its deviations, is a finding.
-ANOTHER, SURE = 0.05, 5.0
-
 
 class IntegratedFold(RegressionFold):
     """The least-squares fold, with what the motor's own inertia tells: it is known to the rig and found in the log."""
@@ -71,7 +70,7 @@ class IntegratedFold(RegressionFold):
             view = equation.transmissions[0]
             unknowns, covariance, _ = self.solver.solution(solver_state)
             found, std, rig = float(unknowns[1]), float(covariance[1, 1]) ** 0.5, view.motor.reflected_inertia
-            if rig is not None and abs(found - rig) > (limit := max(ANOTHER * rig, SURE * std)):
+            if rig is not None and abs(found - rig) > (limit := max(REPORTED_CHANGE * rig, DETECTED_OF_MANY * std)):
                 another.append(
                     Finding(
                         code="motor.inertia_differs",
@@ -104,7 +103,7 @@ def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> Integra
     """Assemble the estimator for a joint's signals."""
     look = first_look(device, signals, tuning)
     tuning = motor_window(device, signals, tuning)
-    p0 = tuning.p0 if tuning.p0 is not None else WEAK / usual_regressor(device, signals) ** 2
+    p0 = tuning.p0 if tuning.p0 is not None else PRIOR_VARIANCE / usual_regressor(device, signals) ** 2
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
     leading = IntegratedMotorEquation.leading
     solver = QrSolver(tuning.forgetting, leading, p0, integral=True, least=least_samples(conditioner))

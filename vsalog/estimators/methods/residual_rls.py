@@ -23,17 +23,15 @@ from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_for_residual, noise_for_torque, regressor_noise
 from vsalog.estimators.solvers import RlsSolver, least_samples
-from vsalog.estimators.tuning import Modality, Positive, RlsTuning, Tuning
+from vsalog.estimators.tuning import LARGEST, Modality, Positive, RlsTuning, Tuning
 from vsalog.estimators.windows import WINDOWS, keeping_window, motor_window
 from vsalog.filters.conditioning import Conditioned, Conditioner
 from vsalog.filters.savitzky_golay import savgol_cutoff
 from vsalog.mechanics.transmissions import flexibility_torque
 from vsalog.rig.schema import UnknownTransmission
 
-# No motor's inertia, damping or gear ratio is larger, in SI.
-HUGEST = 1e30
-# Than the filter before it the residual is so much faster.
-FASTER = 3.0
+# Bandwidth of the residual over that of the filter before it [1], which then decides what passes.
+RESIDUAL_BANDWIDTH = 3.0
 
 NAME = "residual-rls"
 SUMMARY = "motor-side residual and enhanced RLS (Flacco 2012); needs the motor's inertia, no torque sensor"
@@ -115,7 +113,7 @@ def _bandwidth(signals: JointSignals, tuning: ResidualRlsTuning) -> float:
         window = WINDOWS[0] if tuning.window is None else round(tuning.window / signals.period) + 1
         # A window longer than the log is refused with the filter.
         window = min(window, signals.longest_run)
-        return FASTER * savgol_cutoff(max(window, tuning.degree + 1), tuning.degree) / signals.period
+        return RESIDUAL_BANDWIDTH * savgol_cutoff(max(window, tuning.degree + 1), tuning.degree) / signals.period
     slowest, fastest = 1.0 / (signals.longest_run * signals.period), np.pi / signals.period
     if not slowest <= tuning.bandwidth <= fastest:
         raise EstimatorError(
@@ -182,7 +180,7 @@ def _residual(
     motor = "motor" if len(device.transmissions) == 1 else f"motor_{view.name}"
     for name in ("inertia", "damping", "gear_ratio"):
         value = getattr(view.motor, name)
-        if value is not None and value > HUGEST:
+        if value is not None and value > LARGEST:
             raise EstimatorError(
                 f"joint '{device.joint}': a motor's {name} of {value:.3g} cannot be: correct [joint.{device.joint}.{motor}]"
                 f" {name} in the rig"

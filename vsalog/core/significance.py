@@ -1,0 +1,36 @@
+"""How sure a conclusion has to be: stated probabilities, and the normal deviates and numbers of draws that follow from them."""
+
+from __future__ import annotations
+
+from statistics import NormalDist
+
+SIGNIFICANCE = 0.05
+"""Probability with which an interval or a band does not cover what it is of [1]: the convention, 95 % intervals."""
+
+FALSE_ALARM = 1e-3
+"""Probability with which one test of a log finds by chance what is not there [1]: of a thousand logs one."""
+
+FALSE_ALARM_OF_MANY = 1e-6
+"""The same of each of many tests [1], as of every channel, transmission and stretch of thousands of logs."""
+
+
+def two_sided(tail: float) -> float:
+    """Return how many standard deviations a normal variable exceeds, to either side, with a probability."""
+    return NormalDist().inv_cdf(1.0 - 0.5 * tail)
+
+
+def one_sided(tail: float) -> float:
+    """Return how many standard deviations a normal variable exceeds, to one side, with a probability."""
+    return NormalDist().inv_cdf(1.0 - tail)
+
+
+def draws_for(tail: float) -> int:
+    """Return with how many draws, the data's own among them, a permutation test can give a p-value as small as that."""
+    return round(1.0 / tail)
+
+
+INTERVAL = two_sided(SIGNIFICANCE)
+INTERVAL_BELOW = one_sided(SIGNIFICANCE)
+DETECTED = two_sided(FALSE_ALARM)
+DETECTED_OF_MANY = two_sided(FALSE_ALARM_OF_MANY)
+DRAWS = draws_for(FALSE_ALARM)
