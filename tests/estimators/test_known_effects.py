@@ -16,7 +16,7 @@ from vsalog.core.trace import Trace
 from vsalog.estimation.joint import choose, estimate_joint
 from vsalog.estimators.device import device_of
 from vsalog.estimators.registry import method
-from vsalog.estimators.torque import loaded_residual_block, residual_block
+from vsalog.estimators.torque import residual_block
 from vsalog.estimators.tuning import read_tuning
 from vsalog.rig import Rig
 from vsalog.rig.schema import BoucWen, Cogging, Friction, SlipElement
@@ -193,7 +193,7 @@ def test_friction_that_grows_with_the_torque_is_the_residual_s_own():
     way, use = np.clip(3.0 * np.sin(np.arange(count) * 0.01), -1.0, 1.0), np.ones(count, bool)
     use[700:705] = False
     start = np.full(3, np.nan)
-    _, r = loaded_residual_block(start, theta, rate, tau, beside, way, use, *setting, load, 300.0, 1e-3)
+    _, r = residual_block(start, theta, rate, tau, use, *setting, 300.0, 1e-3, load, beside, way)
     _, plain = residual_block(start, theta, rate, tau - load * np.abs(r + beside) * way, use, *setting, 300.0, 1e-3)
     np.testing.assert_allclose(plain, r, atol=1e-9)
     assert np.sign(r[use]).min() < 0.0 < np.sign(r[use]).max()

@@ -4,5 +4,5 @@ from __future__ import annotations
 
 import numpy as np
 
-ROUNDING = float(np.finfo(np.float64).eps) ** 0.5
+ROUNDING: float = float(np.finfo(np.float64).eps) ** 0.5
 """Part of a number below which it is rounding [1]: half of a double's digits, which differences and normal equations keep."""

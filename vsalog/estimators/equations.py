@@ -13,7 +13,7 @@ from vsalog.core.basis import PolynomialBasis
 from vsalog.estimators.device import TransmissionView, deflection_of
 from vsalog.estimators.equation import EquationRows
 from vsalog.estimators.known import Known
-from vsalog.estimators.torque import integral_block, lag_block, loaded_residual_block, residual_block
+from vsalog.estimators.torque import integral_block, lag_block, residual_block
 from vsalog.filters.conditioning import Conditioned
 from vsalog.uncertainty.errors_in_variables import RegressorNoise
 
@@ -171,13 +171,10 @@ class ResidualEquation(OfOneTransmission):
         after, beside, doubt = known.block(state[2], block)
         use &= np.isfinite(beside)
         lagged = lag_block(state[3], doubt[:, None], use, self.bandwidth, self.period)
-        tau = tau + beside
-        if known.load > 0.0:
-            new, r_e = loaded_residual_block(
-                state[0], theta, velocity, tau, beside, known.way(block), use, *motor, known.load, self.bandwidth, self.period
-            )  # fmt: skip
-        else:
-            new, r_e = residual_block(state[0], theta, velocity, tau, use, *motor, self.bandwidth, self.period)
+        loaded = (known.load, beside, known.way(block)) if known.load > 0.0 else ()
+        new, r_e = residual_block(
+            state[0], theta, velocity, tau + beside, use, *motor, self.bandwidth, self.period, *loaded
+        )
         return new, r_e, after, lagged
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
-from vsalog.core.model import JointModel, basis_spec
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimators.averaged import Averaged, averaged
@@ -23,6 +22,7 @@ from vsalog.estimators.device import Device, spread
 from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.first_look import FirstLook
 from vsalog.estimators.rates import Rates, prediction_error, typical_speed
+from vsalog.estimators.state_observer import StateObserver
 from vsalog.estimators.tuning import Positive, Tuning
 from vsalog.filters.derivatives import Derivatives, DerivativesState, Differentiated
 from vsalog.filters.stiffness_observer import observe_stiffness, observer_start
@@ -86,7 +86,7 @@ class ObserverState:
     beside: Any = None
 
 
-class ObserverFold:
+class ObserverFold(StateObserver):
     """The observer of each transmission as an estimator: a fold over blocks of signals that gives a trace.
 
     Parameters
@@ -104,8 +104,6 @@ class ObserverFold:
     EstimatorError
         The deflection never changes.
     """
-
-    passes = 1
 
     def __init__(
         self, name: str, modality: str, device: Device, signals: JointSignals, tuning: ObserverTuning,
@@ -137,10 +135,6 @@ class ObserverFold:
         observers = {t.view.name: Observers(*(observer_start() for _ in Observers._fields)) for t in self.torques}
         return ObserverState(self.conditioner.start(), observers, beside=self.start_beside())
 
-    def freeze(self, state: ObserverState) -> ObserverState:
-        """Go back to the first sample."""
-        return self.start()
-
     def step(self, state: ObserverState, block: JointSignals) -> tuple[ObserverState, list[Trace]]:
         """Take a block of samples; give the new state and the trace of the rows that are ready."""
         return self._follow(state, *self.conditioner.step(state.filters, block))
@@ -152,12 +146,6 @@ class ObserverFold:
     def findings(self, state: ObserverState) -> tuple[Finding, ...]:
         """Return what a person should know of what was learnt."""
         return self.look.findings
-
-    def model(self, state: ObserverState) -> JointModel:
-        """Return a model without transmissions: the stiffness is followed, not modelled."""
-        return JointModel(
-            estimator=self.name, modality=self.modality, basis=basis_spec(self.device.basis), transmission=(), motor={}
-        )
 
     def start_beside(self) -> Any:
         """Return the state, before the first sample, of what a method estimates beside the stiffness."""

@@ -52,6 +52,32 @@ def require(name: str, device: Device, needed: Collection[str], offered: Collect
         )
 
 
+def torque_roles(name: str, device: Device, offered: Collection[str], modality: str) -> tuple[str, ...]:
+    """Return the roles of deflections and of what tells their torque; refuse where one is missing, as `require`.
+
+    Parameters
+    ----------
+    name, device, offered : of the method and the joint
+    modality : SENSOR where torques are measured, MODEL where they follow from the deflection; else motors tell them
+    """
+    needed: list[str] = []
+    for view in device.transmissions:
+        needed += deflection_roles(device, view, offered)
+        if modality == "SENSOR":
+            needed.append(sensor_role(view, offered))
+        elif modality != "MODEL":
+            needed += [view.motor_position, view.motor_torque]
+    require(name, device, needed, offered)
+    return tuple(dict.fromkeys(needed))
+
+
+def sensor_role(view: TransmissionView, offered: Collection[str]) -> str:
+    """Return the transmission's own torque sensor, or the joint's where that is the only one."""
+    if view.torque_sensor not in offered and "torque_sensor" in offered:
+        return "torque_sensor"
+    return view.torque_sensor
+
+
 def deflection_roles(device: Device, view: TransmissionView, offered: Collection[str]) -> tuple[str, ...]:
     """Return the roles that give the deflection, and the set-point where the device has one."""
     roles = view.deflection_roles(offered)

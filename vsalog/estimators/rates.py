@@ -46,7 +46,7 @@ class RateNoise(NamedTuple):
         either is, is known as well as a variance of so many batches.
         """
         softer = self.deflection * stiffness
-        known = (2.0 / ENOUGH_BATCHES) ** 0.5
+        known = float((2.0 / ENOUGH_BATCHES) ** 0.5)
         return np.abs(self.shared - softer) + known * (abs(self.shared) + np.abs(softer))
 
 

@@ -11,9 +11,14 @@ Flags = NDArray[np.bool_]
 
 
 def residual_block(
-    state: Array, theta: Array, theta_dot: Array, tau: Array, use: Flags, B: float, D: float, K_I: float, T: float
-) -> tuple[Array, Array]:
+    state: Array, theta: Array, theta_dot: Array, tau: Array, use: Flags, B: float, D: float, K_I: float, T: float,
+    load: float = 0.0, beside: Array | None = None, way: Array | None = None,
+) -> tuple[Array, Array]:  # fmt: skip
     """Residual r_e: a first-order filtered flexibility torque, from motor position, velocity and torque (Flacco 2012 eq. 17).
+
+    Of a motor whose friction grows with the transmitted torque, load · |τ_e + beside| · way is taken off too. That torque is the
+    residual's own, so that r = known + κ |r + beside| with κ = T K_I load way / (2 + T K_I); its one solution is
+    r + beside = (known + beside) / (1 ∓ κ), with − where known + beside ≥ 0.
 
     Parameters
     ----------
@@ -23,38 +28,17 @@ def residual_block(
     B, D : reflected motor inertia [kg·m²] and damping [N·m·s/rad]
     K_I : bandwidth [rad/s]
     T : period [s]
-
-    Returns
-    -------
-    state, r_e (N,) [N·m]; NaN where `use` is false
-    """
-    new, out = state.copy(), np.empty_like(theta)
-    _residual(theta, theta_dot, tau, use, B, D, K_I, T, new, out)
-    return new, out
-
-
-def loaded_residual_block(
-    state: Array, theta: Array, theta_dot: Array, tau: Array, beside: Array, way: Array, use: Flags,
-    B: float, D: float, load: float, K_I: float, T: float,
-) -> tuple[Array, Array]:  # fmt: skip
-    """Residual of a motor whose friction grows with the transmitted torque: load · |τ_e + beside| · way is taken off too.
-
-    The torque it grows with is the residual's own, so that r = known + κ |r + beside| with κ = T K_I load way / (2 + T K_I); its
-    one solution is r + beside = (known + beside) / (1 ∓ κ), with − where known + beside ≥ 0.
-
-    Parameters
-    ----------
+    load : share of the transmitted torque's size that rubs, below 1
     beside : shape (N,), what the transmission transmits beside its spring's torque; it is in `tau` already [N·m]
     way : shape (N,), −1 to 1, which way friction acts
-    load : below 1
-    others : as for `residual_block`
 
     Returns
     -------
     state, r_e (N,) [N·m]; NaN where `use` is false
     """
-    new, out = state.copy(), np.empty_like(theta)
-    _loaded_residual(theta, theta_dot, tau, beside, way, use, B, D, load, K_I, T, new, out)
+    new, out, nothing = state.copy(), np.empty_like(theta), np.zeros_like(theta)
+    beside, way = (nothing if given is None else given for given in (beside, way))
+    _residual(theta, theta_dot, tau, beside, way, use, B, D, load, K_I, T, new, out)
     return new, out
 
 
@@ -82,34 +66,6 @@ def integral_block(state: Array, x: Array, use: Flags, T: float) -> tuple[Array,
 
 @njit(cache=True)
 def _residual(
-    theta: Array,
-    theta_dot: Array,
-    tau: Array,
-    use: Flags,
-    B: float,
-    D: float,
-    K_I: float,
-    T: float,
-    state: Array,
-    out: Array,
-) -> None:
-    a, b = (2.0 - T * K_I) / (2.0 + T * K_I), 2.0 * K_I / (2.0 + T * K_I)
-    r, momentum, torque = state[0], state[1], state[2]
-    for k in range(theta.shape[0]):
-        if not use[k]:
-            r = np.nan
-            out[k] = np.nan
-            continue
-        p = B * theta_dot[k] + D * theta[k]
-        # Eq. 17 in increments: the integral of τ would otherwise grow without bound and lose digits.
-        r = 0.0 if np.isnan(r) else a * r + b * (p - momentum - 0.5 * T * (tau[k] + torque))
-        momentum, torque = p, tau[k]
-        out[k] = r
-    state[0], state[1], state[2] = r, momentum, torque
-
-
-@njit(cache=True)
-def _loaded_residual(
     theta: Array, theta_dot: Array, tau: Array, beside: Array, way: Array, use: Flags,
     B: float, D: float, load: float, K_I: float, T: float, state: Array, out: Array,
 ) -> None:  # fmt: skip
@@ -125,6 +81,7 @@ def _loaded_residual(
             r = 0.0
         else:
             kappa = 0.5 * T * b * share
+            # Eq. 17 in increments: the integral of τ would otherwise grow without bound and lose digits.
             carried = a * r + b * (p - momentum - 0.5 * T * (tau[k] + torque)) + beside[k]
             r = carried / (1.0 - kappa if carried >= 0.0 else 1.0 + kappa) - beside[k]
         momentum, torque = p, tau[k] - share * abs(r + beside[k])

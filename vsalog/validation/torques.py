@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView
 from vsalog.estimators.known import Known, known_of
-from vsalog.estimators.methods.residual_rls import sensor_role
+from vsalog.estimators.needs import sensor_role
 from vsalog.estimators.net_torque import way_role
-from vsalog.estimators.torque import lag_block, loaded_residual_block, residual_block
+from vsalog.estimators.torque import lag_block, residual_block
 from vsalog.filters.conditioning import Conditioned
 from vsalog.validation.references import BANDWIDTH, Smoothed, runs_of, tuning_of
 
@@ -44,14 +44,8 @@ def residual(device: Device, view: TransmissionView, s: Smoothed, signals: Joint
         return residual_block(begin, theta, rate, tau, use, *motor, BANDWIDTH, signals.period)[1]
     beside, doubt = _beside(known, s, signals)
     use &= np.isfinite(beside) & np.isfinite(doubt)
-    tau = tau + beside
-    if known.load > 0.0:
-        way = s.roles[way_role(view)]
-        found = loaded_residual_block(
-            begin, theta, rate, tau, beside, way, use, *motor, known.load, BANDWIDTH, signals.period
-        )[1]
-    else:
-        found = residual_block(begin, theta, rate, tau, use, *motor, BANDWIDTH, signals.period)[1]
+    loaded = (known.load, beside, s.roles[way_role(view)]) if known.load > 0.0 else ()
+    _, found = residual_block(begin, theta, rate, tau + beside, use, *motor, BANDWIDTH, signals.period, *loaded)
     # What is in doubt stays so until the residual's lag has forgotten it.
     late = lag_block(np.full((2, 1), np.nan), doubt[:, None].copy(), use, BANDWIDTH, signals.period)[1][:, 0]
     return np.where(late > 1.0, np.nan, found)

@@ -235,15 +235,6 @@ def with_part(joint: Any, part: str, **changes: Any) -> Any:
     return replace(joint, **{part: replace(getattr(joint, part), **changes)})
 
 
-def one_field(cause: str, part: str, parameter: Parameter, field: str, **more: Any) -> Site:
-    """Return a cause whose one number is a field of a part of the joint, never below its least value."""
-
-    def apply(joint: Any, values: Sequence[float]) -> Any:
-        return with_part(joint, part, **{field: max(float(values[0]), parameter.low)})
-
-    return Site(cause, part, (parameter,), apply, **more)
-
-
 def with_signal(joint: Any, role: str, **changes: Any) -> Any:
     """Return a joint with fields of one of its signals changed."""
     signal = replace(signal_of(getattr(joint.signals, role)), **changes)

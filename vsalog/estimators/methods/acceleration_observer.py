@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from vsalog.core.errors import EstimatorError
 from vsalog.core.finding import Finding
-from vsalog.core.model import JointModel, basis_spec
 from vsalog.core.resolution import sensor_noise
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
@@ -25,8 +24,8 @@ from vsalog.estimators.accelerometer_check import accelerometer_findings
 from vsalog.estimators.device import PLACES, Device, largest
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.estimators.net_torque import NetTorque, NetTorqueState, extended
-from vsalog.estimators.tuning import Positive, Tuning
-from vsalog.estimators.unfiltered import Unfiltered
+from vsalog.estimators.state_observer import StateObserver, Unfiltered, UnfilteredTuning
+from vsalog.estimators.tuning import Positive
 from vsalog.estimators.windows import rms
 from vsalog.filters.acceleration_arm import LOST, Arm, ArmState, arm_start, axis_rows, observe_arm
 from vsalog.filters.acceleration_observer import (
@@ -46,7 +45,6 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 SUMMARY = "positions, velocities and torque from motor position and link accelerations, no link encoder (De Luca 2007)"
-OWN = ("frequency", "damping", "torque", "reach")
 # The paper's bandwidth [rad/s], and the most that an observer may turn in a sample [rad].
 PAPER_FREQUENCY, TURN_PER_SAMPLE = 250.0, 0.5
 # The observer is as fast as the paper's, unless a slower one has so many times less noise in the deflection [1].
@@ -56,8 +54,8 @@ NOISE_WORTH = 1.5
 LARGEST_OVERSHOOT = 5.0
 
 
-class AccelerationTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Tuning of acceleration-observer; what the other estimators' filters have is refused, for the observer filters itself.
+class AccelerationTuning(UnfilteredTuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Tuning of acceleration-observer.
 
     Attributes
     ----------
@@ -71,13 +69,6 @@ class AccelerationTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_onl
     damping: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
     torque: Literal["held", "linear"] = "held"
     reach: Positive = 0.05
-
-    def __post_init__(self) -> None:
-        for name, default in zip(Tuning.__struct_fields__, Tuning.__struct_defaults__, strict=True):
-            if getattr(self, name) != default:
-                raise ValueError(
-                    f"'{name}' is of a filter before the estimator, and here is none; there are {', '.join(OWN)}"
-                )
 
 
 TUNING = AccelerationTuning
@@ -117,10 +108,10 @@ class AccelerationState:
     lost: int = 0
 
 
-class AccelerationFold:
+class AccelerationFold(StateObserver):
     """The observers of a joint and of those it has to be looked at with, as a fold that gives the joint's trace."""
 
-    passes = 1
+    name, modality = NAME, "STATES"
     conditioner = Unfiltered()
 
     def __init__(self, device: Device, group: Group, signals: JointSignals, tuning: AccelerationTuning) -> None:
@@ -152,10 +143,6 @@ class AccelerationFold:
             arm_start(len(self.group.members)), None if self.friction is None else self.friction.start()
         )
 
-    def freeze(self, state: AccelerationState) -> AccelerationState:
-        """Go back to the first sample."""
-        return self.start()
-
     def step(self, state: AccelerationState, block: JointSignals) -> tuple[AccelerationState, list[Trace]]:
         """Take a block of samples; give the new state and their trace."""
         friction, blocks = state.friction, [block]
@@ -172,10 +159,6 @@ class AccelerationFold:
             masked += int(np.count_nonzero(since[:, self.group.place] < 0))
             lost += int(np.count_nonzero(since[:, self.group.place] == LOST))
         return AccelerationState(observers, friction, seen, masked, lost), traces
-
-    def finish(self, state: AccelerationState) -> tuple[AccelerationState, list[Trace]]:
-        """Nothing is held back."""
-        return state, []
 
     def findings(self, state: AccelerationState) -> tuple[Finding, ...]:
         """Return where the accelerations do not determine this joint's, and that the observers diverged."""
@@ -194,12 +177,6 @@ class AccelerationFold:
         if state.lost:
             found.append(Finding(code="observer.diverged", joint=joint, value=float(state.lost), limit=0.0))
         return tuple(found)
-
-    def model(self, state: AccelerationState) -> JointModel:
-        """Return a model without transmissions: what is estimated are states, by the rig's stiffness."""
-        return JointModel(
-            estimator=NAME, modality="STATES", basis=basis_spec(self.device.basis), transmission=(), motor={}
-        )
 
     def _told(self, x: Array, acceleration: Array, deviation: Array, since: Integers) -> Mapping[str, Any]:
         """Return the columns of the trace; nothing is told where an input of the observer is missing."""

@@ -28,7 +28,7 @@ from vsalog.estimators.equation import EquationRows
 from vsalog.estimators.equations import OfOneTransmission, regressors
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import Known, conditioner_of, known_of
-from vsalog.estimators.needs import deflection_roles, require
+from vsalog.estimators.needs import torque_roles
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_behind_filters
 from vsalog.estimators.solvers import FEWEST_WINDOWS, RlsSolver, least_samples
@@ -66,11 +66,7 @@ TUNING = AlgebraicTuning
 
 def roles(device: Device, offered: Collection[str], tuning: AlgebraicTuning) -> tuple[str, ...]:
     """Return the roles the method reads of what the rig offers; raises EstimatorError for a missing one."""
-    needed: list[str] = []
-    for view in device.transmissions:
-        needed += [*deflection_roles(device, view, offered), view.motor_position, view.motor_torque]
-    require(NAME, device, needed, offered)
-    return tuple(dict.fromkeys(needed))
+    return torque_roles(NAME, device, offered, "RESIDUAL")
 
 
 def build(device: Device, signals: JointSignals, tuning: AlgebraicTuning) -> RegressionFold:

@@ -15,8 +15,8 @@ from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import conditioner_of
-from vsalog.estimators.methods.residual_rls import sensor_equations, sensor_role
-from vsalog.estimators.needs import deflection_roles, require
+from vsalog.estimators.methods.residual_rls import sensor_equations
+from vsalog.estimators.needs import torque_roles
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.solvers import QrSolver, RlsSolver, least_samples
 from vsalog.estimators.tuning import LARGEST, RlsTuning
@@ -47,11 +47,7 @@ TUNING = DirectTuning
 
 def roles(device: Device, offered: Collection[str], tuning: DirectTuning) -> tuple[str, ...]:
     """Return the roles the method reads of what the rig offers; raises EstimatorError for a missing one."""
-    needed: list[str] = []
-    for view in device.transmissions:
-        needed += [*deflection_roles(device, view, offered), sensor_role(view, offered)]
-    require(NAME, device, needed, offered)
-    return tuple(dict.fromkeys(needed))
+    return torque_roles(NAME, device, offered, "SENSOR")
 
 
 def build(device: Device, signals: JointSignals, tuning: DirectTuning) -> RegressionFold:

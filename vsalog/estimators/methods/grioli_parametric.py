@@ -22,8 +22,7 @@ from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equation import EquationRows
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.fold_state import FoldState
-from vsalog.estimators.methods.residual_rls import sensor_role
-from vsalog.estimators.needs import deflection_roles, require
+from vsalog.estimators.needs import sensor_role, torque_roles
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_behind_filters
 from vsalog.estimators.solvers import QrSolver, least_samples
@@ -60,11 +59,7 @@ TUNING = GrioliParametricTuning
 
 def roles(device: Device, offered: Collection[str], tuning: GrioliParametricTuning) -> tuple[str, ...]:
     """Return the roles the method reads of what the rig offers; raises EstimatorError for a missing one."""
-    needed: list[str] = []
-    for view in device.transmissions:
-        needed += [*deflection_roles(device, view, offered), sensor_role(view, offered)]
-    require(NAME, device, needed, offered)
-    return tuple(dict.fromkeys(needed))
+    return torque_roles(NAME, device, offered, "SENSOR")
 
 
 def build(device: Device, signals: JointSignals, tuning: GrioliParametricTuning) -> RateFold:

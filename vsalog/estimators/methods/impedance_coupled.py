@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from vsalog.core.errors import EstimatorError
 from vsalog.core.finding import Finding
-from vsalog.core.model import JointModel, basis_spec
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimators.averaged import Averaged, averaged
@@ -33,6 +32,7 @@ from vsalog.estimators.following import (
 )
 from vsalog.estimators.needs import require
 from vsalog.estimators.rates import Rates, typical_speed
+from vsalog.estimators.state_observer import StateObserver
 from vsalog.estimators.windows import KEPT, LOUD, QUIET, rates_of, rms, suitable_windows, with_window
 from vsalog.filters.coupled_observer import CoupledNoise, CoupledState, coupled_start, observe_coupled
 from vsalog.filters.derivative_weights import derivative_weights
@@ -127,10 +127,10 @@ class ImpedanceCoupledState:
     last: tuple[float, ...] = BEFORE_A_RUN
 
 
-class ImpedanceCoupledFold:
+class ImpedanceCoupledFold(StateObserver):
     """The loop as an estimator: a fold over blocks of signals that gives a trace."""
 
-    passes = 1
+    name, modality = NAME, "EXTERNAL"
 
     def __init__(self, device: Device, signals: JointSignals, tuning: ImpedanceCoupledTuning) -> None:
         self.device, self.period = device, signals.period
@@ -183,10 +183,6 @@ class ImpedanceCoupledFold:
         """Return the state before the first sample."""
         return ImpedanceCoupledState(self.conditioner.start(), self._loops())
 
-    def freeze(self, state: ImpedanceCoupledState) -> ImpedanceCoupledState:
-        """Go back to the first sample."""
-        return self.start()
-
     def step(self, state: ImpedanceCoupledState, block: JointSignals) -> tuple[ImpedanceCoupledState, list[Trace]]:
         """Take a block of samples; give the new state and the trace of the rows that are ready."""
         return self._follow(state, *self.conditioner.step(state.filters, block))
@@ -217,12 +213,6 @@ class ImpedanceCoupledFold:
                 )
             )
         return tuple(found)
-
-    def model(self, state: ImpedanceCoupledState) -> JointModel:
-        """Return a model without transmissions: the stiffness is followed, not modelled."""
-        return JointModel(
-            estimator=NAME, modality="EXTERNAL", basis=basis_spec(self.device.basis), transmission=(), motor={}
-        )
 
     def _guess(self, tuning: ImpedanceCoupledTuning) -> tuple[tuple[float, float], Weight | None]:
         """Return the initial guess of I and N, and the link's weight."""

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from vsalog.binding.grid import GAP
 from vsalog.core.errors import EstimatorError, OtherKindError
 from vsalog.core.finding import Finding
-from vsalog.core.model import JointModel, basis_spec
 from vsalog.core.resolution import sensor_noise
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import DETECTED_OF_MANY
@@ -31,8 +30,7 @@ from vsalog.estimators.pam_models import PRINTED, ModelName, as_if
 from vsalog.estimators.pam_noise import PamNoise, pam_noise
 from vsalog.estimators.pam_states import Column, PamFold, PamState
 from vsalog.estimators.region import lengths
-from vsalog.estimators.tuning import Tuning
-from vsalog.estimators.unfiltered import Unfiltered
+from vsalog.estimators.state_observer import StateObserver, Unfiltered, UnfilteredTuning
 from vsalog.filters.square_root_ukf import UnscentedTrace
 from vsalog.uncertainty.sensor_error import LEAST_NOISE
 
@@ -42,8 +40,6 @@ NAME = "pam-ukf"
 SUMMARY = "angle, torque and stiffness of pneumatic muscles from their pressures alone (Shin 2021)"
 PRESSURES = ("pressure_1", "pressure_2")
 OTHERS = ("valve_1", "valve_2", "external_torque")
-OWN = ("air", "model", "flow", "force", "friction", "covariances")
-
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
@@ -56,8 +52,8 @@ WEATHER, LARGEST_OFFSET = 0.02, 0.1
 LINEAR_FLOW_ERROR = 0.25
 
 
-class PamTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Tuning of pam-ukf and pam-model; what the other estimators' filters have is refused, for nothing is filtered before.
+class PamTuning(UnfilteredTuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Tuning of pam-ukf and pam-model.
 
     Attributes
     ----------
@@ -75,13 +71,6 @@ class PamTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
     force: Share = 0.04
     friction: Share = 0.2
     covariances: Literal["derived", "printed"] = "derived"
-
-    def __post_init__(self) -> None:
-        for name, default in zip(Tuning.__struct_fields__, Tuning.__struct_defaults__, strict=True):
-            if getattr(self, name) != default:
-                raise ValueError(
-                    f"'{name}' is of a filter before the estimator, and here is none; there are {', '.join(OWN)}"
-                )
 
 
 TUNING = PamTuning
@@ -200,10 +189,10 @@ class PamFoldState:
         return bool(piece.run[0] == self.run and piece.stamps[0] < due and self.silent < GAP)
 
 
-class PamEstimate:
+class PamEstimate(StateObserver):
     """The filter as an estimator: a fold over blocks of signals that gives a trace."""
 
-    passes = 1
+    modality = "STATES"
     conditioner = Unfiltered()
 
     def __init__(
@@ -230,10 +219,6 @@ class PamEstimate:
         """Return the state before the first sample."""
         return PamFoldState(self.fold.start())
 
-    def freeze(self, state: PamFoldState) -> PamFoldState:
-        """Go back to the first sample."""
-        return self.start()
-
     def step(self, state: PamFoldState, block: JointSignals) -> tuple[PamFoldState, list[Trace]]:
         """Take a block of samples; give the new state and their trace."""
         traces = []
@@ -252,10 +237,6 @@ class PamEstimate:
                 int(piece.run[-1]), int(piece.stamps[-1]), int(silent[-1]),
             )  # fmt: skip
         return state, traces
-
-    def finish(self, state: PamFoldState) -> tuple[PamFoldState, list[Trace]]:
-        """Nothing is held back."""
-        return state, []
 
     def _columns(self, found: UnscentedTrace, blind: NDArray[np.bool_]) -> Mapping[str, Any]:
         told = self.fold.estimates(found)
@@ -299,12 +280,6 @@ class PamEstimate:
             share = state.diverged / state.seen
             found.append(Finding(code="pressure.not_explained", joint=joint, value=share, limit=0.0))
         return tuple(found)
-
-    def model(self, state: PamFoldState) -> JointModel:
-        """Return a model without transmissions: what is estimated are states, and the model is the rig."""
-        return JointModel(
-            estimator=self.name, modality="STATES", basis=basis_spec(self.device.basis), transmission=(), motor={}
-        )
 
 
 def _blind(rows: JointSignals, correct: bool) -> NDArray[np.bool_]:

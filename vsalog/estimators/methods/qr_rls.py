@@ -22,7 +22,7 @@ from vsalog.estimators.equations import IntegratedMotorEquation
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.known import conditioner_of, known_of
-from vsalog.estimators.needs import deflection_roles, require
+from vsalog.estimators.needs import torque_roles
 from vsalog.estimators.ramp import look_for_ramps
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_for_integral, regressor_noise
@@ -92,11 +92,7 @@ def printed(device: Device) -> dict[str, str]:
 
 def roles(device: Device, offered: Collection[str], tuning: Tuning, name: str = NAME) -> tuple[str, ...]:
     """Return the roles the method reads of what the rig offers; raises EstimatorError for a missing one."""
-    needed: list[str] = []
-    for view in device.transmissions:
-        needed += [*deflection_roles(device, view, offered), view.motor_position, view.motor_torque]
-    require(name, device, needed, offered)
-    return tuple(dict.fromkeys(needed))
+    return torque_roles(name, device, offered, "INTEGRATED")
 
 
 def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> IntegratedFold:

@@ -19,7 +19,7 @@ from vsalog.estimators.equation import Equation
 from vsalog.estimators.equations import ResidualEquation, TorqueEquation
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import conditioner_of, known_of
-from vsalog.estimators.needs import deflection_roles, require
+from vsalog.estimators.needs import sensor_role, torque_roles
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_for_residual, noise_for_torque, regressor_noise
 from vsalog.estimators.solvers import RlsSolver, least_samples
@@ -66,15 +66,7 @@ def printed(device: Device) -> dict[str, str]:
 
 def roles(device: Device, offered: Collection[str], tuning: ResidualRlsTuning) -> tuple[str, ...]:
     """Return the roles the method reads of what the rig offers; raises EstimatorError for a missing one."""
-    needed: list[str] = []
-    for view in device.transmissions:
-        needed += deflection_roles(device, view, offered)
-        if tuning.modality == "RESIDUAL":
-            needed += [view.motor_position, view.motor_torque]
-        elif tuning.modality == "SENSOR":
-            needed += [sensor_role(view, offered)]
-    require(f"{NAME} ({tuning.modality})", device, needed, offered)
-    return tuple(dict.fromkeys(needed))
+    return torque_roles(f"{NAME} ({tuning.modality})", device, offered, tuning.modality)
 
 
 def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> RegressionFold:
@@ -148,13 +140,6 @@ def sensor_equations(
         TorqueEquation((v,), device.basis, _column(s), () if k is None else (k,), regressor_noise([n]))
         for v, s, k, n in zip(views, sensors, known, noises, strict=True)
     )
-
-
-def sensor_role(view: TransmissionView, offered: Collection[str]) -> str:
-    """Return the transmission's own torque sensor, or the joint's where that is the only one."""
-    if view.torque_sensor not in offered and "torque_sensor" in offered:
-        return "torque_sensor"
-    return view.torque_sensor
 
 
 def _column(role: str) -> Callable[[Conditioned], NDArray[np.float64]]:

@@ -1,0 +1,65 @@
+"""What methods share whose result is a state that is followed, not a model that is fitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from vsalog.core.model import JointModel, basis_spec
+from vsalog.core.trace import Trace
+from vsalog.estimators.device import Device
+from vsalog.estimators.tuning import Tuning
+
+
+@dataclass(frozen=True, slots=True)
+class Unfiltered:
+    """In the place of a conditioner: nothing is filtered before, and every sample counts."""
+
+    window = 1
+
+    def check_length(self, longest: int) -> None:
+        """Any stretch is long enough."""
+
+
+class UnfilteredTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Tuning of a method that filters itself: what the filters of others have is refused."""
+
+    def __post_init__(self) -> None:
+        plain = dict(zip(Tuning.__struct_fields__, Tuning.__struct_defaults__, strict=True))
+        for name, default in plain.items():
+            if getattr(self, name) != default:
+                own = ", ".join(name for name in self.__struct_fields__ if name not in plain)
+                raise ValueError(f"'{name}' is of a filter before the estimator, and here is none; there are {own}")
+
+
+class StateObserver:
+    """A fold that goes through the signals once, holds nothing back, and fits nothing.
+
+    Attributes
+    ----------
+    name, modality : of the method
+    device : of the joint
+    """
+
+    passes = 1
+    name: str
+    modality: str
+    device: Device
+
+    def start(self) -> Any:
+        """Return the state before the first sample."""
+        raise NotImplementedError
+
+    def freeze(self, state: Any) -> Any:
+        """Go back to the first sample."""
+        return self.start()
+
+    def finish(self, state: Any) -> tuple[Any, list[Trace]]:
+        """Nothing is held back."""
+        return state, []
+
+    def model(self, state: Any) -> JointModel:
+        """Return a model without transmissions: the estimate is a state, and what it rests on is the rig."""
+        return JointModel(
+            estimator=self.name, modality=self.modality, basis=basis_spec(self.device.basis), transmission=(), motor={}
+        )
