@@ -39,7 +39,6 @@ ALLOWED = {
     "comparison/run.py": "prints sentences of several runs once",
     "diagnosis/joint.py": "takes the joint's name out of an error",
     "diagnosis/run.py": "takes the joint's name out of an error",
-    "diagnosis/words.py": "gathers sentences that differ in the joint's name",
 }
 """Files that read words, and why. No others are to be added."""
 

@@ -7,6 +7,7 @@ from written_out import ELASTIC, ROLES, Truth, joint_of, log, write_csv
 from vsalog.cli import _run
 from vsalog.core.errors import DiagnosisError
 from vsalog.diagnosis.run import Options, diagnose
+from vsalog.report.diagnosis_account import worded
 
 CHAIN = """
 [chain]
@@ -67,7 +68,7 @@ def codes(found):
 @pytest.mark.parametrize("what", TURNED)
 def test_a_sign_a_unit_or_a_channel_that_is_wrong_is_hinted_at(tmp_path, what):
     code, part, change = TURNED[what]
-    diagnosis = diagnose(lay(tmp_path, change=change, duration=3.0), None, Options()).diagnosis
+    diagnosis = worded(diagnose(lay(tmp_path, change=change, duration=3.0), None, Options()))
     (hint,) = (f for f in diagnosis.findings if f.severity == "invalidates")
     assert (hint.code, hint.part) == (code, part)
     assert diagnosis.next_experiment == ""
@@ -147,7 +148,7 @@ def test_equations_that_close_while_the_simulation_does_not_are_doubted(tmp_path
 
     pull = Truth(extra=lambda t, a, phi: 0.03 * np.sin(11.0 * t + 3.0 * np.sin(0.7 * t)))
     rig = ELASTIC.replace('link_position = "link position"\n', "")
-    found = diagnose(lay(tmp_path, pull, loud, rig=rig), None, Options()).diagnosis
+    found = worded(diagnose(lay(tmp_path, pull, loud, rig=rig), None, Options()))
     assert found.verdict == "unexplained"
     assert not found.causes
     assert found.unexplained.where is None

@@ -12,6 +12,7 @@ from vsalog.core.errors import DiagnosisError, SimulationError
 from vsalog.diagnosis.causes.base import with_part
 from vsalog.diagnosis.run import Options, diagnose
 from vsalog.mechanics.rigid_joint import as_one
+from vsalog.report.diagnosis_account import worded
 from vsalog.residuals.balance_rigid import balance_rigid
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.windows import player_of, shoot, windows_of
@@ -196,7 +197,7 @@ def test_a_sound_one_is_consistent_and_simulated_to_its_noise(seed, tmp_path):
 def test_a_held_out_log_of_another_state_is_told_with_its_error(tmp_path):
     recorded(tmp_path, *log(Truth()), RIGID)
     recorded(tmp_path, *log(Truth(coulomb=0.4), seed=1), RIGID, name="held")
-    document = diagnose(tmp_path / "log.csv", tmp_path / "held.csv", Options()).diagnosis
+    document = worded(diagnose(tmp_path / "log.csv", tmp_path / "held.csv", Options()))
     (signal,) = document.gain.signals
     assert signal.rmse_after == signal.rmse_before > 2.0 * signal.noise_floor
     assert document.verdict == "unexplained"
@@ -257,7 +258,7 @@ def test_one_in_a_chain_is_left_out_where_nothing_says_what_its_link_does(tmp_pa
 
 def test_no_experiment_is_proposed_and_it_says_so(tmp_path):
     outcome = diagnose(laid(tmp_path, Truth())[0], None, Options(suggest=True))
-    assert outcome.scenario is None
+    assert outcome.proposed is None
     (why,) = (f for f in outcome.diagnosis.findings if f.code == "diagnosis.no_experiment")
     assert "transmissions or muscles" in why.evidence["reason"]
 

@@ -139,5 +139,5 @@ def test_no_experiment_is_asked_for_what_the_spring_takes_up(tmp_path):
         Truth(), duration=10.0, roles=("motor_position", "link_position", "motor_torque", "torque_sensor")
     )
     recorded(tmp_path, time, roles, UNKNOWN.replace("\ngear_ratio = 10.0", ""))
-    words = diagnose(tmp_path / "log.csv", None, Options(suggest=True)).diagnosis.next_experiment
-    assert not [cause for cause in TAKEN_UP if cause in words]
+    proposed = diagnose(tmp_path / "log.csv", None, Options(suggest=True)).proposed
+    assert not [q for q in proposed.questions.asked for h in (q.one, q.other) if h.site and h.site.cause in TAKEN_UP]

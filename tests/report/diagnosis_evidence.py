@@ -33,9 +33,7 @@ def friction_evidence(count=20_000, joint="elbow", windows=None):
     velocity = np.cos(rows)
     noise = NOISE * np.random.default_rng(1).standard_normal(rows.size)
     shape = -LEVEL * np.sign(velocity)
-    cause = CauseEvidence(
-        "motor.coulomb_friction", "motor", "Dry friction", "motor", "motor_velocity", shape + noise, shape
-    )
+    cause = CauseEvidence("motor.coulomb_friction", "motor", "motor", "motor_velocity", shape + noise, shape)
     return JointEvidence(
         joint, t, {"motor_position": SignalEvidence("rad", measured, before, after)}, "log.mcap", rows,
         {"motor": EquationEvidence("motor", "N*m", shape + noise, noise, NOISE)},

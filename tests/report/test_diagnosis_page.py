@@ -41,7 +41,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 def seen(joint, shape, variable, cause="transmission.damping", noise=0.0):
     """The joint with a cause of this shape, shown over a variable."""
-    view = CauseEvidence(cause, "transmission", "x", "motor", variable, shape + noise, shape)
+    view = CauseEvidence(cause, "transmission", "motor", variable, shape + noise, shape)
     return replace(joint, causes=(view,))
 
 

@@ -27,7 +27,7 @@ from vsalog.estimation.joint import PRESET, choose_all, pick_joints
 from vsalog.estimators.registry import method
 from vsalog.estimators.tuning import read_tuning
 from vsalog.readers.window import Window
-from vsalog.report import diagnose_files, diagnosis_words, validate_files, validation_words
+from vsalog.report import diagnose_files, diagnosis_account, validate_files, validation_words
 from vsalog.report.drawings import Drawings
 from vsalog.report.page_estimate import write_estimate_page
 from vsalog.rig import Rig
@@ -194,14 +194,13 @@ def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
         end=settings.end,
     )
     outcome = run_diagnosis(path, None, options)
-    diagnosis = diagnosis_words.worded(outcome.diagnosis)
+    diagnosis = diagnosis_account.worded(outcome)
     extended = None if outcome.extended is None else outcome.extended.to_toml()
     outputs = diagnose_files.write_diagnosis(
         diagnosis,
         outcome.evidence,
         extended,
         diagnose_files.Outputs.within(scratch / "report"),
-        outcome.scenario,
     )
     result, where = Result(), f"reports/{encoded(log.name)}"
     result.files["document"] = (outputs.document, f"{where}/diagnosis.json")

@@ -23,7 +23,7 @@ from vsalog.binding.zero_order_hold import held
 from vsalog.core.column import parts
 from vsalog.core.look import stretches
 from vsalog.core.recording import Channel
-from vsalog.core.resolution import STRETCH, STRETCHES, coarser, resolution_of
+from vsalog.core.resolution import ENOUGH, coarser, resolution_of
 from vsalog.rig.schema import Motor
 
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ class Role:
     def parts(self) -> Iterator[Bound]:
         """Yield the role's samples, in SI; at the end the tally is complete, and `look` knows what it returns."""
         source, state, at = self.source.for_parts(), Unwrapping(), 0
-        wanted = stretches(len(self.channel.values), STRETCHES * STRETCH)
+        wanted = stretches(len(self.channel.values), ENOUGH)
         for stamps, values, alone, hung in self._recorded():
             if self.unwraps:
                 assert self.source.turn is not None

@@ -69,8 +69,9 @@ def diagnose(
     from vsalog.diagnosis.run import diagnose as run
     from vsalog.report.diagnose import print_json, print_report
     from vsalog.report.diagnose_files import Outputs, write_diagnosis
-    from vsalog.report.diagnosis_words import worded
+    from vsalog.report.diagnosis_account import worded
     from vsalog.report.estimate import Progress
+    from vsalog.report.experiment_words import scenario_text
     from vsalog.report.validate_files import inputs_of, keep_inputs
 
     options = Options(rig, joints, settings, rate, time, suggest, start, end)
@@ -81,10 +82,11 @@ def diagnose(
     with Progress() as progress:
         with progress.saying_when_compiling():
             outcome = run(log, holdout, options, progress.say)
-        diagnosis = worded(outcome.diagnosis)
+        diagnosis = worded(outcome)
         progress.say("writing the report")
         extended = None if outcome.extended is None else outcome.extended.to_toml()
-        outputs = write_diagnosis(diagnosis, outcome.evidence, extended, outputs, outcome.scenario)
+        scenario = None if outcome.proposed is None else scenario_text(outcome.proposed)
+        outputs = write_diagnosis(diagnosis, outcome.evidence, extended, outputs, scenario)
     (print_json if as_json else print_report)(diagnosis, outputs)
     verdict = diagnosis.verdict
     unchecked = verdict == "consistent as far as checked"

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import says
-from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.document import (
     Bin,
@@ -32,13 +31,13 @@ from vsalog.diagnosis.joint import (
     variables,
 )
 from vsalog.diagnosis.remainder import AS_GOOD, curve_of, predicted_share
-from vsalog.diagnosis.smooth import UNKNOWN
-from vsalog.diagnosis.words import part_in_words, title_of, unfilled
 from vsalog.residuals.channels import span_of
 from vsalog.rig.schema import role_units
 
 Array = NDArray[np.float64]
 
+# The words of a cause, which the report makes.
+UNWORDED = {"title": "", "why": "", "how_to_confirm": "", "tell_apart": "", "reference": ""}
 # A cause is shown over the signal that predicts its shape; of several that do so about as well, over the first of these.
 ORDER = ("velocity", "rate", "deflection", "position", "setpoint", "torque", "time")
 
@@ -58,7 +57,6 @@ def causes_of(found: JointDiagnosis, stiffness_changes: Sequence[float | None]) 
     """
     out = [_computed(found, role, why) for role, why in found.computed.items()]
     for cause, change in zip(found.found, stiffness_changes, strict=True):
-        kind = catalogue()[cause.site.cause]
         rivals = [name for r in cause.choice.rivals for name in (_member(r, cause.site), *r.doubles)]
         others = tuple(dict.fromkeys((*cause.site.doubles, *rivals)))
         known, absent = cause.determined(), {n: a for n, (a, _) in cause.absent().items()}
@@ -67,13 +65,11 @@ def causes_of(found: JointDiagnosis, stiffness_changes: Sequence[float | None]) 
             n: Number(value=v, std=s, unit=u, determined=known[n], rig=None if absent[n] == v else absent[n])
             for n, (v, s, u) in cause.numbers().items()
         }
-        apart = " ".join(f"To tell it from {name}: {_confirmed(name)}" for name in others)
         out.append(
             FoundCause(
                 cause=cause.site.cause,
                 joint=found.name,
                 part=cause.site.part,
-                title=title_of(cause.site.cause, cause.site.part),
                 parameters=numbers,
                 common_with=cause.common_with,
                 material=cause.material,
@@ -83,10 +79,7 @@ def causes_of(found: JointDiagnosis, stiffness_changes: Sequence[float | None]) 
                 indistinguishable_from=others,
                 error_removed=cause.removed,
                 stiffness_change=change,
-                why=f"{part_in_words(cause.site.part).capitalize()}: {kind.says}.",
-                how_to_confirm=_filled(kind.confirm, numbers),
-                tell_apart=unfilled(apart),
-                reference=kind.reference,
+                **UNWORDED,
             )
         )
     return out
@@ -97,27 +90,12 @@ def _member(rival: Site, site: Site) -> str:
     return f"{rival.cause} ({rival.part})" if rival.cause == site.cause else rival.cause
 
 
-def _confirmed(name: str) -> str:
-    """Return the experiment that confirms a member of a class, or shows that none of the catalogue is meant."""
-    if name == UNKNOWN:
-        return "repeat the motion with other speeds and ranges; a cause keeps its numbers, an unknown effect does not."
-    return catalogue()[name.partition(" ")[0]].confirm
-
-
 def _computed(found: JointDiagnosis, role: str, why: Finding) -> FoundCause:
-    kind = catalogue()["sensor.torque_not_independent"]
     return FoundCause(
-        cause=kind.name, joint=found.name, part=role, title=title_of(kind.name, role), parameters={}, common_with=(),
-        material=True, size=None, confidence=0.99, class_confidence=0.99, indistinguishable_from=(), error_removed=0.0,
-        stiffness_change=None, why=says(why), how_to_confirm=kind.confirm, tell_apart="", reference=kind.reference,
+        cause="sensor.torque_not_independent", joint=found.name, part=role, parameters={}, common_with=(), material=True,
+        size=None, confidence=0.99, class_confidence=0.99, indistinguishable_from=(), error_removed=0.0,
+        stiffness_change=None, **UNWORDED | {"why": says(why)},
     )  # fmt: skip
-
-
-def _filled(text: str, numbers: dict[str, Number]) -> str:
-    """Put a cause's numbers where its words ask for them."""
-    for name, number in numbers.items():
-        text = text.replace(f"{{{name}}}", f"{number.value:.3g} {number.unit}")
-    return text
 
 
 def signal_errors(found: JointDiagnosis) -> list[SignalError]:
@@ -247,6 +225,5 @@ def _view(found: JointDiagnosis, cause: Found, known: dict[str, tuple[Array, str
     variable = min(near, key=lambda name: next((k for k, word in enumerate(ORDER) if word in name), len(ORDER)))
     scale = float(found.system.deviation[i])
     return CauseEvidence(
-        cause.site.cause, cause.site.part, title_of(cause.site.cause, cause.site.part), found.system.names[i], variable,
-        without[:, i] * scale, shape[:, i] * scale,
-    )  # fmt: skip
+        cause.site.cause, cause.site.part, found.system.names[i], variable, without[:, i] * scale, shape[:, i] * scale
+    )

@@ -53,7 +53,6 @@ class CauseEvidence:
     Attributes
     ----------
     cause, part : which
-    title : in words
     equation : in which it shows most, key of the joint's equations
     variable : name of the signal that reveals it, key of the joint's variables
     without : what is left over in that equation with all causes but this one, shape (R,)
@@ -62,7 +61,6 @@ class CauseEvidence:
 
     cause: str
     part: str
-    title: str
     equation: str
     variable: str
     without: Array

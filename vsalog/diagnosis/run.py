@@ -26,7 +26,6 @@ from vsalog.diagnosis.joint import HELD_OUT, JointDiagnosis, Progress, diagnose_
 from vsalog.diagnosis.priors import felt
 from vsalog.diagnosis.stiffness_gain import stiffness_gains
 from vsalog.diagnosis.suggest import Suggestion, suggest
-from vsalog.diagnosis.words import sentences
 from vsalog.estimation.job import sha256
 from vsalog.estimation.joint import pick_joints
 from vsalog.estimation.modalities import Traces, stiffness_change, stiffness_traces
@@ -76,18 +75,18 @@ class Outcome:
 
     Attributes
     ----------
-    diagnosis : the document
+    diagnosis : the document, without its words: the report makes them
     evidence : what figures draw, joint by joint
     rig : as it stands
     extended : with the causes filled in; none where there is nothing to fill in
-    scenario : the next experiment, TOML; none where it was not asked for, or nothing can be proposed
+    proposed : the next experiment; none where it was not asked for, or nothing can be proposed
     """
 
     diagnosis: Diagnosis
     evidence: tuple[JointEvidence, ...]
     rig: Rig
     extended: Rig | None
-    scenario: str | None = None
+    proposed: Suggestion | None = None
 
 
 def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progress = lambda _: None) -> Outcome:
@@ -206,8 +205,6 @@ def _outcome(
 ) -> Outcome:
     gains = [g for f in found for g in gains_of(f)]
     where = next((f.held_out for f in found if f.gain is not None), "the log" if holdout is None else HELD_OUT)
-    simulation_error = tuple(e for f in found for e in signal_errors(f))
-    advice = "" if any(f.severity == "invalidates" for f in findings) else _next(causes, left)
     document = Diagnosis(
         version=VERSION,
         vsalog=__version__,
@@ -218,40 +215,19 @@ def _outcome(
         rig=rig.to_toml(),
         settings=_settings(options),
         verdict=verdict,
-        sentences=sentences(verdict, causes, gains, where, left, len(found), bool(simulation_error)),
+        sentences=(),
         p_values={f.name: f.selection.p_value for f in found if f.selection.p_value is not None},
-        simulation_error=simulation_error,
+        simulation_error=tuple(e for f in found for e in signal_errors(f)),
         equations=tuple(e for f in found for e in equation_errors(f)),
         causes=tuple(causes),
         gain=Gains(holdout=holdout is not None, where=where, signals=(*gains, *stiffness)),
         unexplained=left,
-        next_experiment=advice if proposed is None else _both(advice, proposed, left),
+        next_experiment="",
         findings=tuple(findings),
     )
     measured = log if holdout is None else holdout
     evidence = tuple(evidence_of(f, measured.name) for f in found)
-    scenario = None if proposed is None else proposed.scenario
-    return Outcome(document, evidence, rig, extended, scenario)
-
-
-def _next(causes: Sequence[FoundCause], left: Unexplained) -> str:
-    """Return the experiment that would tell most."""
-    for cause in causes:
-        if cause.tell_apart:
-            return cause.tell_apart
-    if left.where is not None and left.depends_on:
-        variable = left.depends_on[0].replace("_", " ")
-        if left.loop:
-            return f"Pass the range of {variable} several times, at two speeds: a loop comes back, what time changes does not."
-        if variable == "time":
-            return "Record the same motion again, cold and warm: what is left over changes with time."
-        return f"Record a slow sweep of {variable} with everything else at rest: what is left over shows as a curve over it."
-    return causes[0].how_to_confirm if causes else ""
-
-
-def _both(advice: str, proposed: Suggestion, left: Unexplained) -> str:
-    """Return the words of what is proposed; where something is unexplained, after what would show it."""
-    return f"{advice} {proposed.words}".strip() if left.where is not None and not proposed.confused else proposed.words
+    return Outcome(document, evidence, rig, extended, proposed)
 
 
 def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:

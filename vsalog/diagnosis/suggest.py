@@ -30,7 +30,6 @@ from vsalog.diagnosis.subsets import BEST
 from vsalog.diagnosis.suggest_candidates import DESIGN, Candidate, Played, candidates
 from vsalog.diagnosis.suggest_questions import Hypothesis, Questions, ordinary_causes, questions_of, shown
 from vsalog.diagnosis.suggest_range import Seen, seen_in
-from vsalog.diagnosis.suggest_words import SEPARATE, WORTHWHILE, scenario_text, words_of
 from vsalog.effects.gravity import GRAVITY
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.kinds import balance_for
@@ -45,20 +44,28 @@ from vsalog.simulation.simulate import simulate
 Array = NDArray[np.float64]
 
 
+# Two hypotheses are told apart that are so many standard deviations of an average apart [1]: what a cause has to be worth.
+SEPARATE = 0.3
+# An experiment is better that separates so many times better, or shows a cause that is so many times smaller [1].
+WORTHWHILE = 1.5
+
+
 @dataclass(frozen=True, slots=True)
 class Suggestion:
     """An experiment that is proposed.
 
     Attributes
     ----------
-    scenario : TOML, as `vsalog simulate RIG --scenario` plays it
-    words : what to do, why, and how well it would separate
-    confused : whether it is to tell causes apart that this log confuses
+    joint : that it drives
+    best : the candidate, as it was played
+    questions : that it is to answer
+    of_several : whether the rig has other joints
     """
 
-    scenario: str
-    words: str
-    confused: bool
+    joint: str
+    best: Played
+    questions: Questions
+    of_several: bool
 
 
 def suggest(rig: Rig, found: Sequence[JointDiagnosis], progress: Progress = lambda _: None) -> Suggestion:
@@ -84,9 +91,7 @@ def suggest(rig: Rig, found: Sequence[JointDiagnosis], progress: Progress = lamb
     channels = one.system.channels.whole or one.system.channels
     bench = Bench(rig, one, seen_in(one.extended, one.system), max(channels.period, DESIGN.shortest_period))
     progress(f"joint {one.name}: looking for the experiment that would tell most")
-    best = bench.best(questions)
-    words = words_of(one.name, best, questions, len(rig.joints) > 1)
-    return Suggestion(scenario_text(one.name, best, questions), words, questions.confused)
+    return Suggestion(one.name, bench.best(questions), questions, len(rig.joints) > 1)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-
-from msgspec.structs import replace
+import re
 
 from vsalog.core.finding import Finding
-from vsalog.core.finding_texts import sentences_of
+from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, Number, Unexplained
 from vsalog.report.page_tables import unit_text
 from vsalog.report.page_text import number
@@ -18,18 +17,44 @@ PLAIN = range(-4, 6)
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def worded(diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis with its findings in sentences; what made a search pointless leads its account."""
-    first = sentences_of(f for f in diagnosis.findings if f.severity == "invalidates")
-    led = (f"{words[0].upper()}{words[1:]}" for words in first)
-    return replace(
-        diagnosis, sentences=(*led, *diagnosis.sentences), warnings=sentences_of(further_findings(diagnosis))
-    )
-
-
 def further_findings(diagnosis: Diagnosis) -> list[Finding]:
     """Return the findings that do not lead the account."""
     return [finding for finding in diagnosis.findings if finding.severity != "invalidates"]
+
+
+_PARTS = {
+    "motor": "motor",
+    "motor_1": "first motor",
+    "motor_2": "second motor",
+    "secondary_motor": "secondary motor",
+    "transmission": "transmission",
+    "transmission_1": "first transmission",
+    "transmission_2": "second transmission",
+    "link": "link",
+    "torque_sensor": "torque sensor",
+    "torque_sensor_1": "first torque sensor",
+    "torque_sensor_2": "second torque sensor",
+    "motor_position": "motor position",
+    "motor_position_1": "first motor's position",
+    "motor_position_2": "second motor's position",
+    "link_position": "link position",
+    "deflection": "deflection",
+}
+
+
+def part_in_words(part: str) -> str:
+    """Return what people call a part of a joint."""
+    return _PARTS.get(part, part.replace("_", " "))
+
+
+def title_of(cause: str, part: str) -> str:
+    """Return a cause's title with its part."""
+    return catalogue()[cause].title.replace("{part}", part_in_words(part))
+
+
+def unfilled(text: str) -> str:
+    """Put names where the words of causes that were not fitted ask for their numbers."""
+    return re.sub(r"\{(\w+)\}", lambda m: f"its {m[1].replace('_', ' ')}", text)
 
 
 def unit_of(unit: str) -> str:

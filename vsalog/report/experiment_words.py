@@ -10,28 +10,25 @@ from numpy.typing import NDArray
 from vsalog.core.documents import toml_tables
 from vsalog.core.units import shown
 from vsalog.diagnosis.causes import catalogue
-from vsalog.diagnosis.suggest_candidates import Played
+from vsalog.diagnosis.suggest import SEPARATE, WORTHWHILE, Suggestion
 from vsalog.diagnosis.suggest_questions import Question, Questions
-from vsalog.diagnosis.words import part_in_words, unfilled, unit_in_words
-from vsalog.simulation.scenario import unit_of
+from vsalog.report.diagnosis_words import part_in_words, signal_name, unfilled, unit_of
+from vsalog.simulation.scenario import unit_of as driven_unit
 from vsalog.simulation.scenario_parts import sum_of_parts
 from vsalog.simulation.scenario_schema import ScenarioFile, ServoDrive
 
 Array = NDArray[np.float64]
 
-# Two hypotheses are told apart that are so many standard deviations of an average apart [1]: what a cause has to be worth.
-SEPARATE = 0.3
-# An experiment is better that separates so many times better, or shows a cause that is so many times smaller [1].
-WORTHWHILE = 1.5
 FILE = "next.scenario.toml"
 
 
-def words_of(joint: str, best: Played, questions: Questions, several: bool) -> str:
+def experiment_words(proposed: Suggestion) -> str:
     """Say what to do, why, and how well it would separate; of several joints also with which."""
+    best, questions, joint = proposed.best, proposed.questions, proposed.joint
     file, payload = best.candidate.file, best.payload
     bounds = _listed([f"{what} {low:.2g} to {high:.2g} {unit}" for what, low, high, unit in swings(file, joint)])
     what = f"Play {FILE}: {best.candidate.words}, {file.duration:g} s, {bounds}, within what this log shows to be safe"
-    if several:
+    if proposed.of_several:
         what += f", in joint {joint}"
     if payload is not None:
         what += f", with a known mass of {payload.mass:g} kg on the link at {payload.distance:g} m from its axis"
@@ -47,10 +44,10 @@ def swings(file: ScenarioFile, joint: str) -> list[tuple[str, float, float, str]
         drive = getattr(file.joint[joint], key)
         if drive:
             parts = drive.reference if isinstance(drive, ServoDrive) else drive
-            values = sum_of_parts(parts, unit_of(key), file.duration, Path(), ("joint", joint, key))(time)
+            values = sum_of_parts(parts, driven_unit(key), file.duration, Path(), ("joint", joint, key))(time)
             if np.ptp(values) > 0.0:
-                name = key.replace("servo", "position").replace("_", " ")
-                out.append((name, float(values.min()), float(values.max()), unit_of(key)))
+                name = signal_name(key.replace("servo", "position"))
+                out.append((name, float(values.min()), float(values.max()), driven_unit(key)))
     return out
 
 
@@ -105,7 +102,7 @@ def _shown(questions: Questions, separations: Array) -> str:
 
 
 def _size(value: float, unit: str) -> str:
-    return f"{value:.2g}{unit_in_words(unit)}" if np.isfinite(value) else "any"
+    return f"{value:.2g}{unit_of(unit)}" if np.isfinite(value) else "any"
 
 
 def _name(question: Question, side: str, questions: Questions) -> str:
@@ -121,10 +118,11 @@ def _times(d: float) -> str:
     return f"{d:.2g} times" if d >= 0.01 else "less than 0.01 times"
 
 
-def scenario_text(joint: str, best: Played, questions: Questions) -> str:
+def scenario_text(proposed: Suggestion) -> str:
     """Return the scenario as TOML, with a heading that says what it is for; names must not end the comment."""
     import tomli_w
 
+    best, questions, joint = proposed.best, proposed.questions, proposed.joint
     lines = [
         f"Proposed by vsalog diagnose --suggest for joint {shown(joint)}: {best.candidate.words}.",
         "All numbers are SI.",
