@@ -13,8 +13,9 @@ from written_out import ELASTIC, Truth, elastic, sensed, write_csv
 
 from vsalog.cli import _run
 from vsalog.diagnosis.causes.base import Parameter, Site
+from vsalog.diagnosis.experiment_design import DESIGN
 from vsalog.diagnosis.suggest import separation
-from vsalog.diagnosis.suggest_candidates import DESIGN, WAVES, Room
+from vsalog.diagnosis.suggest_candidates import WAVES, Room
 from vsalog.diagnosis.suggest_questions import Hypothesis
 from vsalog.diagnosis.suggest_range import Range
 from vsalog.readers import read

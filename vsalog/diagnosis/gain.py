@@ -26,6 +26,7 @@ from vsalog.residuals.windows import (
     shoot,
 )
 from vsalog.residuals.windows_mechanical import MechanicalPlayer
+from vsalog.uncertainty.long_run import ENOUGH_BATCHES
 
 Array = NDArray[np.float64]
 
@@ -33,9 +34,6 @@ Array = NDArray[np.float64]
 PARTS = 20
 # Integration steps per sample up to which all windows are simulated [1]; and how many of these a stiff one takes as long as.
 AFFORDABLE_STEPS, COST_OF_STIFF_STEP = 16, 12
-# Windows in which noise is played, of several draws where a log has fewer [1]: what integrates noise has one number a window, and
-# the root mean square of fifty is known to a tenth.
-NOISY_WINDOWS = 50
 
 
 def reduction_of(before: Array, after: Array) -> tuple[float, tuple[float, float]]:
@@ -239,7 +237,8 @@ def floors(
 
 
 def _draws(windows: Windows) -> int:
-    return -(-NOISY_WINDOWS // len(windows.spans))
+    """Return how many draws of noise make enough windows: what integrates noise has one number a window."""
+    return -(-ENOUGH_BATCHES // len(windows.spans))
 
 
 def _followed_again(channels: Channels, followed: Sequence[str], draw: int) -> Channels:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vsalog.core.precision import ROUNDING
 from vsalog.diagnosis.causes.base import Parameter, Remainder, Setting, Site
 from vsalog.diagnosis.priors import deviation_of
-from vsalog.diagnosis.subsets import Candidates
+from vsalog.diagnosis.subsets import SAME_SCORE, Candidates
 from vsalog.residuals.sensing import earlier
 from vsalog.residuals.system import BELL, System
 
@@ -29,8 +29,6 @@ Placed = Sequence[tuple[Site, Array]]
 
 # Prior probability that a cause of the catalogue is present at a part [1]: a few of some dozens are.
 PRESENT = 0.1
-# −log of the prior odds of what is in every set: more than any log says of anything.
-CERTAIN = -1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +118,9 @@ def variants_of(
         deviation = np.array([_deviation(site, p, setting, stated) for p in site.parameters])
         if not deviation.all():
             continue  # the rig knows it exactly
-        price = CERTAIN if site.given else float(np.log((1.0 - PRESENT) / PRESENT))
+        # What is in every set costs less than any log says of anything, as far as scores can tell sums of it apart.
+        given = -0.25 * SAME_SCORE / float(np.finfo(np.float64).eps)
+        price = given if site.given else float(np.log((1.0 - PRESENT) / PRESENT))
         if site.transient:
             # It may happen anywhere, and two bells are the shortest that averages show.
             price += float(np.log(max(setting.duration / (2.0 * BELL), 1.0)))

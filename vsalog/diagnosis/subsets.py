@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-# Scores that differ by less are equal [natural units of log-probability]: rounding of sums as large as `linear.CERTAIN`.
+# Scores that differ by less are equal [natural units of log-probability]: rounding.
 SAME_SCORE = 1e-6
 # Sums may be added in any order: several terms at a time.
 SUMS = {"reassoc", "contract"}

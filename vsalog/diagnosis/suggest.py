@@ -23,11 +23,12 @@ from scipy.optimize import least_squares
 
 from vsalog.binding.joint import bind
 from vsalog.core.errors import DiagnosisError, VsalogError
+from vsalog.diagnosis.experiment_design import DESIGN
 from vsalog.diagnosis.joint import JointDiagnosis, Progress
 from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.posterior import ITERATIONS
 from vsalog.diagnosis.subsets import BEST
-from vsalog.diagnosis.suggest_candidates import DESIGN, Candidate, Played, candidates
+from vsalog.diagnosis.suggest_candidates import Candidate, Played, candidates
 from vsalog.diagnosis.suggest_questions import Hypothesis, Questions, ordinary_causes, questions_of, shown
 from vsalog.diagnosis.suggest_range import Seen, seen_in
 from vsalog.effects.gravity import GRAVITY
@@ -42,12 +43,6 @@ from vsalog.simulation.scenario_schema import ScenarioFile
 from vsalog.simulation.simulate import simulate
 
 Array = NDArray[np.float64]
-
-
-# Two hypotheses are told apart that are so many standard deviations of an average apart [1]: what a cause has to be worth.
-SEPARATE = 0.3
-# An experiment is better that separates so many times better, or shows a cause that is so many times smaller [1].
-WORTHWHILE = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +124,9 @@ class Bench:
         if payload is not None:
             loaded = with_fields(plain, link=with_fields(plain.link, payload=payload))
             trial = self._tried(loaded, best.candidate, payload, questions)
-            if trial is not None and _worth(trial, played, questions) > WORTHWHILE * _worth(best, played, questions):
+            if trial is not None and _worth(trial, played, questions) > DESIGN.worthwhile * _worth(
+                best, played, questions
+            ):
                 return trial
         return best
 
@@ -165,7 +162,7 @@ class Bench:
         """
         worth = [_worth(p, played, questions) for p in played]
         # What the best one tells apart has to stay so.
-        bar = max(max(worth) / WORTHWHILE, min(max(worth), SEPARATE))
+        bar = max(max(worth) / DESIGN.worthwhile, min(max(worth), DESIGN.separate))
         near = [p for p, w in zip(played, worth, strict=True) if w >= bar]
         return [max(near, key=lambda p: self._shown(plain, p.candidate.file, questions.asked[0].one))]
 
@@ -292,6 +289,6 @@ def _worth(one: Played, among: Sequence[Played], questions: Questions) -> float:
         now = np.array([max(q.now, 1e-6) for q in questions.asked])
         return float(np.exp(np.mean(np.log(np.maximum(one.separations, 1e-6) / now))))
     best = np.max([p.separations for p in among], axis=0)
-    answered = best >= SEPARATE
+    answered = best >= DESIGN.separate
     chosen = one.separations[answered] if answered.any() else one.separations
     return float(np.min(chosen))

@@ -12,6 +12,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from vsalog.diagnosis.experiment_design import DESIGN
 from vsalog.diagnosis.suggest_range import Range, Seen
 from vsalog.mechanics import stiffness
 from vsalog.rig.schema import (
@@ -27,39 +28,6 @@ from vsalog.simulation.scenario_generic import generic
 from vsalog.simulation.scenario_schema import Constant, Drives, Parts, ScenarioFile, ServoDrive, Sine, Steps, Trapezoid
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Design:
-    """What all proposed experiments have in common.
-
-    Attributes
-    ----------
-    duration : of an experiment [s]: some periods of its slowest wave
-    shortest_period : sample time of its scenario, at least [s]: servos are no faster
-    slowest, fastest : frequencies [Hz]: what friction and gravity, and what inertias and springs show in
-    share : of what was seen that is used [1]: a loop overshoots a little
-    second_share, second_frequency : of that, what the second movement (a set-point, two motors against each other) takes [1], and
-        its frequency [Hz]: slower than the first, and no part of it
-    approach, longest_approach : time in which the middle of the range is approached, at least and at most [s]
-    payload : share that a payload adds to inertia and weight [1]: well above their tolerances
-    with_second : waves that are tried with and without a second movement [1]
-    """
-
-    duration: float = 16.0
-    shortest_period: float = 5e-4
-    slowest: float = 0.1
-    fastest: float = 5.0
-    share: float = 0.85
-    second_share: float = 0.4
-    second_frequency: float = 0.07
-    approach: float = 1.0
-    longest_approach: float = 4.0
-    payload: float = 0.3
-    with_second: int = 4
-
-
-DESIGN = Design()
 
 
 @dataclass(frozen=True, slots=True)

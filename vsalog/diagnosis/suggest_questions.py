@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
+from vsalog.diagnosis.experiment_design import DESIGN
 from vsalog.diagnosis.found import loss_of
 from vsalog.diagnosis.joint import JointDiagnosis
 from vsalog.diagnosis.linear import Placed, clash, placed
@@ -19,9 +20,6 @@ from vsalog.diagnosis.unknown import TAKEN_UP
 from vsalog.residuals.system import System
 
 Array = NDArray[np.float64]
-
-# So many hypotheses, or causes that the log would not have shown, are compared at most [1]: an experiment answers no more.
-MOST_HYPOTHESES = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +102,7 @@ def _confused(found: JointDiagnosis) -> tuple[Question, ...]:
         held = [Hypothesis(one.site, found.selection.posterior.fit)]
         for rival in rivals:
             # Of a family the first: the others are the same and more.
-            if len(held) < MOST_HYPOTHESES and not any(h.site and clash(rival, h.site) for h in held[1:]):
+            if len(held) < DESIGN.most_hypotheses and not any(h.site and clash(rival, h.site) for h in held[1:]):
                 held.append(Hypothesis(rival, one.choice.instead or ()))
         left = {id(h): loss_of(system, placed(joint, h.fit)) for h in held}
         return tuple(
@@ -121,7 +119,7 @@ def _hidden(found: JointDiagnosis) -> tuple[Question, ...]:
         Question(one, nothing, shown(system, joint, one, nothing), size)
         for one, size in ordinary_causes(found, nothing)
     ]
-    return tuple(sorted(asked, key=lambda q: q.now)[:MOST_HYPOTHESES])
+    return tuple(sorted(asked, key=lambda q: q.now)[: DESIGN.most_hypotheses])
 
 
 def ordinary_causes(found: JointDiagnosis, present: Hypothesis) -> list[tuple[Hypothesis, tuple[float, str]]]:

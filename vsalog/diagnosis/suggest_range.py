@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.diagnosis.experiment_design import DESIGN
 from vsalog.residuals.balance import lever_angle
 from vsalog.residuals.kinds import motion_for
 from vsalog.residuals.sensing import VALVES, motors_of, torque_role, true_roles
@@ -16,11 +17,6 @@ from vsalog.residuals.system import System
 from vsalog.rig.schema import PneumaticJoint
 
 Array = NDArray[np.float64]
-
-# Share of a signal that is its range [1]: its few largest values may be noise.
-RANGE_SHARE = 0.995
-# Share beyond what was seen that is still what was seen [1]: encoders count in steps, filters smear peaks.
-SLACK = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +43,10 @@ class Range:
     def taken(self, values: Array, rates: Array | None = None) -> float:
         """Return the share of what was seen that values, and their rates, take: above 1 they leave it."""
         off = float(np.max(np.abs(values - 0.5 * (self.low + self.high))))
-        swing = off / ((1.0 + SLACK) * self.half) if self.half else np.inf if off > 0.0 else 0.0
+        swing = off / ((1.0 + DESIGN.slack) * self.half) if self.half else np.inf if off > 0.0 else 0.0
         if rates is None or not self.rate:
             return swing
-        return max(swing, float(np.quantile(np.abs(rates), RANGE_SHARE)) / ((1.0 + SLACK) * self.rate))
+        return max(swing, float(np.quantile(np.abs(rates), DESIGN.range_share)) / ((1.0 + DESIGN.slack) * self.rate))
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +79,7 @@ class Seen:
                 shares.append(one.taken(truth[name], rates))
         for role, most in self.torques.items():
             if role in truth and most:
-                shares.append(float(np.max(np.abs(truth[role]))) / ((1.0 + SLACK) * most))
+                shares.append(float(np.max(np.abs(truth[role]))) / ((1.0 + DESIGN.slack) * most))
         return max(shares)
 
 
@@ -138,4 +134,4 @@ def _range(values: Array, system: System) -> Range:
 
 def _most(values: Array) -> float:
     finite = np.abs(values[np.isfinite(values)])
-    return float(np.quantile(finite, RANGE_SHARE)) if finite.size else 0.0
+    return float(np.quantile(finite, DESIGN.range_share)) if finite.size else 0.0

@@ -12,14 +12,13 @@ from vsalog.core.finding import Finding
 from vsalog.core.resolution import step_of
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, deflection_step, encoder_steps
+from vsalog.estimators.equation import REPORTED_CHANGE
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.windows import LOUD, WINDOWS, most_moved, rates_of
 from vsalog.filters.savitzky_golay import savgol_weights
 
 Array = NDArray[np.float64]
 
-# A window that was asked for is reported where it leaves less of the power of the deflection's rate [1].
-POWER_LEFT = 0.8
 # A deflection that spans fewer of its encoders' steps [1] has no course that a function could be fitted to, unless both positions
 # pass so many steps [1] that these even out.
 FEWEST_STEPS, STEPS_THAT_EVEN_OUT = 4.0, 40.0
@@ -90,6 +89,8 @@ def _smoothed_away(device: Device, signals: JointSignals, tuning: Tuning) -> lis
     if tuning.window is None or tuning.filter == "kinematic":
         return []
     moved = {role for view in device.transmissions for role in view.deflection_roles(signals.roles)}
+    # It then changes an amplitude by what is reported.
+    least = (1.0 - REPORTED_CHANGE) ** 2
     asked, part = 2 * round(0.5 * tuning.window / signals.period) + 1, most_moved(signals, moved)
     if asked <= WINDOWS[0] or asked > len(part):
         return []
@@ -103,9 +104,9 @@ def _smoothed_away(device: Device, signals: JointSignals, tuning: Tuning) -> lis
             joint=device.joint,
             part=view.name,
             value=float(left / rate),
-            limit=float((POWER_LEFT * (1.0 - (noise / rate) ** 2)) ** 0.5),
+            limit=float((least * (1.0 - (noise / rate) ** 2)) ** 0.5),
             evidence={"window": tuning.window},
         )
         for view, rate, noise, left in zip(device.transmissions, *before, now[0], strict=True)
-        if noise < LOUD * rate and left**2 < POWER_LEFT * (rate**2 - noise**2)
+        if noise < LOUD * rate and left**2 < least * (rate**2 - noise**2)
     ]

@@ -6,6 +6,7 @@ uncertainty by what its predictions leave over, its columns in the trace.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, TypeVar
@@ -19,7 +20,7 @@ from vsalog.core.trace import Trace
 from vsalog.estimators.averaged import Averaged, averaged
 from vsalog.estimators.borne_torque import BorneTorque
 from vsalog.estimators.device import Device, spread
-from vsalog.estimators.equation import SUPPORTED_SHARE
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE, SUPPORTED_SHARE
 from vsalog.estimators.first_look import FirstLook
 from vsalog.estimators.rates import Rates, prediction_error, typical_speed
 from vsalog.estimators.state_observer import StateObserver
@@ -36,10 +37,6 @@ Columns = dict[str, NDArray[Any]]
 MEMORIES = tuple(np.geomspace(0.003, 3.0, 13).tolist())
 # What has been learnt counts when this share of the memory is filled [1].
 FILLED_MEMORY = 0.95
-# A rate's noise turns by so many radians within a filter's window.
-NOISE_TURN = 6.0
-# What was learnt longer ago than so many memories [1], and the time the deflection takes to swing to and fro, is not of now.
-STALE_MEMORIES = 5.0
 
 
 class ObserverTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -200,15 +197,18 @@ class ObserverFold(StateObserver):
         return columns(phi, borne.torque(part.of), stiffness, std, supported)
 
     def _stale(self, speed: T) -> T:
-        """Return the age at which what was learnt at a speed is not of now any more [s]."""
-        return STALE_MEMORIES / (self.alpha * speed) + self.swing
+        """Return the age at which what was learnt at a speed is not of now any more [s].
+
+        Hardly anything is left of it in memory by then, and the deflection has swung to and fro once more.
+        """
+        return -math.log(NEGLIGIBLE_SHARE) / (self.alpha * speed) + self.swing
 
     def _least_variance(self, noise: Array, speed: Array) -> Array:
         """Return what the noise of the rates makes of a stiffness, at least.
 
         Within a window it swings to and fro, and what is summed up of it over a longer memory goes back again.
         """
-        swings = NOISE_TURN / (self.alpha * speed * self.conditioner.window * self.period)
+        swings = 2.0 * np.pi / (self.alpha * speed * self.conditioner.window * self.period)
         return noise / speed**2 / (1.0 + swings**2)
 
     def _rates(self, state: ObserverState, part: Differentiated, borne: BorneTorque) -> Rates:
@@ -222,7 +222,8 @@ class ObserverFold(StateObserver):
 
     def _best_alpha(self, rates: Iterable[Rates], speed: float) -> float:
         """Return the gain of the observer that predicts best: a long memory averages noise, a short one follows the stiffness."""
-        shortest = self.conditioner.window * self.period / NOISE_TURN
+        # Noise of rates swings to and fro within a filter's window.
+        shortest = self.conditioner.window * self.period / (2.0 * np.pi)
         memories = [memory for memory in MEMORIES if memory >= shortest] or [shortest]
         off = np.zeros(len(memories))
         for known in rates:
@@ -240,7 +241,7 @@ class ObserverFold(StateObserver):
                 known = Rates(*(np.diff(v, prepend=np.nan) / self.period for v in borne.samples(whole)))
             phi, known = borne.deflection(whole.of, 0)[known.use], Rates(*(v[known.use] for v in known))
             found = observe_stiffness(observer_start(), *known, known.use, self.alpha, self.period)[0]
-            if NOISE_TURN / (self.alpha * speed) < self.conditioner.window * self.period:
+            if 2.0 * np.pi / (self.alpha * speed) < self.conditioner.window * self.period:
                 # It follows every swing of the noise and leaves nothing over: but of what it knew a window before.
                 ahead = self.conditioner.window
                 phi, known, found = phi[ahead:], Rates(*(v[ahead:] for v in known)), found[:-ahead]

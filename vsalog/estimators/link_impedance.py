@@ -14,6 +14,7 @@ from vsalog.core.finding import Finding
 from vsalog.core.resolution import sensor_noise
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import DETECTED, INTERVAL
+from vsalog.effects.base import SMOOTH
 from vsalog.effects.gravity import holding_torque
 from vsalog.estimators.device import Device, spread
 from vsalog.estimators.equation import SUPPORTED_SHARE
@@ -31,8 +32,6 @@ Array = NDArray[np.float64]
 PRIOR_WIDTH = 10.0
 # Innovations whose mean square is so many times what noise makes of them are of a link that is another than is assumed.
 MOST_EXCESS = INTERVAL * INTERVAL
-# Inertia and damping are known no better than to this share [1]: filters and rigs are not.
-FINEST_SHARE = 1e-3
 # The torque's noise is played in so many pairs of opposite sign [1].
 NOISE_PAIRS = 3
 
@@ -58,7 +57,7 @@ class LinkImpedance:
         self.noise = _noise(signals, u, torque, rate, acceleration, wander)
         self.bent = np.maximum(
             self._bent(most_moved(signals, ["link_position"])[:ENOUGH], weights.shape[1]),
-            max(FINEST_SHARE, _between(q, weights[2], acceleration)),
+            max(SMOOTH, _between(q, weights[2], acceleration)),
         )
         self.beside = what_else_acts(torque, rate, acceleration, weights.shape[1])
         if sensor_error(q[:ENOUGH], weights.shape[1]).rms(weights[2]) > LOUD * rms(acceleration):

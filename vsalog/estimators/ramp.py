@@ -21,9 +21,6 @@ from vsalog.uncertainty.sensor_error import ENOUGH
 
 Array = NDArray[np.float64]
 
-# A ramp is there when the noise of the torque does not make it, and the residual with it is no more than this part of the one
-# without [1].
-RESIDUAL_WITH_RAMP = 0.97
 # A torque that stands still is itself a ramp, once it is integrated, which needs no motor and no spring: the residual of a ramp
 # alone has to be so many times that of all together [1], or an offset cannot be identified.
 RESIDUAL_OF_RAMP_ALONE = 30.0
@@ -98,7 +95,8 @@ def _offset(
     wanted = np.column_stack((y, np.cumsum(steps, axis=0)))
     without, found = (np.linalg.lstsq(A, wanted, rcond=1e-10)[0] for A in (plain, both))
     left = [float(np.linalg.norm(y - A @ x[:, 0])) for A, x in ((plain, without), (both, found))]
-    if abs(found[-1, 0]) <= DETECTED_OF_MANY * np.std(found[-1, 1:]) or left[1] > RESIDUAL_WITH_RAMP * left[0]:
+    # The noise of the torque does not make it, and it changes the residual.
+    if abs(found[-1, 0]) <= DETECTED_OF_MANY * np.std(found[-1, 1:]) or left[1] > (1.0 - REPORTED_CHANGE) * left[0]:
         return None
     trivial = both[:, [0, -1]]
     if np.linalg.norm(y - trivial @ np.linalg.lstsq(trivial, y, rcond=None)[0]) < RESIDUAL_OF_RAMP_ALONE * left[1]:

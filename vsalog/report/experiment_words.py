@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from vsalog.core.documents import toml_tables
 from vsalog.core.units import shown
 from vsalog.diagnosis.causes import catalogue
-from vsalog.diagnosis.suggest import SEPARATE, WORTHWHILE, Suggestion
+from vsalog.diagnosis.experiment_design import DESIGN
+from vsalog.diagnosis.suggest import Suggestion
 from vsalog.diagnosis.suggest_questions import Question, Questions
 from vsalog.report.diagnosis_words import part_in_words, signal_name, unfilled, unit_of
 from vsalog.simulation.scenario import unit_of as driven_unit
@@ -53,8 +54,8 @@ def swings(file: ScenarioFile, joint: str) -> list[tuple[str, float, float, str]
 
 def _apart(questions: Questions, separations: Array) -> str:
     """Say how far the causes that are confused would be apart."""
-    told = [(q, float(d)) for q, d in zip(questions.asked, separations, strict=True) if d >= SEPARATE]
-    left = [q for q, d in zip(questions.asked, separations, strict=True) if d < SEPARATE]
+    told = [(q, float(d)) for q, d in zip(questions.asked, separations, strict=True) if d >= DESIGN.separate]
+    left = [q for q, d in zip(questions.asked, separations, strict=True) if d < DESIGN.separate]
     out = []
     if told:
         first, least = min(told, key=lambda t: t[1])
@@ -66,7 +67,7 @@ def _apart(questions: Questions, separations: Array) -> str:
         )
     if left:
         pairs = "; ".join(f"{_name(q, 'one', questions)} from {_name(q, 'other', questions)}" for q in left)
-        most = max(float(d) for d in separations if d < SEPARATE)
+        most = max(float(d) for d in separations if d < DESIGN.separate)
         site = left[0].other.site
         confirm = f" {unfilled(catalogue()[site.cause].confirm)}" if site is not None and not told else ""
         out.append(f"No experiment within those bounds tells {pairs} ({_times(most)} the noise at best).{confirm}")
@@ -86,10 +87,10 @@ def _shown(questions: Questions, separations: Array) -> str:
     less, hidden = [], []
     for question, there in zip(questions.asked, separations, strict=True):
         value, unit = question.size or (0.0, "1")
-        now = value * SEPARATE / question.now if question.now > 0.0 else np.inf
-        then = value * SEPARATE / there if there > 0.0 else np.inf
+        now = value * DESIGN.separate / question.now if question.now > 0.0 else np.inf
+        then = value * DESIGN.separate / there if there > 0.0 else np.inf
         name = _name(question, "one", questions)
-        if now > WORTHWHILE * then:
+        if now > DESIGN.worthwhile * then:
             less.append(f"{name} from {_size(then, unit)} on instead of from {_size(now, unit)}")
         else:
             hidden.append(f"{name} below {_size(now, unit)}")

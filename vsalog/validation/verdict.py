@@ -28,11 +28,9 @@ from vsalog.validation.references import WINDOW
 from vsalog.validation.scores import FEWEST_BLOCKS, LEAST_SCORED
 
 # A model whose torque is this close to the reference holds [% of the torque's span].
-HOLDS = 5.0
-# A torque that is measured by more than this part larger or smaller than predicted is another spring's.
-GAIN = 0.1
-# The second dependence is named too when it explains this part of the error's mean square.
-WORTH_SAYING = 0.15
+HOLDING_ERROR = 5.0
+# A torque that is measured by more than this part larger or smaller than predicted is another spring's [1].
+GAIN_ERROR = 0.1
 # A verdict needs as many of the filter's windows as a bootstrap needs blocks.
 LEAST_SAMPLES = FEWEST_BLOCKS * WINDOW
 
@@ -204,12 +202,14 @@ def _verdict(parts: Sequence[TransmissionReport], worst: TransmissionReport) -> 
     if any(_gain_is_off(part) for part in _counted(parts)):
         return "fails"
     # What hides the model's error is no error of the model.
-    return "holds" if high <= HOLDS else "fails" if low > HOLDS and not _is_noise(worst) else "undecided"
+    return (
+        "holds" if high <= HOLDING_ERROR else "fails" if low > HOLDING_ERROR and not _is_noise(worst) else "undecided"
+    )
 
 
 def _gain_is_off(part: TransmissionReport) -> bool:
     """Tell whether what is measured is clearly more or less than predicted, however small that is against the span."""
-    return part.gain is not None and abs(part.gain - 1.0) > GAIN
+    return part.gain is not None and abs(part.gain - 1.0) > GAIN_ERROR
 
 
 def _error(found: partial[Finding], worst: TransmissionReport | None) -> Iterator[Finding]:
@@ -222,7 +222,7 @@ def _error(found: partial[Finding], worst: TransmissionReport | None) -> Iterato
     yield found(
         part=worst.transmission,
         value=nrmse.value,
-        limit=HOLDS,
+        limit=HOLDING_ERROR,
         unit="%",
         evidence={"reference": worst.judged_on or "", "low": low, "high": high},
     )
@@ -230,7 +230,7 @@ def _error(found: partial[Finding], worst: TransmissionReport | None) -> Iterato
 
 def _off_gains(found: partial[Finding], parts: Sequence[TransmissionReport]) -> Iterator[Finding]:
     for part in filter(_gain_is_off, _counted(parts)):
-        yield found(code="validation.gain_off", part=part.transmission, value=part.gain, limit=GAIN)
+        yield found(code="validation.gain_off", part=part.transmission, value=part.gain, limit=GAIN_ERROR)
 
 
 def _nothing_judged(found: partial[Finding], parts: Sequence[TransmissionReport]) -> Finding:
@@ -274,12 +274,11 @@ def _why(found: partial[Finding], part: TransmissionReport, verdict: Verdict) ->
     """Yield what the error depends on."""
     about = partial(found, part=part.transmission)
     told = _told(part)
-    shown = [*told[:1], *(d for d in told[1:2] if d.share >= WORTH_SAYING)]
     if not told and verdict == "holds":
         yield about(code="error.independent", severity="info")
     elif not part.dependence:
         yield about(code="error.noise", severity="info", evidence={"reference": part.judged_on or ""})
-    for d in shown if told or verdict == "holds" else part.dependence:
+    for d in told[:2] if told or verdict == "holds" else part.dependence:
         yield about(code=d.code, value=d.share, limit=LEAST_SHARE, evidence=d.evidence | {"p_value": d.p_value})
         if d.not_told_from:
             others = ", ".join(CODES[on].removeprefix("error.").replace("_", " ") for on in d.not_told_from)

@@ -47,8 +47,8 @@ NAME = "impedance-coupled"
 SUMMARY = "stiffness, link inertia and damping in one loop, from a measured push (Serio 2011, §III-A); for comparison"
 # Another loop begins with so many times the guessed inertia [1], and without damping: where both do not meet, neither is right.
 ANOTHER_GUESS = 2.0
-# The link's position is differentiated so often [1].
-JERK = 3
+# Derivatives that the loop reads, by role.
+ORDERS = {"external_torque": 1, "link_position": 3}
 
 
 class ImpedanceCoupledTuning(ObserverTuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -146,9 +146,7 @@ class ImpedanceCoupledFold(StateObserver):
             )
         self.look = first_look(device, signals, tuning)
         tuning = with_window(tuning, signals, quiet_window(device, signals, tuning))
-        orders = dict.fromkeys((*self.view.deflection_roles(signals.roles), "external_torque"), 1) | {
-            "link_position": JERK
-        }
+        orders = dict.fromkeys(self.view.deflection_roles(signals.roles), 1) | ORDERS
         self.conditioner = Derivatives(orders, signals.period, tuning.window_for(signals), tuning.degree)
         self.difference = tuning.derivative == "difference"
         whole = self.conditioner.whole(signals)
@@ -344,10 +342,11 @@ def quiet_window(device: Device, signals: JointSignals, tuning: ImpedanceCoupled
 
     Where none does, that of those quiet in φ̇ behind which the least part of q⃛ is noise.
     """
-    windows, shares, kept = suitable_windows(device, signals, tuning, JERK), [], -np.inf
+    order = ORDERS["link_position"]
+    windows, shares, kept = suitable_windows(device, signals, tuning, order), [], -np.inf
     q = signals.roles["link_position"][:ENOUGH]
     for window in windows:
-        weights = derivative_weights(window, tuning.degree, JERK, signals.period)[3:]
+        weights = derivative_weights(window, tuning.degree, order, signals.period)[order:]
         jerk, noise = rms(savgol_filter(q, weights)[0]), sensor_error(q, window).rms(weights[0])
         motion = jerk**2 - noise**2
         if motion < kept:

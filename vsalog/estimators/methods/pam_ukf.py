@@ -20,7 +20,7 @@ from vsalog.core.errors import EstimatorError, OtherKindError
 from vsalog.core.finding import Finding
 from vsalog.core.resolution import sensor_noise
 from vsalog.core.signals import JointSignals
-from vsalog.core.significance import DETECTED_OF_MANY
+from vsalog.core.significance import DETECTED_OF_MANY, INTERVAL
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device
 from vsalog.estimators.equation import SUPPORTED_SHARE
@@ -32,6 +32,7 @@ from vsalog.estimators.pam_states import Column, PamFold, PamState
 from vsalog.estimators.region import lengths
 from vsalog.estimators.state_observer import StateObserver, Unfiltered, UnfilteredTuning
 from vsalog.filters.square_root_ukf import UnscentedTrace
+from vsalog.rig.tolerance import default_deviation
 from vsalog.uncertainty.sensor_error import LEAST_NOISE
 
 Array = NDArray[np.float64]
@@ -43,9 +44,8 @@ OTHERS = ("valve_1", "valve_2", "external_torque")
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
-# A pressure below that outside, which no valve can bring about, by more than the weather changes, and by more than a sensor's
-# offset [1], shares of that outside.
-WEATHER, LARGEST_OFFSET = 0.02, 0.1
+# A pressure so far below that outside, which no valve can bring about, is no sensor's offset [1].
+LARGEST_OFFSET = 0.1
 
 # A linear flow has one slope where the orifice into the muscle and that out of it have one each; and it never chokes. It is off
 # by this share, at least [1].
@@ -147,7 +147,8 @@ def _below_outside(role: str, pressure: Array, noise: float, device: Device) -> 
     """
     assert device.pneumatic is not None
     outside, least = device.pneumatic.air.outside_pressure, float(np.min(pressure))
-    limit = outside - max(DETECTED_OF_MANY * noise, WEATHER * outside)
+    weather = INTERVAL * default_deviation("air.outside_pressure", outside, outside)
+    limit = outside - max(DETECTED_OF_MANY * noise, weather)
     if least > limit:
         return []
     if least < (1.0 - LARGEST_OFFSET) * outside:

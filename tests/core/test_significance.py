@@ -1,0 +1,19 @@
+"""Stated probabilities and what follows from them, against scipy's normal distribution and IEEE 754."""
+
+import pytest
+from scipy.stats import norm
+
+from vsalog.core.precision import ROUNDING
+from vsalog.core.significance import DETECTED, DETECTED_OF_MANY, DRAWS, INTERVAL, INTERVAL_BELOW
+
+
+def test_intervals_hold_95_per_cent_and_false_alarms_are_one_in_a_thousand_and_in_a_million():
+    assert 2.0 * norm.sf(INTERVAL) == pytest.approx(0.05, rel=1e-9)
+    assert norm.sf(INTERVAL_BELOW) == pytest.approx(0.05, rel=1e-9)
+    assert 2.0 * norm.sf(DETECTED) == pytest.approx(1e-3, rel=1e-9)
+    assert 2.0 * norm.sf(DETECTED_OF_MANY) == pytest.approx(1e-6, rel=1e-9)
+    assert DRAWS == 1000
+
+
+def test_rounding_is_half_of_a_doubles_digits():
+    assert ROUNDING == 2.0**-26
