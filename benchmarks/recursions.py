@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 from numba import njit
+from vsalog.core.spool import EXTENT
 
 from benchmarks.measure import Time, compiler, machine, side_by_side
-from vsalog.core.spool import EXTENT
 from vsalog.estimators.equation import EquationRows
 from vsalog.estimators.qr import QrState, qr_solve, qr_update
 from vsalog.estimators.rls import RlsState, rls_update
