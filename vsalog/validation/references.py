@@ -9,11 +9,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.column import PART
 from vsalog.core.errors import FilterError
 from vsalog.core.model import JointModel
 from vsalog.core.recording import Channel
 from vsalog.core.signals import LONGER, JointSignals
-from vsalog.core.spool import PART
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.estimators.known import conditioner_of
