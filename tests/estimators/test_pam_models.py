@@ -76,8 +76,8 @@ def test_a_name_is_the_same_as_a_rig_that_says_so(experiment, name):
 
 def grid(muscle):
     travel = 0.0365 * np.sin(np.deg2rad(25.0))
-    lengths = muscle.length + np.linspace(-travel, travel, 15)
-    return (v.ravel() for v in np.meshgrid(lengths, np.linspace(0.1013e6, 0.71e6, 15)))
+    lengths = muscle.length + np.linspace(-travel, travel, 50)
+    return (v.ravel() for v in np.meshgrid(lengths, np.linspace(0.1013e6, 0.71e6, 50)))
 
 
 def textbook_pull(name, x, p, length, rest):

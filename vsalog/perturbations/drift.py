@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 from vsalog.core.finding import Finding
 from vsalog.core.significance import DETECTED
-from vsalog.estimators.equation import REPORTED_CHANGE
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.perturbations.trials import Shift, Subject, Trial
 
 
@@ -42,15 +42,11 @@ class Drift:
         """Return the transmissions whose stiffness changes over the log."""
         found = []
         for name, (moved, noise) in shift.overall.items():
-            change = 2.0 * moved
-            if name != "total" and change > REPORTED_CHANGE and moved > DETECTED * noise:
+            # At the end of the log the estimate is off by half of the change.
+            limit = max(NEGLIGIBLE_SHARE, DETECTED * noise)
+            if name != "total" and moved > limit:
+                joint = subject.device.joint
                 found.append(
-                    Finding(
-                        code="stiffness.drifts",
-                        joint=subject.device.joint,
-                        part=name,
-                        value=change,
-                        limit=max(REPORTED_CHANGE, 2.0 * DETECTED * noise),
-                    )
+                    Finding(code="stiffness.drifts", joint=joint, part=name, value=2.0 * moved, limit=2.0 * limit)
                 )
         return found
