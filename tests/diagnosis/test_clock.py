@@ -10,7 +10,7 @@ from written_out import Truth, channels, joint_of
 from vsalog.cli import cli
 from vsalog.diagnosis.causes.base import Parameter, Site
 from vsalog.diagnosis.clock import all_late, counted_from, on_fewest_clocks, read_apart
-from vsalog.diagnosis.common import common_sites
+from vsalog.diagnosis.common_causes import common_sites
 from vsalog.diagnosis.linear import formed_of
 from vsalog.diagnosis.run import Options, diagnose
 from vsalog.diagnosis.selection import APART, sites_of, smooth_drive

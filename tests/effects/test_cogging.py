@@ -5,7 +5,7 @@ import pytest
 
 from vsalog.core.signals import JointSignals
 from vsalog.effects.cogging import Cogging, steepness
-from vsalog.estimators.net_torque import NetTorque
+from vsalog.estimators.friction_compensation import FrictionCompensation
 from vsalog.residuals.balance import cogged
 from vsalog.rig.schema import ElasticJoint, LinearTransmission, Link, Motor
 from vsalog.simulation import _dynamics as d
@@ -34,7 +34,7 @@ def test_the_balance_has_it_on_the_side_of_what_resists():
 
 
 class View:
-    """What `NetTorque` asks of a transmission and its motor."""
+    """What `FrictionCompensation` asks of a transmission and its motor."""
 
     name, motor, motor_torque, motor_position = "arm", MOTOR, "motor_torque", "motor_position"
 
@@ -44,7 +44,7 @@ def test_estimators_add_it_to_the_motors_torque():
     roles = {"motor_torque": np.full(50, 0.3), "motor_position": THETA}
     starts = np.arange(50) == 0
     signals = JointSignals("arm", 1e-3, stamps, 1e-9 * stamps, roles, starts, np.zeros(50, dtype=np.int32))
-    net = NetTorque((View(),), signals, "kinematic", 1.0)
+    net = FrictionCompensation((View(),), signals, "kinematic", 1.0)
     _, (block,) = net.step(net.start(), signals)
     np.testing.assert_allclose(block.roles["motor_torque"], 0.3 + EXPECTED, atol=1e-12)
 

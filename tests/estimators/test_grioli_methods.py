@@ -14,10 +14,10 @@ import vsalog
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.cli import cli
 from vsalog.core.trace import Trace
-from vsalog.estimators.borne_torque import BorneTorque, LoadFriction, Weight
 from vsalog.estimators.device import device_of
-from vsalog.estimators.rates import RateNoise
 from vsalog.estimators.registry import method
+from vsalog.estimators.torque_rates import RateNoise
+from vsalog.estimators.transmission_torque import LoadFriction, TransmissionTorque, Weight
 from vsalog.estimators.tuning import Tuning, read_tuning
 from vsalog.estimators.windows import WINDOWS, noisy_rates, suitable_windows
 from vsalog.filters.derivative_weights import derivative_weights
@@ -167,13 +167,13 @@ def test_the_torque_and_its_rate_are_those_of_the_equation_of_motion():
     }
     spec = next(iter(vsa2_experiment(duration=0.01).rig.joint.values()))
     view = replace(device_of("x", spec).transmissions[0], motor_position="motor_position", deflection="deflection")
-    motor = BorneTorque(view, {"motor_position": (0.0, D, B), "motor_torque": (-1.0,)})
+    motor = TransmissionTorque(view, {"motor_position": (0.0, D, B), "motor_torque": (-1.0,)})
     torque = -9 * B * np.sin(3 * t) + 3 * D * np.cos(3 * t) - np.sin(5 * t)
     rate = -27 * B * np.cos(3 * t) - 9 * D * np.sin(3 * t) - 5 * np.cos(5 * t)
     np.testing.assert_allclose(motor.torque(of), torque, atol=1e-12)
     np.testing.assert_allclose(motor.rate(of), rate, atol=1e-12)
     np.testing.assert_allclose(motor.deflection(of, 1), -2 * np.sin(2 * t) - 3 * np.cos(3 * t), atol=1e-12)
-    link = BorneTorque(view, {"link_position": (0.0, -DAMPING, -INERTIA)}, weight=Weight(WEIGHT, 0.1))
+    link = TransmissionTorque(view, {"link_position": (0.0, -DAMPING, -INERTIA)}, weight=Weight(WEIGHT, 0.1))
     weight = WEIGHT * np.sin(np.cos(2 * t) - 0.1)
     np.testing.assert_allclose(link.torque(of), 4 * INERTIA * np.cos(2 * t) + 2 * DAMPING * np.sin(2 * t) - weight)
     numeric = np.gradient(link.torque(of), t, edge_order=2)
@@ -192,7 +192,7 @@ def test_the_noise_of_rates_is_what_white_noise_makes_of_them(joint, difference)
     noise = {"motor_position": 1e-4, "motor_torque": 0.2, "link_position": 2e-4}
     signals = replace(signals, roles={r: s * rng.standard_normal(len(signals)) for r, s in noise.items()})
     spec, _ = signals_of(joint)
-    borne = BorneTorque(
+    borne = TransmissionTorque(
         device_of("arm", spec).transmissions[0], {"motor_position": (0.0, D, B), "motor_torque": (-1.0,)}
     )
     filters = Derivatives(borne.orders(signals.roles), T, 0.05, 5)

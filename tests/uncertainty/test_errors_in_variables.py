@@ -28,7 +28,7 @@ def behind(window, error):
 @pytest.mark.parametrize("steps", [2.5, 6.0, 20.0, 300.0])
 @pytest.mark.parametrize("window", [51, 201])
 def test_what_an_encoder_adds_is_what_it_adds(steps, window):
-    """Known motion, rounded here: the error is there to be filtered; told from the rounded samples alone."""
+    """KnownEffects motion, rounded here: the error is there to be filtered; told from the rounded samples alone."""
     motion = steps * np.sin(2 * np.pi * 0.83 * TIME) + 0.4 * steps * np.sin(2 * np.pi * 0.31 * TIME + 1.0)
     recorded = np.round(motion)
     value, rate, acceleration = behind(window, recorded - motion)

@@ -13,7 +13,7 @@ from scipy.special import chdtri, erf, expit
 from vsalog.core.significance import INTERVAL, INTERVAL_BELOW, SIGNIFICANCE
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
-from vsalog.diagnosis.common import scales
+from vsalog.diagnosis.common_causes import scales
 from vsalog.diagnosis.linear import Placed, placed
 from vsalog.diagnosis.selection import Choice, Selection
 from vsalog.diagnosis.subsets import precisions

@@ -17,16 +17,16 @@ from vsalog.core.signals import JointSignals
 from vsalog.diagnosis.document import Verdict
 from vsalog.diagnosis.found import Found, found_by, loss_of
 from vsalog.diagnosis.gain import Compared, Standing, compared, standing, weighed
-from vsalog.diagnosis.hints import hint_of
-from vsalog.diagnosis.independent import not_independent
 from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.remainder import depends_on, loop_over, rate_of, variables_of
 from vsalog.diagnosis.selection import APART, Selection, nothing_found, select
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.sides import side_of
+from vsalog.diagnosis.signs_and_units import hint_of
 from vsalog.diagnosis.smooth import SmoothSite
+from vsalog.diagnosis.torque_independence import not_independent
 from vsalog.diagnosis.trajectory import refined
-from vsalog.diagnosis.unknown import ENCODERS, TAKEN_UP, spring_findings, with_springs
+from vsalog.diagnosis.unknown_spring import ENCODERS, TAKEN_UP, spring_findings, with_springs
 from vsalog.residuals.balance import Motion
 from vsalog.residuals.channels import Channels, channels_of, span_of
 from vsalog.residuals.kinds import balance_for, equations_of, motion_for

@@ -20,7 +20,7 @@ from vsalog.core.significance import SIGNIFICANCE
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Remainder, Setting, Site
 from vsalog.diagnosis.clock import all_late, counted_from, delays_in, on_fewest_clocks, read_apart
-from vsalog.diagnosis.common import common_sites
+from vsalog.diagnosis.common_causes import common_sites
 from vsalog.diagnosis.discrepancy import Weights, left_out, weighted_by
 from vsalog.diagnosis.linear import (
     Linear,
@@ -38,7 +38,7 @@ from vsalog.diagnosis.omnibus import p_value
 from vsalog.diagnosis.posterior import ITERATIONS, Posterior, Problem, begun_by, most_probable
 from vsalog.diagnosis.smooth import smooth_sites
 from vsalog.diagnosis.subsets import BEST, Candidates, Ranked, best_sets, precisions, without
-from vsalog.diagnosis.unknown import spring_sites
+from vsalog.diagnosis.unknown_spring import spring_sites
 from vsalog.residuals.sensing import torque_role, true_roles
 from vsalog.residuals.system import System, build_system, whitener
 from vsalog.validation.scores import FEWEST_BLOCKS

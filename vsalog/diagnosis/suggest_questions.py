@@ -16,7 +16,7 @@ from vsalog.diagnosis.found import loss_of
 from vsalog.diagnosis.joint import JointDiagnosis
 from vsalog.diagnosis.linear import Placed, clash, placed
 from vsalog.diagnosis.priors import deviation_of
-from vsalog.diagnosis.unknown import TAKEN_UP
+from vsalog.diagnosis.unknown_spring import TAKEN_UP
 from vsalog.residuals.system import System
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from vsalog.core.signals import JointSignals
 from vsalog.core.significance import DETECTED_OF_MANY
 from vsalog.estimators.acceleration_group import Axis, Group
 from vsalog.estimators.device import PLACES
-from vsalog.estimators.net_torque import CUBIC
+from vsalog.estimators.friction_compensation import CUBIC
 from vsalog.filters.acceleration_arm import Arm, axis_rows
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
 from vsalog.uncertainty.sensor_error import ENOUGH

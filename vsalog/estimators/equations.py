@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vsalog.core.basis import PolynomialBasis
 from vsalog.estimators.device import TransmissionView, deflection_of
 from vsalog.estimators.equation import EquationRows
-from vsalog.estimators.known import Known
+from vsalog.estimators.known_effects import KnownEffects
 from vsalog.estimators.torque import integral_block, lag_block, residual_block
 from vsalog.filters.conditioning import Conditioned
 from vsalog.uncertainty.errors_in_variables import RegressorNoise
@@ -57,7 +57,7 @@ class TorqueEquation:
     transmissions: tuple[TransmissionView, ...]
     basis: PolynomialBasis
     torque: Callable[[Conditioned], Array]
-    known: tuple[Known, ...] = ()
+    known: tuple[KnownEffects, ...] = ()
     noise: RegressorNoise | None = None
 
     leading: ClassVar[int] = 0
@@ -116,7 +116,7 @@ class ResidualEquation(OfOneTransmission):
     bandwidth: float
     period: float
     matched: bool
-    known: Known | None = None
+    known: KnownEffects | None = None
     noise: RegressorNoise | None = None
 
     leading: ClassVar[int] = 0
@@ -193,7 +193,7 @@ class IntegratedMotorEquation(OfOneTransmission):
     view: TransmissionView
     basis: PolynomialBasis
     period: float
-    known: Known | None = None
+    known: KnownEffects | None = None
     torque_noise: float = 0.0  # of a sample of the motor's torque, standard deviation [N·m]
     noise: RegressorNoise | None = None
 

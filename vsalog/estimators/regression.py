@@ -26,10 +26,10 @@ from vsalog.estimators.equation import (
     EquationRows,
     Solver,
 )
-from vsalog.estimators.first_look import NOTHING_SEEN, FirstLook
 from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.region import Region, lengths
 from vsalog.estimators.residual_motion import motion_rows_block, motion_rows_start, residual_findings
+from vsalog.estimators.screening import NOTHING_FOUND, Screening
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.conditioning import Conditioned, Conditioner, ConditionerState
 from vsalog.filters.direction import direction_start, loading_block
@@ -66,7 +66,7 @@ class RegressionFold:
         *,
         passes: int = 1,
         chosen: Mapping[str, float] = MappingProxyType({}),
-        look: FirstLook = NOTHING_SEEN,
+        look: Screening = NOTHING_FOUND,
         memory: int = 0,
     ) -> None:
         self.name, self.modality, self.device, self.conditioner = name, modality, device, conditioner

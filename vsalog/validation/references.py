@@ -16,7 +16,7 @@ from vsalog.core.recording import Channel
 from vsalog.core.signals import LONGER, JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE
-from vsalog.estimators.known import conditioner_of
+from vsalog.estimators.known_effects import conditioner_of
 from vsalog.estimators.torque import lag_block
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.conditioning import Conditioned

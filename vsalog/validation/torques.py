@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView
-from vsalog.estimators.known import Known, known_of
+from vsalog.estimators.friction_compensation import way_role
+from vsalog.estimators.known_effects import KnownEffects, known_of
 from vsalog.estimators.needs import sensor_role
-from vsalog.estimators.net_torque import way_role
 from vsalog.estimators.torque import lag_block, residual_block
 from vsalog.filters.conditioning import Conditioned
 from vsalog.validation.references import BANDWIDTH, Smoothed, runs_of, tuning_of
@@ -86,7 +86,7 @@ def felt(
     return torque
 
 
-def _beside(known: Known, s: Smoothed, signals: JointSignals) -> tuple[Array, Array]:
+def _beside(known: KnownEffects, s: Smoothed, signals: JointSignals) -> tuple[Array, Array]:
     """Return the torque transmitted beside the spring's [N·m] and the doubt as a share of what is borne, shape (N,) each."""
     torque, doubt, state = np.empty(s.time.size), np.empty(s.time.size), known.start()
     for run in runs_of(s):

@@ -23,7 +23,7 @@ from vsalog.estimators.acceleration_group import NAME, Group, group_of
 from vsalog.estimators.accelerometer_check import accelerometer_findings
 from vsalog.estimators.device import PLACES, Device, largest
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE
-from vsalog.estimators.net_torque import NetTorque, NetTorqueState, extended
+from vsalog.estimators.friction_compensation import FrictionCompensation, FrictionCompensationState, extended
 from vsalog.estimators.state_observer import StateObserver, Unfiltered, UnfilteredTuning
 from vsalog.estimators.tuning import Positive
 from vsalog.estimators.windows import rms
@@ -102,7 +102,7 @@ class AccelerationState:
     """
 
     observers: ArmState
-    friction: NetTorqueState | None
+    friction: FrictionCompensationState | None
     seen: int = 0
     masked: int = 0
     lost: int = 0
@@ -118,7 +118,7 @@ class AccelerationFold(StateObserver):
         self.device, self.group, self.tuning, self.period = device, group, tuning, signals.period
         self.noise = {role: _noise(device, signals, role) for role in group.roles}
         rubbing = tuple(m.view for m in group.members if extended(m.view.motor))
-        self.friction = NetTorque(rubbing, signals, "kinematic", tuning.shape) if rubbing else None
+        self.friction = FrictionCompensation(rubbing, signals, "kinematic", tuning.shape) if rubbing else None
         plain = self._plain_arm()
         usual = self._usual_deviation(plain, signals)
         self.frequencies = [self._frequency(i, float(usual[i])) for i in range(len(group.members))]

@@ -26,11 +26,11 @@ from vsalog.core.signals import LONGER, JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equation import EquationRows
 from vsalog.estimators.equations import OfOneTransmission, regressors
-from vsalog.estimators.first_look import first_look
-from vsalog.estimators.known import Known, conditioner_of, known_of
+from vsalog.estimators.known_effects import KnownEffects, conditioner_of, known_of
 from vsalog.estimators.needs import torque_roles
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_behind_filters
+from vsalog.estimators.screening import screened
 from vsalog.estimators.solvers import FEWEST_WINDOWS, RlsSolver, least_samples
 from vsalog.estimators.tuning import RlsTuning, Seconds
 from vsalog.filters.conditioning import Conditioned, Conditioner
@@ -82,7 +82,7 @@ def build(device: Device, signals: JointSignals, tuning: AlgebraicTuning) -> Reg
     taps = round(tuning.span / signals.period) + 1
     _check_span(signals, tuning.span, taps)
     weights = fir_weights(taps, signals.period)
-    look = first_look(device, signals, tuning)
+    look = screened(device, signals, tuning)
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
     equations = tuple(_equation(device, view, signals, tuning, weights, conditioner) for view in device.transmissions)
     # Within a span all that is left over is alike, as within a filter's window.
@@ -162,7 +162,7 @@ class AlgebraicEquation(OfOneTransmission):
     inertia: float
     damping: float
     weights: Array
-    known: Known | None = None
+    known: KnownEffects | None = None
     noise: RegressorNoise | None = None
 
     leading: ClassVar[int] = 0

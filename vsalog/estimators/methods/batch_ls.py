@@ -11,11 +11,11 @@ from collections.abc import Collection
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device
 from vsalog.estimators.equations import IntegratedMotorEquation
-from vsalog.estimators.first_look import first_look
-from vsalog.estimators.known import conditioner_of
+from vsalog.estimators.known_effects import conditioner_of
 from vsalog.estimators.methods import qr_rls
-from vsalog.estimators.ramp import look_for_ramps
+from vsalog.estimators.screening import screened
 from vsalog.estimators.solvers import QrSolver, least_samples
+from vsalog.estimators.torque_offset import torque_offsets
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.windows import motor_window
 
@@ -37,10 +37,10 @@ def roles(device: Device, offered: Collection[str], tuning: BatchLsTuning) -> tu
 
 def build(device: Device, signals: JointSignals, tuning: BatchLsTuning) -> qr_rls.IntegratedFold:
     """Assemble the estimator for a joint's signals."""
-    look = first_look(device, signals, tuning)
+    look = screened(device, signals, tuning)
     tuning = motor_window(device, signals, tuning)
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
     equations = qr_rls.integrated_equations(device, signals, tuning, conditioner)
-    look = look.and_also(look_for_ramps(device, signals, conditioner, equations))
+    look = look.and_also(torque_offsets(device, signals, conditioner, equations))
     solver = QrSolver(1.0, IntegratedMotorEquation.leading, integral=True, least=least_samples(conditioner))
     return qr_rls.IntegratedFold(NAME, "INTEGRATED", device, conditioner, equations, solver, passes=2, look=look)

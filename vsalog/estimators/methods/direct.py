@@ -13,11 +13,11 @@ from msgspec import Meta
 
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device
-from vsalog.estimators.first_look import first_look
-from vsalog.estimators.known import conditioner_of
+from vsalog.estimators.known_effects import conditioner_of
 from vsalog.estimators.methods.residual_rls import sensor_equations
 from vsalog.estimators.needs import torque_roles
 from vsalog.estimators.regression import RegressionFold
+from vsalog.estimators.screening import screened
 from vsalog.estimators.solvers import QrSolver, RlsSolver, least_samples
 from vsalog.estimators.tuning import LARGEST, RlsTuning
 from vsalog.estimators.windows import keeping_window
@@ -52,7 +52,7 @@ def roles(device: Device, offered: Collection[str], tuning: DirectTuning) -> tup
 
 def build(device: Device, signals: JointSignals, tuning: DirectTuning) -> RegressionFold:
     """Assemble the estimator for a joint's signals."""
-    look = first_look(device, signals, tuning)
+    look = screened(device, signals, tuning)
     tuning = keeping_window(device, signals, tuning, tuning.default_window)
     needed = roles(device, signals.roles, tuning)
     conditioner = conditioner_of(device, signals, tuning, needed, motor=False)

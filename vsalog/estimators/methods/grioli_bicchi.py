@@ -16,15 +16,15 @@ from msgspec import Meta
 from vsalog.core.errors import EstimatorError
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
-from vsalog.estimators.borne_torque import BorneTorque, LoadFriction, carried_by, effects_left_in
 from vsalog.estimators.device import Device, TransmissionView
 from vsalog.estimators.equation import SUPPORTED_SHARE
-from vsalog.estimators.first_look import FirstLook, first_look
 from vsalog.estimators.folding import estimated
-from vsalog.estimators.following import ObserverFold, ObserverState, ObserverTuning
-from vsalog.estimators.known import known_of
+from vsalog.estimators.friction_compensation import FrictionCompensation, doubt_role, extended, way_role
+from vsalog.estimators.known_effects import known_of
 from vsalog.estimators.needs import require
-from vsalog.estimators.net_torque import NetTorque, doubt_role, extended, way_role
+from vsalog.estimators.observer_fold import ObserverFold, ObserverState, ObserverTuning
+from vsalog.estimators.screening import Screening, screened
+from vsalog.estimators.transmission_torque import LoadFriction, TransmissionTorque, carried_by, effects_left_in
 from vsalog.estimators.windows import noisy_rates, suitable_windows, with_window
 from vsalog.filters.derivatives import Derivatives
 from vsalog.uncertainty.sensor_error import ENOUGH
@@ -93,11 +93,11 @@ def build(device: Device, signals: JointSignals, tuning: GrioliBicchiTuning) -> 
     if side == "motor":
         torques = [motor_torque(device, view, signals, tuning) for view in device.transmissions]
         extra = tuple(v for v in device.transmissions if extended(v.motor))
-        before = NetTorque(extra, signals, tuning.filter, tuning.shape) if extra else None
+        before = FrictionCompensation(extra, signals, tuning.filter, tuning.shape) if extra else None
     else:
         torques, before = [link_torque(device, signals)], None
     orders = {role: order for t in torques for role, order in t.orders(signals.roles).items()}
-    look = first_look(device, signals, tuning)
+    look = screened(device, signals, tuning)
 
     def fold(window: int, part: JointSignals) -> GrioliBicchiFold:
         own = with_window(tuning, part, window)
@@ -127,8 +127,8 @@ class GrioliBicchiFold(ObserverFold):
     """The observers of all transmissions, and findings about where their torque comes from."""
 
     def __init__(
-        self, side: str, device: Device, signals: JointSignals, tuning: GrioliBicchiTuning, torques: list[BorneTorque],
-        conditioner: Derivatives, look: FirstLook,
+        self, side: str, device: Device, signals: JointSignals, tuning: GrioliBicchiTuning, torques: list[TransmissionTorque],
+        conditioner: Derivatives, look: Screening,
     ) -> None:  # fmt: skip
         super().__init__(NAME, "RESIDUAL", device, signals, tuning, torques, conditioner, look)
         self.side, self.pushed = side, "external_torque" in signals.roles
@@ -178,7 +178,7 @@ def smoothed_away(fold: ObserverFold, shorter: ObserverFold, signals: JointSigna
 
 def motor_torque(
     device: Device, view: TransmissionView, signals: JointSignals, tuning: GrioliBicchiTuning
-) -> BorneTorque:
+) -> TransmissionTorque:
     """Return Σ = B θ̈ + D θ̇ − τ, dry friction and cogging taken off τ beforehand (Serio 2011 eq. 1, §III-B).
 
     Raises
@@ -199,10 +199,10 @@ def motor_torque(
         assert known is not None
         friction = LoadFriction(way_role(view), doubt_role(view), motor.friction.load, known.friction_limit)
     terms = {view.motor_position: (0.0, motor.damping, motor.inertia), view.motor_torque: (-1.0,)}
-    return BorneTorque(view, terms, friction=friction)
+    return TransmissionTorque(view, terms, friction=friction)
 
 
-def link_torque(device: Device, signals: JointSignals) -> BorneTorque:
+def link_torque(device: Device, signals: JointSignals) -> TransmissionTorque:
     """Return Σ = τ_ext − I q̈ − N q̇ − g(q) of the one transmission (Serio 2011 eq. 1), τ_ext = 0 where it is not recorded.
 
     Raises
@@ -224,4 +224,4 @@ def link_torque(device: Device, signals: JointSignals) -> BorneTorque:
     terms: dict[str, tuple[float, ...]] = {"link_position": (0.0, -device.link.damping, -inertia)}
     if "external_torque" in signals.roles:
         terms["external_torque"] = (1.0,)
-    return BorneTorque(device.transmissions[0], terms, weight=weight)
+    return TransmissionTorque(device.transmissions[0], terms, weight=weight)

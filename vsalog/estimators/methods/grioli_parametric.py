@@ -17,15 +17,15 @@ from vsalog.core.basis import PolynomialBasis
 from vsalog.core.errors import EstimatorError
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
-from vsalog.estimators.borne_torque import effects_left_in
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equation import EquationRows
-from vsalog.estimators.first_look import first_look
 from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.needs import sensor_role, torque_roles
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_behind_filters
+from vsalog.estimators.screening import screened
 from vsalog.estimators.solvers import QrSolver, least_samples
+from vsalog.estimators.transmission_torque import effects_left_in
 from vsalog.estimators.tuning import Positive, Tuning, usual_regressor
 from vsalog.estimators.windows import noisy_rates, suitable_windows, with_window
 from vsalog.filters.conditioning import Conditioned, Conditioner
@@ -75,7 +75,7 @@ def build(device: Device, signals: JointSignals, tuning: GrioliParametricTuning)
             f"joint '{device.joint}': a basis with branches jumps from one to the other, and {NAME} learns from rates; leave"
             f" branches out of [joint.{device.joint}.basis], or use --estimator direct"
         )
-    look = first_look(device, signals, tuning)
+    look = screened(device, signals, tuning)
     tuning = with_window(tuning, signals, suitable_windows(device, signals, tuning)[0])
     needed = roles(device, signals.roles, tuning)
     p0 = tuning.p0 if tuning.p0 is not None else 1e4 / usual_regressor(device, signals) ** 2

@@ -13,12 +13,12 @@ from msgspec import Meta
 
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
-from vsalog.estimators.borne_torque import BorneTorque
 from vsalog.estimators.device import Device
-from vsalog.estimators.first_look import FirstLook, first_look
-from vsalog.estimators.following import Columns, ObserverFold, ObserverState, ObserverTuning
 from vsalog.estimators.link_impedance import LinkImpedance
 from vsalog.estimators.needs import require
+from vsalog.estimators.observer_fold import Columns, ObserverFold, ObserverState, ObserverTuning
+from vsalog.estimators.screening import Screening, screened
+from vsalog.estimators.transmission_torque import TransmissionTorque
 from vsalog.estimators.windows import keeping_window
 from vsalog.filters.derivatives import Derivatives
 from vsalog.filters.link_ekf import LinkState
@@ -73,15 +73,15 @@ def build(device: Device, signals: JointSignals, tuning: ImpedanceTuning) -> Imp
     EstimatorError
         A signal never changes.
     """
-    look = first_look(device, signals, tuning)
+    look = screened(device, signals, tuning)
     return ImpedanceFold(device, signals, keeping_window(device, signals, tuning, tuning.default_window), look)
 
 
 class ImpedanceFold(ObserverFold):
     """Both observers as an estimator: that of the stiffness on measured torques, and beside it the link's filter."""
 
-    def __init__(self, device: Device, signals: JointSignals, tuning: ImpedanceTuning, look: FirstLook) -> None:
-        torques = [BorneTorque(v, {v.torque_sensor: (1.0,)}, measured=True) for v in device.transmissions]
+    def __init__(self, device: Device, signals: JointSignals, tuning: ImpedanceTuning, look: Screening) -> None:
+        torques = [TransmissionTorque(v, {v.torque_sensor: (1.0,)}, measured=True) for v in device.transmissions]
         orders = {role: order for t in torques for role, order in t.orders(signals.roles).items()}
         conditioner = Derivatives(orders, signals.period, tuning.window_for(signals), tuning.degree)
         super().__init__(NAME, "SENSOR", device, signals, tuning, torques, conditioner, look)

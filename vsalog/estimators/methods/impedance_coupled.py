@@ -18,21 +18,21 @@ from vsalog.core.errors import EstimatorError
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
-from vsalog.estimators.averaged import Averaged, averaged
-from vsalog.estimators.borne_torque import Weight, carried_by, effects_left_in
+from vsalog.estimators.averaging_error import AveragingError, averaging_error
 from vsalog.estimators.device import Device, deflection_of
 from vsalog.estimators.equation import SUPPORTED_SHARE
-from vsalog.estimators.first_look import first_look
-from vsalog.estimators.following import (
+from vsalog.estimators.needs import require
+from vsalog.estimators.observer_fold import (
     FILLED_MEMORY,
     MEMORIES,
     Columns,
     ObserverTuning,
     columns,
 )
-from vsalog.estimators.needs import require
-from vsalog.estimators.rates import Rates, typical_speed
+from vsalog.estimators.screening import screened
 from vsalog.estimators.state_observer import StateObserver
+from vsalog.estimators.torque_rates import Rates, typical_speed
+from vsalog.estimators.transmission_torque import Weight, carried_by, effects_left_in
 from vsalog.estimators.windows import KEPT, LOUD, QUIET, rates_of, rms, suitable_windows, with_window
 from vsalog.filters.coupled_observer import CoupledNoise, CoupledState, coupled_start, observe_coupled
 from vsalog.filters.derivative_weights import derivative_weights
@@ -144,7 +144,7 @@ class ImpedanceCoupledFold(StateObserver):
                 f"joint '{device.joint}': external_torque never changes, and without a push whose size is known nothing tells"
                 f" inertia, damping and stiffness apart from any multiple of all three; {NAME} cannot begin"
             )
-        self.look = first_look(device, signals, tuning)
+        self.look = screened(device, signals, tuning)
         tuning = with_window(tuning, signals, quiet_window(device, signals, tuning))
         orders = dict.fromkeys(self.view.deflection_roles(signals.roles), 1) | ORDERS
         self.conditioner = Derivatives(orders, signals.period, tuning.window_for(signals), tuning.degree)
@@ -324,7 +324,7 @@ class ImpedanceCoupledFold(StateObserver):
     def _deflection(self, part: Differentiated) -> Array:
         return deflection_of({role: values[0] for role, values in part.of.items()}, self.view)
 
-    def _average_of(self, signals: JointSignals, phi: Array, known: Motion) -> Averaged:
+    def _average_of(self, signals: JointSignals, phi: Array, known: Motion) -> AveragingError:
         """Return what the loop leaves over of what it takes for the spring's."""
         stiffness, link, _ = observe_coupled(self._loops()[0], *known, known.use, self.alpha, self.period, self.noise)
         spring = known.f - link[:, 0] * known.jerk - link[:, 1] * known.acceleration
@@ -334,7 +334,7 @@ class ImpedanceCoupledFold(StateObserver):
         )
         weights = self.conditioner.weights
         rate = np.hypot(push.rms(weights[1]), self.guess[0] * q.rms(weights[3]))
-        return averaged(phi, Rates(spring, known.deflection), stiffness[:, 0], float(rate))
+        return averaging_error(phi, Rates(spring, known.deflection), stiffness[:, 0], float(rate))
 
 
 def quiet_window(device: Device, signals: JointSignals, tuning: ImpedanceCoupledTuning) -> int:

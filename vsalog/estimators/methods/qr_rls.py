@@ -19,14 +19,14 @@ from vsalog.core.significance import DETECTED_OF_MANY
 from vsalog.estimators.device import Device, TransmissionView
 from vsalog.estimators.equation import REPORTED_CHANGE
 from vsalog.estimators.equations import IntegratedMotorEquation
-from vsalog.estimators.first_look import first_look
 from vsalog.estimators.fold_state import FoldState
-from vsalog.estimators.known import conditioner_of, known_of
+from vsalog.estimators.known_effects import conditioner_of, known_of
 from vsalog.estimators.needs import torque_roles
-from vsalog.estimators.ramp import look_for_ramps
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_for_integral, regressor_noise
+from vsalog.estimators.screening import screened
 from vsalog.estimators.solvers import QrSolver, least_samples
+from vsalog.estimators.torque_offset import torque_offsets
 from vsalog.estimators.tuning import Positive, Tuning, usual_regressor
 from vsalog.estimators.windows import motor_window
 from vsalog.filters.conditioning import Conditioner
@@ -97,14 +97,14 @@ def roles(device: Device, offered: Collection[str], tuning: Tuning, name: str = 
 
 def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> IntegratedFold:
     """Assemble the estimator for a joint's signals."""
-    look = first_look(device, signals, tuning)
+    look = screened(device, signals, tuning)
     tuning = motor_window(device, signals, tuning)
     p0 = tuning.p0 if tuning.p0 is not None else PRIOR_VARIANCE / usual_regressor(device, signals) ** 2
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
     leading = IntegratedMotorEquation.leading
     solver = QrSolver(tuning.forgetting, leading, p0, integral=True, least=least_samples(conditioner))
     equations = integrated_equations(device, signals, tuning, conditioner)
-    look = look.and_also(look_for_ramps(device, signals, conditioner, equations))
+    look = look.and_also(torque_offsets(device, signals, conditioner, equations))
     return IntegratedFold(NAME, "INTEGRATED", device, conditioner, equations, solver, look=look)
 
 

@@ -17,11 +17,11 @@ from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equation import Equation
 from vsalog.estimators.equations import ResidualEquation, TorqueEquation
-from vsalog.estimators.first_look import first_look
-from vsalog.estimators.known import conditioner_of, known_of
+from vsalog.estimators.known_effects import conditioner_of, known_of
 from vsalog.estimators.needs import sensor_role, torque_roles
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_for_residual, noise_for_torque, regressor_noise
+from vsalog.estimators.screening import screened
 from vsalog.estimators.solvers import RlsSolver, least_samples
 from vsalog.estimators.tuning import LARGEST, Modality, Positive, RlsTuning, Tuning
 from vsalog.estimators.windows import WINDOWS, keeping_window, motor_window
@@ -78,7 +78,7 @@ def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> R
         The modality needs a motor inertia or a nominal transmission that the rig does not give, or the samples cannot follow
         the bandwidth.
     """
-    look, chosen = first_look(device, signals, tuning), {}
+    look, chosen = screened(device, signals, tuning), {}
     if tuning.modality == "RESIDUAL":
         tuning = motor_window(device, signals, tuning)
         chosen["bandwidth"] = bandwidth = _bandwidth(signals, tuning)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
-from vsalog.estimators.rates import RateNoise
+from vsalog.estimators.torque_rates import RateNoise
 from vsalog.filters.derivatives import Differentiated
 from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.rig.schema import Link, UnknownTransmission
@@ -58,7 +58,7 @@ class LoadFriction:
 
 
 @dataclass(frozen=True, slots=True)
-class BorneTorque:
+class TransmissionTorque:
     """Σ of one transmission.
 
     Attributes

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from tests.hidden_effects.cases import Plan, make_case, write_case
 from vsalog.cli import cli
 from vsalog.diagnosis.causes.base import Parameter, Site
-from vsalog.diagnosis.common import common_sites, scales
+from vsalog.diagnosis.common_causes import common_sites, scales
 from vsalog.diagnosis.linear import clash
 from vsalog.rig import Rig
 

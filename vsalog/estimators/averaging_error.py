@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.correlation import effective_samples
 from vsalog.core.significance import INTERVAL
-from vsalog.estimators.rates import Rates
+from vsalog.estimators.torque_rates import Rates
 from vsalog.uncertainty.long_run import ENOUGH_BATCHES
 
 Array = NDArray[np.float64]
@@ -60,7 +60,7 @@ class Course:
 
 
 @dataclass(frozen=True, slots=True)
-class Averaged:
+class AveragingError:
     """What was seen of one transmission.
 
     Attributes
@@ -88,7 +88,9 @@ class Averaged:
         return square if self.sharper is None else np.fmax(square, self.sharper.surely(phi))
 
 
-def averaged(phi: Array, known: Rates, found: Array, noise: float, lag: int = 0, memory: int | None = None) -> Averaged:
+def averaging_error(
+    phi: Array, known: Rates, found: Array, noise: float, lag: int = 0, memory: int | None = None
+) -> AveragingError:
     """Look at what an observer's predictions leave of the torque's rate.
 
     Parameters
@@ -101,7 +103,7 @@ def averaged(phi: Array, known: Rates, found: Array, noise: float, lag: int = 0,
     memory : samples that the observer remembers; all where absent
     """
     if found.size < 2 or not known.deflection.any():
-        return Averaged()
+        return AveragingError()
     left = np.nan_to_num(known.torque - found * known.deflection)
     score = left * np.sign(known.deflection)
     whole = max(1.0, left.size / effective_samples(score))
@@ -109,7 +111,7 @@ def averaged(phi: Array, known: Rates, found: Array, noise: float, lag: int = 0,
     power = known.deflection**2
     more = (float(np.mean(left**2)) - noise**2) / float(np.mean(power))
     within = float(np.sqrt(max(0.0, more, _growth(left**2, power))))
-    return Averaged(alike, within, _course(phi, known.deflection, left, whole), _drift(found, lag))
+    return AveragingError(alike, within, _course(phi, known.deflection, left, whole), _drift(found, lag))
 
 
 def _alike(left: Array, memory: int) -> float:

@@ -10,8 +10,8 @@ from command_line import vsalog_run
 from scipy.signal import lfilter
 from test_grioli_methods import estimated
 
-from vsalog.estimators.averaged import averaged
-from vsalog.estimators.rates import Rates
+from vsalog.estimators.averaging_error import averaging_error
+from vsalog.estimators.torque_rates import Rates
 
 T = 1e-3
 
@@ -21,13 +21,13 @@ def test_what_is_left_over_but_for_noise_is_the_stiffness_s_own():
     rate, K = np.cos(10.0 * t), 30.0
     phi, left = np.sin(10.0 * t) / 10.0, 2.0 * rng.standard_normal(t.size)
     known = Rates(K * rate + left, rate)
-    assert averaged(phi, known, np.full(rate.size, K), 2.1).within == 0.0
-    seen = averaged(phi, known, np.full(rate.size, K), 0.0)
+    assert averaging_error(phi, known, np.full(rate.size, K), 2.1).within == 0.0
+    seen = averaging_error(phi, known, np.full(rate.size, K), 0.0)
     assert seen.within == pytest.approx(2.0 / np.sqrt(0.5), rel=0.02)
     assert seen.alike < 1.3
     # What grows with the rate is the stiffness's own, even where noise is taken to be large.
     known = Rates((K + 3.0 * rng.standard_normal(rate.size)) * rate + left, rate)
-    assert averaged(phi, known, np.full(rate.size, K), 10.0).within == pytest.approx(3.0, rel=0.1)
+    assert averaging_error(phi, known, np.full(rate.size, K), 10.0).within == pytest.approx(3.0, rel=0.1)
 
 
 def test_a_hardening_spring_differs_most_where_it_hardly_moves():
@@ -35,7 +35,7 @@ def test_a_hardening_spring_differs_most_where_it_hardly_moves():
     t = np.linspace(0.0, 60.0 * np.pi, 60_000)
     phi, rate = 0.1 * np.sin(t), 0.1 * np.cos(t)
     mean = 60.0 + 3000.0 * 0.01 / 3.0
-    seen = averaged(phi, Rates((60.0 + 3000.0 * phi**2) * rate, rate), np.full(t.size, mean), 0.0)
+    seen = averaging_error(phi, Rates((60.0 + 3000.0 * phi**2) * rate, rate), np.full(t.size, mean), 0.0)
     where = np.array([-0.1, -0.05, 0.0, 0.1])
     np.testing.assert_allclose(seen.course.square(where) ** 0.5, np.abs(3000.0 * where**2 - 10.0), rtol=1e-6, atol=1e-6)
     # The mean square that is told for everywhere is that where it moves fast, and never less is claimed.
@@ -48,7 +48,7 @@ def test_samples_are_alike_as_far_as_the_observer_remembers(memory):
     """Sums of L samples of a first-order process: variance 1 + 2 Σ (1 − k/L) ρ^k, times L."""
     rho, rate = 0.9, np.ones(200_000)
     left = lfilter([1.0], [1.0, -rho], np.random.default_rng(5).standard_normal(rate.size))
-    seen = averaged(
+    seen = averaging_error(
         np.linspace(0.0, 1.0, rate.size), Rates(30.0 + left, rate), np.full(rate.size, 30.0), 0.0, 0, memory
     )
     k = np.arange(1, memory)
@@ -60,7 +60,9 @@ def test_of_two_courses_the_sharper_is_claimed_where_it_is_more():
     phi, rate, where = 0.1 * np.sin(t), 0.1 * np.cos(t), np.array([-0.1, -0.05, 0.0, 0.1])
 
     def seen(bend):
-        return averaged(phi, Rates((60.0 + bend * phi**2) * rate, rate), np.full(t.size, 60.0 + bend * 0.01 / 3.0), 0.0)
+        return averaging_error(
+            phi, Rates((60.0 + bend * phi**2) * rate, rate), np.full(t.size, 60.0 + bend * 0.01 / 3.0), 0.0
+        )
 
     smooth, sharp = seen(1000.0), seen(3000.0)
     both = replace(smooth, sharper=sharp.course)
@@ -91,7 +93,7 @@ def test_how_well_a_course_is_known_is_what_least_squares_says():
     squares, courses = [], []
     for _ in range(200):
         noise = np.repeat(rng.standard_normal(t.size // held), held)
-        seen = averaged(phi, Rates(20.0 * rate + noise, rate), np.full(t.size, 20.0), 1.0)
+        seen = averaging_error(phi, Rates(20.0 * rate + noise, rate), np.full(t.size, 20.0), 1.0)
         squares.append(seen.course.square(where))
         courses.append(seen.course.at(where))
     spread = np.var(courses, axis=0)
@@ -102,19 +104,19 @@ def test_how_well_a_course_is_known_is_what_least_squares_says():
 def test_a_stiffness_that_drifts_is_known_the_worse_the_longer_ago_it_was_learnt():
     rate = np.cos(np.arange(5_000) * 0.01)
     K = 30.0 + 0.002 * np.arange(5_000)
-    assert averaged(rate, Rates(K * rate, rate), K, 0.0, 300).drift == pytest.approx(0.002)
+    assert averaging_error(rate, Rates(K * rate, rate), K, 0.0, 300).drift == pytest.approx(0.002)
     # Longer than the log: over half of it.
-    assert averaged(rate, Rates(K * rate, rate), K, 0.0, 90_000).drift == pytest.approx(0.002)
-    assert averaged(rate, Rates(30.0 * rate, rate), np.full(rate.size, 30.0), 0.0, 300).drift == 0.0
-    assert averaged(rate, Rates(K * rate, rate), K, 0.0).drift == 0.0
+    assert averaging_error(rate, Rates(K * rate, rate), K, 0.0, 90_000).drift == pytest.approx(0.002)
+    assert averaging_error(rate, Rates(30.0 * rate, rate), np.full(rate.size, 30.0), 0.0, 300).drift == 0.0
+    assert averaging_error(rate, Rates(K * rate, rate), K, 0.0).drift == 0.0
 
 
 def test_deflections_that_tell_nothing_have_no_course():
     still = np.zeros(100)
-    assert averaged(still, Rates(still, still), still, 0.0).course is None
+    assert averaging_error(still, Rates(still, still), still, 0.0).course is None
     rate = np.ones(100)
-    assert averaged(still, Rates(rate, rate), rate, 0.0).course is None
-    few = averaged(np.arange(3.0), Rates(np.ones(3), np.ones(3)), np.ones(3), 0.0)
+    assert averaging_error(still, Rates(rate, rate), rate, 0.0).course is None
+    few = averaging_error(np.arange(3.0), Rates(np.ones(3), np.ones(3)), np.ones(3), 0.0)
     assert np.isfinite(few.square(np.array([0.0, 5.0]))).all()
 
 

@@ -13,7 +13,7 @@ from vsalog.core.signals import JointSignals
 from vsalog.effects.backlash import engaged
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, spread
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE
-from vsalog.estimators.net_torque import NetTorque, doubt_role, extended, way_role
+from vsalog.estimators.friction_compensation import FrictionCompensation, doubt_role, extended, way_role
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.conditioning import Conditioned, Conditioner
 from vsalog.mechanics.hysteresis import loop_block, loop_level, loop_start
@@ -29,7 +29,7 @@ SLACK = {"savitzky-golay": 1.0, "pair": 1.0, "kinematic": 3.0}
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class KnownEffects:
     """What is known of one transmission, and of its motor where the torque comes from the motor's side.
 
     Attributes
@@ -95,7 +95,7 @@ def _rate(block: Conditioned, view: TransmissionView) -> Array:
 
 def known_of(
     device: Device, view: TransmissionView, signals: JointSignals, tuning: Tuning, torque: str, *, motor: bool
-) -> Known | None:
+) -> KnownEffects | None:
     """Return what the rig knows of a transmission beside its spring; None where that is nothing.
 
     Parameters
@@ -128,7 +128,7 @@ def known_of(
     limits = max(DOUBT_OF_FRICTION * level, least), max(NEGLIGIBLE_SHARE * loops, least)
     steps = [signals.resolution.get(role, 0.0) for role in view.deflection_roles(signals.roles)]
     slack = SLACK[tuning.filter] * float(np.linalg.norm(steps)) / 12.0**0.5
-    return Known(view, damping, gap, loops > 0.0, slack, rubbing, load, *limits)
+    return KnownEffects(view, damping, gap, loops > 0.0, slack, rubbing, load, *limits)
 
 
 def conditioner_of(
@@ -146,7 +146,7 @@ def conditioner_of(
     """
     driven = (v for v in device.transmissions if {v.motor_position, v.motor_torque} <= set(roles))
     views = tuple(v for v in driven if motor and extended(v.motor))
-    before = NetTorque(views, signals, tuning.filter, tuning.shape) if views else None
+    before = FrictionCompensation(views, signals, tuning.filter, tuning.shape) if views else None
     return tuning.conditioner(roles, signals, _rates(device, roles), before, present)
 
 

@@ -14,7 +14,7 @@ from vsalog.core.significance import DETECTED_OF_MANY
 from vsalog.estimators.device import PLACES, Device, deflection_of
 from vsalog.estimators.equation import REPORTED_CHANGE
 from vsalog.estimators.equations import IntegratedMotorEquation
-from vsalog.estimators.first_look import FirstLook
+from vsalog.estimators.screening import Screening
 from vsalog.filters.conditioning import Conditioned, Conditioner
 from vsalog.uncertainty.long_run import ENOUGH_BATCHES
 from vsalog.uncertainty.sensor_error import ENOUGH
@@ -26,15 +26,15 @@ Array = NDArray[np.float64]
 RESIDUAL_OF_RAMP_ALONE = 30.0
 
 
-def look_for_ramps(
+def torque_offsets(
     device: Device, signals: JointSignals, conditioner: Conditioner, equations: Sequence[IntegratedMotorEquation]
-) -> FirstLook:
+) -> Screening:
     """Fit the equations once with a ramp and once without; find where it matters.
 
     Where the basis has a constant term the ramp is among the regressors, and there is nothing to look for.
     """
     if 0 in device.basis.powers:
-        return FirstLook()
+        return Screening()
     findings = []
     _, blocks = conditioner.step(conditioner.start(), signals[:ENOUGH])
     for equation in equations:
@@ -60,7 +60,7 @@ def look_for_ramps(
                     unit="N*m",
                 )
             )
-    return FirstLook(tuple(findings))
+    return Screening(tuple(findings))
 
 
 def _slopes(device: Device, equation: IntegratedMotorEquation, block: Conditioned) -> Array:

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
-from vsalog.estimators.averaged import Averaged, averaged
-from vsalog.estimators.borne_torque import BorneTorque
+from vsalog.estimators.averaging_error import AveragingError, averaging_error
 from vsalog.estimators.device import Device, spread
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE, SUPPORTED_SHARE
-from vsalog.estimators.first_look import FirstLook
-from vsalog.estimators.rates import Rates, prediction_error, typical_speed
+from vsalog.estimators.screening import Screening
 from vsalog.estimators.state_observer import StateObserver
+from vsalog.estimators.torque_rates import Rates, prediction_error, typical_speed
+from vsalog.estimators.transmission_torque import TransmissionTorque
 from vsalog.estimators.tuning import Positive, Tuning
 from vsalog.filters.derivatives import Derivatives, DerivativesState, Differentiated
 from vsalog.filters.stiffness_observer import observe_stiffness, observer_start
@@ -104,7 +104,7 @@ class ObserverFold(StateObserver):
 
     def __init__(
         self, name: str, modality: str, device: Device, signals: JointSignals, tuning: ObserverTuning,
-        torques: Sequence[BorneTorque], conditioner: Derivatives, look: FirstLook,
+        torques: Sequence[TransmissionTorque], conditioner: Derivatives, look: Screening,
     ) -> None:  # fmt: skip
         self.name, self.modality, self.device, self.period, self.tuning = name, modality, device, signals.period, tuning
         self.torques, self.conditioner = torques, conditioner
@@ -174,7 +174,7 @@ class ObserverFold(StateObserver):
         parts["total"] = {**total_columns(list(parts.values())), **more}
         return Trace.of_rows(part.rows, parts)
 
-    def _observed(self, state: ObserverState, part: Differentiated, borne: BorneTorque) -> Columns:
+    def _observed(self, state: ObserverState, part: Differentiated, borne: TransmissionTorque) -> Columns:
         name, rates = borne.view.name, self._rates(state, part, borne)
         before, use = state.observers[name], rates.use
         stiffness, deviation, learnt, slow = observe_stiffness(before.slow, *rates, use, self.alpha, self.period)
@@ -211,7 +211,7 @@ class ObserverFold(StateObserver):
         swings = 2.0 * np.pi / (self.alpha * speed * self.conditioner.window * self.period)
         return noise / speed**2 / (1.0 + swings**2)
 
-    def _rates(self, state: ObserverState, part: Differentiated, borne: BorneTorque) -> Rates:
+    def _rates(self, state: ObserverState, part: Differentiated, borne: TransmissionTorque) -> Rates:
         if self.difference is None:
             return Rates(borne.rate(part.of), borne.deflection(part.of, 1))
         samples = borne.samples(part)
@@ -232,9 +232,9 @@ class ObserverFold(StateObserver):
                 off[i] += prediction_error(known, found, self.conditioner.window)
         return float(1.0 / (memories[int(np.argmin(off))] * speed))
 
-    def _averages_of(self, whole: Differentiated, speed: float) -> dict[str, Averaged]:
+    def _averages_of(self, whole: Differentiated, speed: float) -> dict[str, AveragingError]:
         """Return what the observer of each transmission leaves over on a whole log."""
-        seen: dict[str, Averaged] = {}
+        seen: dict[str, AveragingError] = {}
         for borne in self.torques:
             known = Rates(borne.rate(whole.of), borne.deflection(whole.of, 1))
             if self.difference is not None:
@@ -249,7 +249,7 @@ class ObserverFold(StateObserver):
             noise = float(self.rate_noise[borne.view.name].left(typical)) ** 0.5
             lag = round(min(self._stale(speed) / self.period, phi.size))
             memory = round(min(1.0 / (self.alpha * speed * self.period), phi.size))
-            seen[borne.view.name] = averaged(phi, known, found, noise, lag, memory)
+            seen[borne.view.name] = averaging_error(phi, known, found, noise, lag, memory)
         return seen
 
 

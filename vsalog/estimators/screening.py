@@ -25,7 +25,7 @@ FEWEST_STEPS, STEPS_THAT_EVEN_OUT = 4.0, 40.0
 
 
 @dataclass(frozen=True, slots=True)
-class FirstLook:
+class Screening:
     """What was found, and the steps of the sensors that have any [rad]."""
 
     findings: tuple[Finding, ...] = ()
@@ -40,15 +40,15 @@ class FirstLook:
         """Return the step of deflections [rad], that of both their sensors; 0 where they have none."""
         return deflection_step(self.steps, views)
 
-    def and_also(self, other: FirstLook) -> FirstLook:
+    def and_also(self, other: Screening) -> Screening:
         """Return what was found in either look."""
-        return FirstLook(self.findings + other.findings, {**self.steps, **other.steps})
+        return Screening(self.findings + other.findings, {**self.steps, **other.steps})
 
 
-NOTHING_SEEN = FirstLook()
+NOTHING_FOUND = Screening()
 
 
-def first_look(device: Device, signals: JointSignals, tuning: Tuning) -> FirstLook:
+def screened(device: Device, signals: JointSignals, tuning: Tuning) -> Screening:
     """Look at a log as it is bound, with the window that was asked for."""
     spans = {view.name: _span(view, signals) for view in device.transmissions}
     small = [
@@ -64,7 +64,7 @@ def first_look(device: Device, signals: JointSignals, tuning: Tuning) -> FirstLo
         if span < FEWEST_STEPS
     ]
     steps = encoder_steps(signals.roles, device.transmissions)
-    return FirstLook((*small, *_smoothed_away(device, signals, tuning)), steps)
+    return Screening((*small, *_smoothed_away(device, signals, tuning)), steps)
 
 
 def _span(view: TransmissionView, signals: JointSignals) -> float:

@@ -47,7 +47,7 @@ def doubt_role(view: TransmissionView) -> str:
 
 
 @dataclass(slots=True)
-class NetTorqueState:
+class FrictionCompensationState:
     """Samples of the run so far, those still held back or inside the window, and the states of frictions and filters."""
 
     seen: int = 0
@@ -56,7 +56,7 @@ class NetTorqueState:
     kalman: dict[str, Array] = field(default_factory=dict)
 
 
-class NetTorque:
+class FrictionCompensation:
     """Put in the place of each motor torque what is left of it once friction and cogging are accounted for.
 
     With a causal filter the velocity is the kinematic Kalman filter's; else that of a cubic fitted around each sample, which
@@ -88,11 +88,13 @@ class NetTorque:
             spread, self.reach = _kinematic_velocity(PAPER_TRACKING_INDEX)
             self.floors = {name: DETECTED * spread / self.period * step / 12.0**0.5 for name, step in steps.items()}
 
-    def start(self) -> NetTorqueState:
+    def start(self) -> FrictionCompensationState:
         """Return the state before the first sample."""
-        return NetTorqueState()
+        return FrictionCompensationState()
 
-    def step(self, state: NetTorqueState, block: JointSignals) -> tuple[NetTorqueState, list[JointSignals]]:
+    def step(
+        self, state: FrictionCompensationState, block: JointSignals
+    ) -> tuple[FrictionCompensationState, list[JointSignals]]:
         """Take a block; give the new state and the samples that are ready."""
         out: list[JointSignals] = []
         for piece in block.between_gaps():
@@ -103,7 +105,7 @@ class NetTorque:
             out += ready
         return state, out
 
-    def finish(self, state: NetTorqueState) -> tuple[NetTorqueState, list[JointSignals]]:
+    def finish(self, state: FrictionCompensationState) -> tuple[FrictionCompensationState, list[JointSignals]]:
         """Give out what is held back; the velocity is not known at a run's very end."""
         if state.tail is None or not self.centred:
             return self.start(), []
@@ -111,7 +113,9 @@ class NetTorque:
         unknown = {v.name: np.full(len(held), np.nan) for v in self.views}
         return self.start(), [self._netted(dict(state.frictions), held, unknown)]
 
-    def _within_run(self, state: NetTorqueState, piece: JointSignals) -> tuple[NetTorqueState, list[JointSignals]]:
+    def _within_run(
+        self, state: FrictionCompensationState, piece: JointSignals
+    ) -> tuple[FrictionCompensationState, list[JointSignals]]:
         frictions, seen = dict(state.frictions), state.seen + len(piece)
         if not self.centred:
             kalman, velocities = dict(state.kalman), {}
@@ -120,7 +124,7 @@ class NetTorque:
                 settings = self.settings[v.name]
                 _, velocities[v.name], kalman[v.name] = kinematic_filter(raw, self.period, settings, kalman.get(v.name))
             netted = self._netted(frictions, piece, velocities)
-            return NetTorqueState(seen, None, frictions, kalman), [netted]
+            return FrictionCompensationState(seen, None, frictions, kalman), [netted]
         joined = piece if state.tail is None else state.tail.joined(piece)
         first, last = max(state.seen - self.lag, 0), max(seen - self.lag, 0)
         rows, velocities = slice(first - (seen - len(joined)), last - (seen - len(joined))), {}
@@ -130,7 +134,7 @@ class NetTorque:
             velocities[v.name] = np.concatenate(
                 (np.full(missing, np.nan), found[found.size - (last - first - missing) :])
             )
-        new = NetTorqueState(seen, joined[max(len(joined) - DIRECTION_WINDOW + 1, 0) :], frictions)
+        new = FrictionCompensationState(seen, joined[max(len(joined) - DIRECTION_WINDOW + 1, 0) :], frictions)
         return new, [self._netted(frictions, joined[rows], velocities)] if last > first else []
 
     def _netted(self, frictions: dict[str, Array], rows: JointSignals, velocities: dict[str, Array]) -> JointSignals:

@@ -6,7 +6,7 @@ from restated import changes, recorded
 from written_out import ELASTIC, Truth, log
 
 from vsalog.diagnosis.run import Options, diagnose
-from vsalog.diagnosis.unknown import TAKEN_UP, with_springs
+from vsalog.diagnosis.unknown_spring import TAKEN_UP, with_springs
 from vsalog.mechanics import flexibility_torque
 from vsalog.residuals.sensing import at_joint
 from vsalog.rig import Rig
