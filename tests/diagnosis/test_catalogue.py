@@ -80,7 +80,7 @@ def played(preset):
     joint = at_joint(rig.joints[name])
     system = build_system(joint, channels_of(_bound(recording, name, joint)), balance_for(joint))
     setting = setting_of(joint, system)
-    return name, joint, setting, remainder(system, joint, setting)
+    return name, joint, setting, remainder(system, joint)
 
 
 def sites(preset):

@@ -188,7 +188,7 @@ def elastic():
     found, joint = channels(duration=6.0, seed=1).thinned(), joint_of()
     system = build_system(joint, found, balance_for(joint))
     setting = setting_of(joint, system)
-    return system, joint, setting, remainder(system, joint, setting)
+    return system, joint, setting, remainder(system, joint)
 
 
 def sites():
@@ -342,7 +342,7 @@ def test_a_cause_in_the_place_of_one_of_the_fit_makes_what_it_makes(cause):
     values = {"torque": 0.2, "excess": 0.1, "velocity": 0.5}
     fit = ((plain, np.array([values[p.name] for p in plain.parameters])),)
     there = placed(joint, fit)
-    variants = variants_of(sites, setting, remainder(system, there, setting), fit, {})
+    variants = variants_of(sites, setting, remainder(system, there), fit, {})
     linear = linearised(system, joint, fit, variants)
     others = [g for g, v in enumerate(linear.variants) if v.instead == plain.key]
     assert {linear.variants[g].site.cause for g in others} == {cause, "motor.coulomb_friction"}

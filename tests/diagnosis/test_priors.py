@@ -196,7 +196,7 @@ def test_every_number_of_every_cause_has_a_prior(kind):
     setting = setting_of(joint, system)
     sites = sites_of(setting, frozenset())
     assert len(sites) > 10
-    for variant in variants_of(sites, setting, remainder(system, joint, setting), (), {}):
+    for variant in variants_of(sites, setting, remainder(system, joint), (), {}):
         for deviation in variant.deviation:
             assert np.isfinite(deviation), variant.site.key
             assert deviation > 0.0, variant.site.key

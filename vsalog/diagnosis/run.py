@@ -20,7 +20,7 @@ from vsalog.core.finding_texts import sentences_of
 from vsalog.core.recording import Recording
 from vsalog.core.signals import JointSignals
 from vsalog.diagnosis.describe import causes_of, equation_errors, evidence_of, gains_of, signal_errors, unexplained_of
-from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gain, Gains, Unexplained, Verdict
+from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gain, Gains, Verdict
 from vsalog.diagnosis.evidence import JointEvidence
 from vsalog.diagnosis.joint import HELD_OUT, JointDiagnosis, Progress, diagnose_joint
 from vsalog.diagnosis.priors import felt
@@ -151,8 +151,31 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
         gains, changes = _stiffness(one, rig, extended, measured, progress)
         causes += causes_of(one, changes)
         stiffness += gains
-    findings = [*of_log(log.name, recording.findings), *findings]
-    return _outcome(log, holdout, options, rig, extended, found, causes, left, verdict, stiffness, findings, proposed)
+    simulated = [g for f in found for g in gains_of(f)]
+    where = next((f.held_out for f in found if f.gain is not None), "the log" if holdout is None else HELD_OUT)
+    document = Diagnosis(
+        version=VERSION,
+        vsalog=__version__,
+        log=log.name,
+        log_sha256=sha256(log),
+        holdout=None if holdout is None else holdout.name,
+        holdout_sha256=None if holdout is None else sha256(holdout),
+        rig=rig.to_toml(),
+        settings=_settings(options),
+        verdict=verdict,
+        sentences=(),
+        p_values={f.name: f.selection.p_value for f in found if f.selection.p_value is not None},
+        simulation_error=tuple(e for f in found for e in signal_errors(f)),
+        equations=tuple(e for f in found for e in equation_errors(f)),
+        causes=tuple(causes),
+        gain=Gains(holdout=holdout is not None, where=where, signals=(*simulated, *stiffness)),
+        unexplained=left,
+        next_experiment="",
+        findings=(*of_log(log.name, recording.findings), *findings),
+    )
+    drawn = (log if holdout is None else holdout).name
+    evidence = tuple(evidence_of(f, drawn) for f in found)
+    return Outcome(document, evidence, rig, extended, proposed)
 
 
 def _chained(rig: Rig) -> frozenset[str]:
@@ -187,47 +210,6 @@ def _proposed(
     except VsalogError as error:
         findings.append(Finding(code="diagnosis.no_experiment", severity="info", evidence={"reason": str(error)}))
     return None
-
-
-def _outcome(
-    log: Path,
-    holdout: Path | None,
-    options: Options,
-    rig: Rig,
-    extended: Rig | None,
-    found: Sequence[JointDiagnosis],
-    causes: Sequence[FoundCause],
-    left: Unexplained,
-    verdict: Verdict,
-    stiffness: Sequence[Gain],
-    findings: Sequence[Finding],
-    proposed: Suggestion | None,
-) -> Outcome:
-    gains = [g for f in found for g in gains_of(f)]
-    where = next((f.held_out for f in found if f.gain is not None), "the log" if holdout is None else HELD_OUT)
-    document = Diagnosis(
-        version=VERSION,
-        vsalog=__version__,
-        log=log.name,
-        log_sha256=sha256(log),
-        holdout=None if holdout is None else holdout.name,
-        holdout_sha256=None if holdout is None else sha256(holdout),
-        rig=rig.to_toml(),
-        settings=_settings(options),
-        verdict=verdict,
-        sentences=(),
-        p_values={f.name: f.selection.p_value for f in found if f.selection.p_value is not None},
-        simulation_error=tuple(e for f in found for e in signal_errors(f)),
-        equations=tuple(e for f in found for e in equation_errors(f)),
-        causes=tuple(causes),
-        gain=Gains(holdout=holdout is not None, where=where, signals=(*gains, *stiffness)),
-        unexplained=left,
-        next_experiment="",
-        findings=tuple(findings),
-    )
-    measured = log if holdout is None else holdout
-    evidence = tuple(evidence_of(f, measured.name) for f in found)
-    return Outcome(document, evidence, rig, extended, proposed)
 
 
 def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:

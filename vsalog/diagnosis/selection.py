@@ -288,7 +288,7 @@ def _begins(problem: Problem, stage: Stage, fit: Placed, site: Site, values: Arr
     if site.starts is None:
         return True
     without_it = placed(problem.joint, [(s, v) for s, v in fit if s.key != site.key])
-    begun = site.starts(remainder(stage.system, without_it, problem.setting))
+    begun = site.starts(remainder(stage.system, without_it))
     within = np.array([ITERATIONS * p.reach if p.shape else np.inf for p in site.parameters])
     return any(bool(np.all(np.abs(np.array(start) - values) <= within)) for start in begun)
 
@@ -306,7 +306,7 @@ def blocks_of(system: System) -> Integers:
     return np.minimum((np.arange(time.size) * count) // max(time.size, 1), count - 1).astype(np.int64)
 
 
-def remainder(system: System, joint: Any, setting: Setting) -> Remainder:
+def remainder(system: System, joint: Any) -> Remainder:
     """Return the residual of each equation at every sample."""
     whole, noise = system.equations(joint), dict[str, Array]()
     copies = [copy.equations(joint) for copy in system.noisy]
@@ -354,7 +354,7 @@ def _equations_about(
 ) -> tuple[Linear, System]:
     there = placed(problem.joint, fit)
     own = build_system(there, system.channels, system.balance, hold, system.copies).on_rows_of(system)
-    left = remainder(own, there, problem.setting)
+    left = remainder(own, there)
     variants = variants_of(sites, problem.setting, left, fit, problem.stated)
     return linearised(own, problem.joint, fit, variants), own
 
