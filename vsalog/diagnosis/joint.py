@@ -24,15 +24,16 @@ from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.sides import side_of
 from vsalog.diagnosis.signs_and_units import hint_of
 from vsalog.diagnosis.smooth import SmoothSite
-from vsalog.diagnosis.torque_independence import not_independent
 from vsalog.diagnosis.trajectory import refined
 from vsalog.diagnosis.unknown_spring import ENCODERS, TAKEN_UP, spring_findings, with_springs
 from vsalog.residuals.balance import Motion
 from vsalog.residuals.channels import Channels, channels_of, span_of
 from vsalog.residuals.kinds import balance_for, equations_of, motion_for
-from vsalog.residuals.sensing import at_joint, true_roles
+from vsalog.residuals.sensing import at_joint, each_sensor, true_roles
 from vsalog.residuals.system import BELL, System, build_system
 from vsalog.residuals.windows import WITHIN, Windows, windows_of
+from vsalog.rig.schema import AwasTransmission
+from vsalog.validation.computed_torque import computed_torques
 from vsalog.validation.scores import FEWEST_BLOCKS
 
 Array = NDArray[np.float64]
@@ -150,8 +151,10 @@ def diagnose_joint(
     DiagnosisError
         The roles allow no equation at all.
     """
-    computed = not_independent(signals, joint)
     plain = at_joint(joint)
+    # A formula in the drive or in the log has the positions, not what their sensors make of them.
+    lever = isinstance(getattr(joint, "transmission", None), AwasTransmission)
+    computed = computed_torques(signals.joint, each_sensor(plain, signals), lever=lever)
     joint, fitted = with_springs(plain, signals)
     channels = channels_of(without(signals, computed))
     _require_motion(name, channels)

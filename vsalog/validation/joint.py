@@ -10,15 +10,16 @@ import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
 
-from vsalog.checks.torque_independence import computed_from, stuck
+from vsalog.checks.torque_independence import stuck
 from vsalog.core.finding import Finding
 from vsalog.core.model import JointModel
 from vsalog.core.recording import Channel
 from vsalog.core.resolution import step_of
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
-from vsalog.rig.schema import AntagonisticJoint, Joint
+from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Joint
 from vsalog.validation import references as ref
+from vsalog.validation.computed_torque import computed_torques
 from vsalog.validation.dependence import LEAST_SHARE, dependences, gain_of, thinned
 from vsalog.validation.document import Comparison, Dependence, ErrorOver, Reference, Score, TransmissionReport
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
@@ -93,12 +94,13 @@ def prepare(device: Device, signals: JointSignals) -> Prepared:
     FilterError
         No run is long enough.
     """
-    with ThreadPoolExecutor(1) as beside:  # both take their time with an hour, and neither holds the other up
-        not_independent = beside.submit(_not_independent, device, signals)
+    lever = any(isinstance(view.nominal, AwasTransmission) for view in device.transmissions)
+    with ThreadPoolExecutor(1) as pool:  # both take their time with an hour, and neither holds the other up
+        computed = pool.submit(computed_torques, signals.joint, signals.roles, lever=lever)
         s = ref.smoothed(device, signals, tuple(signals.roles))
     sensors = {role: values for role, values in signals.roles.items() if role.startswith("torque_sensor")}
     kept = {role: s.roles.get(role, values) for role, values in signals.roles.items()}
-    return Prepared(replace(signals, roles=kept), s, sensors, not_independent.result())
+    return Prepared(replace(signals, roles=kept), s, sensors, next(iter(computed.result().values()), None))
 
 
 def judge(
@@ -320,27 +322,6 @@ def _stuck(share: float, still: Flags, time: Array) -> Dependence:
     first, part = float(time[np.argmax(still)]), float(still.mean())
     evidence = {"first": first, "stuck_share": part}
     return Dependence(on="stuck", share=share, p_value=0.0, slope=None, code="error.sensor_stuck", evidence=evidence)
-
-
-def _not_independent(device: Device, signals: JointSignals) -> Finding | None:
-    """Return the finding that a torque sensor's channel is no measurement of its own; None where nothing speaks for that."""
-    roles = signals.roles
-    for view in device.transmissions:
-        name = view.torque_sensor if view.torque_sensor in roles else "torque_sensor"
-        if name not in roles:
-            continue
-        others: list[tuple[Array, str]] = []
-        if view.deflection in roles:
-            others.append((roles[view.deflection], "the deflection"))
-        elif {"link_position", view.motor_position} <= set(roles):
-            others.append((deflection_of(roles, view), "the deflection q − θ"))
-        if view.motor_torque in roles:
-            others.append((roles[view.motor_torque], "the motor's torque (its current)"))
-        for x, what in others:
-            found = computed_from(roles[name], signals.joint, name, x, what)
-            if found is not None:
-                return found
-    return None
 
 
 def _evidence(part: _Part, report: TransmissionReport) -> TransmissionEvidence:

@@ -61,7 +61,7 @@ def _disc(values: Sequence[float]) -> dict[str, tuple[float, str]]:
 
 
 class TorqueNotIndependent(Cause):
-    """A torque channel that was computed, not measured; found before anything is fitted, see `diagnosis.independent`."""
+    """A torque channel that was computed, not measured; found before anything is fitted, see `validation.computed_torque`."""
 
     name = "sensor.torque_not_independent"
     title = "The {part} is no measurement: it was computed from another channel"
