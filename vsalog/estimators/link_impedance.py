@@ -19,7 +19,7 @@ from vsalog.effects.gravity import holding_torque
 from vsalog.estimators.device import Device, spread
 from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.link_beside import NOTHING, what_else_acts
-from vsalog.estimators.observer_fold import Columns
+from vsalog.estimators.state_observer import Columns
 from vsalog.estimators.windows import LOUD, most_moved, rms
 from vsalog.filters.link_ekf import MOST_LOST, LinkNoise, LinkState, State, anew, estimate_link, link_start
 from vsalog.filters.savitzky_golay import savgol_filter

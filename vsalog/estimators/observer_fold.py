@@ -19,9 +19,9 @@ from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimators.averaging_error import AveragingError, averaging_error
 from vsalog.estimators.device import Device, spread
-from vsalog.estimators.equation import NEGLIGIBLE_SHARE, SUPPORTED_SHARE
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.estimators.screening import Screening
-from vsalog.estimators.state_observer import StateObserver
+from vsalog.estimators.state_observer import Columns, StateObserver, state_columns
 from vsalog.estimators.torque_rates import Rates, prediction_error, typical_speed
 from vsalog.estimators.transmission_torque import TransmissionTorque
 from vsalog.estimators.tuning import Positive, Tuning
@@ -31,7 +31,6 @@ from vsalog.filters.stiffness_observer import observe_stiffness, observer_start
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 T = TypeVar("T", float, Array)
-Columns = dict[str, NDArray[Any]]
 
 # Memories of the observer that are tried where no gain is asked for [s].
 MEMORIES = tuple(np.geomspace(0.003, 3.0, 13).tolist())
@@ -194,7 +193,7 @@ class ObserverFold(StateObserver):
         # None at all is what a gain beyond all numbers leaves, and no certainty.
         std[std == 0.0] = np.nan
         supported = use & (learnt >= FILLED_MEMORY) & (age <= self._stale(speed)) & (name not in self.look.blind)
-        return columns(phi, borne.torque(part.of), stiffness, std, supported)
+        return state_columns(phi, borne.torque(part.of), stiffness, std, supported)
 
     def _stale(self, speed: T) -> T:
         """Return the age at which what was learnt at a speed is not of now any more [s].
@@ -253,30 +252,6 @@ class ObserverFold(StateObserver):
         return seen
 
 
-def columns(phi: Array, torque: Array, stiffness: Array, std: Array, excited: Flags) -> Columns:
-    """Return the columns of a stiffness that was followed, shape (N,) each: nothing is fitted over φ.
-
-    Parameters
-    ----------
-    phi, torque : φ [rad] and Σ [N·m]
-    stiffness, std : and its standard deviation [N·m/rad]
-    excited : where the observer has learnt enough; where the deviation is too large the estimate is not supported either
-    """
-    nothing = np.full(phi.shape, np.nan)
-    with np.errstate(invalid="ignore"):
-        excited = excited & (std < SUPPORTED_SHARE * stiffness)
-    return {
-        "deflection": phi,
-        "flexibility_torque": torque,
-        "flexibility_torque_fit": nothing,
-        "stiffness": stiffness,
-        "stiffness_std": std,
-        "excited": excited,
-        "stiffness_derivative": nothing,
-        "stiffness_second_derivative": nothing,
-    }
-
-
 def total_columns(parts: Sequence[Mapping[str, NDArray[Any]]]) -> Columns:
     """The device's: torques and stiffnesses add up (Flacco 2012 eq. 9–10), standard deviations in squares."""
     if len(parts) == 1:
@@ -285,4 +260,4 @@ def total_columns(parts: Sequence[Mapping[str, NDArray[Any]]]) -> Columns:
     std = np.sqrt(np.sum([p["stiffness_std"] ** 2 for p in parts], axis=0))
     excited = np.logical_and.reduce([p["excited"] for p in parts])
     nothing = np.full(torque.shape, np.nan)  # of two deflections neither is the joint's
-    return columns(nothing, torque, stiffness, std, excited)
+    return state_columns(nothing, torque, stiffness, std, excited)

@@ -5,10 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vsalog.core.model import JointModel, basis_spec
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device
+from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.tuning import Tuning
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Columns = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,3 +71,27 @@ class StateObserver:
         return JointModel(
             estimator=self.name, modality=self.modality, basis=basis_spec(self.device.basis), transmission=(), motor={}
         )
+
+
+def state_columns(phi: Array, torque: Array, stiffness: Array, std: Array, excited: Flags) -> Columns:
+    """Return the columns of a trace whose stiffness was followed, shape (N,) each: nothing is fitted over φ.
+
+    Parameters
+    ----------
+    phi, torque : φ [rad] and Σ [N·m]
+    stiffness, std : and its standard deviation [N·m/rad]
+    excited : where the observer has learnt enough; where the deviation is too large the estimate is not supported either
+    """
+    nothing = np.full(phi.shape, np.nan)
+    with np.errstate(invalid="ignore"):
+        excited = excited & (std < SUPPORTED_SHARE * stiffness)
+    return {
+        "deflection": phi,
+        "flexibility_torque": torque,
+        "flexibility_torque_fit": nothing,
+        "stiffness": stiffness,
+        "stiffness_std": std,
+        "excited": excited,
+        "stiffness_derivative": nothing,
+        "stiffness_second_derivative": nothing,
+    }

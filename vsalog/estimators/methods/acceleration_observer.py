@@ -24,7 +24,7 @@ from vsalog.estimators.accelerometer_check import accelerometer_findings
 from vsalog.estimators.device import PLACES, Device, largest
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.estimators.friction_compensation import FrictionCompensation, FrictionCompensationState, extended
-from vsalog.estimators.state_observer import StateObserver, Unfiltered, UnfilteredTuning
+from vsalog.estimators.state_observer import StateObserver, Unfiltered, UnfilteredTuning, state_columns
 from vsalog.estimators.tuning import Positive
 from vsalog.estimators.windows import rms
 from vsalog.filters.acceleration_arm import LOST, Arm, ArmState, arm_start, axis_rows, observe_arm
@@ -184,18 +184,10 @@ class AccelerationFold(StateObserver):
         std = self._deviations(deviation, since)
         K, nothing = self.group.members[place].motor.K, np.full(len(x), np.nan)
         phi = x[:, State.LINK_POSITION] - x[:, State.MOTOR_POSITION]
-        columns = {
-            "deflection": phi,
-            "flexibility_torque": K * phi,
-            "flexibility_torque_fit": nothing,
-            # The rig's: told for who needs the model beside the state, but nothing in the log says how good it is.
-            "stiffness": np.full(len(x), K),
-            "stiffness_std": nothing,
-            "stiffness_derivative": nothing,
-            "stiffness_second_derivative": nothing,
-            "deflection_std": std[:, 4],
-            "flexibility_torque_std": K * std[:, 4],
-        }
+        # The stiffness is the rig's, for who needs the model along with the state: nothing in the log says how good it is.
+        columns = state_columns(phi, K * phi, np.full(len(x), K), nothing, np.zeros(len(x), dtype=np.bool_))
+        excited = columns.pop("excited")
+        columns |= {"deflection_std": std[:, 4], "flexibility_torque_std": K * std[:, 4]}
         states = (
             ("link_position", State.LINK_POSITION),
             ("link_velocity", State.LINK_VELOCITY),
@@ -208,7 +200,7 @@ class AccelerationFold(StateObserver):
         # How little is known of the acceleration is told even where the rest is not.
         shown |= {"link_acceleration": np.where(known, acceleration[:, place], np.nan)}
         shown |= {"link_acceleration_std": deviation[:, place]}
-        return shown | {"excited": np.zeros(len(x), dtype=np.bool_)}
+        return shown | {"excited": excited}
 
     def _deviations(self, deviation: Array, since: Integers) -> Array:
         """Return the standard deviations of θ, q, θ̇, q̇ and q − θ, shape (n, 5): noise through the observer, and its start.

@@ -16,8 +16,9 @@ from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device
 from vsalog.estimators.link_impedance import LinkImpedance
 from vsalog.estimators.needs import require
-from vsalog.estimators.observer_fold import Columns, ObserverFold, ObserverState, ObserverTuning
+from vsalog.estimators.observer_fold import ObserverFold, ObserverState, ObserverTuning
 from vsalog.estimators.screening import Screening, screened
+from vsalog.estimators.state_observer import Columns
 from vsalog.estimators.transmission_torque import TransmissionTorque
 from vsalog.estimators.windows import keeping_window
 from vsalog.filters.derivatives import Derivatives

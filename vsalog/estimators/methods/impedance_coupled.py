@@ -22,15 +22,9 @@ from vsalog.estimators.averaging_error import AveragingError, averaging_error
 from vsalog.estimators.device import Device, deflection_of
 from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.needs import require
-from vsalog.estimators.observer_fold import (
-    FILLED_MEMORY,
-    MEMORIES,
-    Columns,
-    ObserverTuning,
-    columns,
-)
+from vsalog.estimators.observer_fold import FILLED_MEMORY, MEMORIES, ObserverTuning
 from vsalog.estimators.screening import screened
-from vsalog.estimators.state_observer import StateObserver
+from vsalog.estimators.state_observer import Columns, StateObserver, state_columns
 from vsalog.estimators.torque_rates import Rates, typical_speed
 from vsalog.estimators.transmission_torque import Weight, carried_by, effects_left_in
 from vsalog.estimators.windows import KEPT, LOUD, QUIET, rates_of, rms, suitable_windows, with_window
@@ -270,7 +264,7 @@ class ImpedanceCoupledFold(StateObserver):
             + (self.average.within * self.shares) ** 2
             + (bent[:, None] * self.shares) ** 2
         )
-        own = columns(phi, torque, K, std, supported)
+        own = state_columns(phi, torque, K, std, supported)
         # Neither is known without the other.
         found = np.where(own["excited"], 1.0, np.nan)
         return (slow, fast, far), {

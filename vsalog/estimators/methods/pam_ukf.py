@@ -23,14 +23,13 @@ from vsalog.core.signals import JointSignals
 from vsalog.core.significance import DETECTED_OF_MANY, INTERVAL
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device
-from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.needs import require
 from vsalog.estimators.pam_linear import LinearPamFold
 from vsalog.estimators.pam_models import PRINTED, ModelName, as_if
 from vsalog.estimators.pam_noise import PamNoise, pam_noise
 from vsalog.estimators.pam_states import Column, PamFold, PamState
 from vsalog.estimators.region import lengths
-from vsalog.estimators.state_observer import StateObserver, Unfiltered, UnfilteredTuning
+from vsalog.estimators.state_observer import StateObserver, Unfiltered, UnfilteredTuning, state_columns
 from vsalog.filters.square_root_ukf import UnscentedTrace
 from vsalog.rig.tolerance import default_deviation
 from vsalog.uncertainty.sensor_error import LEAST_NOISE
@@ -248,8 +247,6 @@ class PamEstimate(StateObserver):
         kind = "stiffness" if self.air == "trapped" else "stiffness_isobaric"
         sigma, std = told[kind], _told(told[f"{kind}_std"])
         lost = found.diverged | blind
-        with np.errstate(invalid="ignore"):
-            excited = np.isfinite(sigma) & ~lost & (std < SUPPORTED_SHARE * np.abs(sigma))
         states = (
             ("link_position", Column.ANGLE),
             ("link_velocity", Column.VELOCITY),
@@ -257,17 +254,9 @@ class PamEstimate(StateObserver):
         )
         extra = {name: found.x[:, i] for name, i in states} | {f"{name}_std": deviation[:, i] for name, i in states}
         # Where the filter has lost the joint, or nobody says what a muscle does, nothing is told: a number would look like one.
-        columns = {
-            "deflection": nothing,
-            "flexibility_torque": told["torque"],
-            "flexibility_torque_fit": nothing,
-            "stiffness": sigma,
-            "stiffness_std": std,
-            "stiffness_derivative": nothing,
-            "stiffness_second_derivative": nothing,
-            "flexibility_torque_std": _told(told["torque_std"]),
-            **extra,
-        }
+        columns = state_columns(nothing, told["torque"], sigma, std, np.isfinite(sigma) & ~lost)
+        excited = columns.pop("excited")
+        columns |= {"flexibility_torque_std": _told(told["torque_std"]), **extra}
         return {name: np.where(lost, np.nan, values) for name, values in columns.items()} | {"excited": excited}
 
     def findings(self, state: PamFoldState) -> tuple[Finding, ...]:
