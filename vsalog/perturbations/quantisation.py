@@ -20,9 +20,8 @@ from vsalog.core.significance import INTERVAL, SIGNIFICANCE
 from vsalog.estimators.device import deflection_of, deflection_step, encoder_steps, has_deflection
 from vsalog.perturbations.trials import Shift, Subject, Trial
 
-# How many times coarser the steps of a trial are [1], and where the grids of the sensors lie in each [steps].
+# How many times coarser the steps of a trial are [1].
 COARSER = 3
-GRIDS = ((0, 0, 1), (1, 2, 0), (2, 1, 2), (0, 1, 2))
 # A deflection that spans more steps is not tried: rests anywhere within a step at either end of so many change the stiffness of a
 # linear spring by 1/(√6 · 300) = 0.14 % (one standard deviation).
 FINE_STEPS = 300.0
@@ -32,10 +31,15 @@ class Quantisation:
     """Rounds positions to coarser steps.
 
     A few trials tell a spread badly: a band of Student's t with as many degrees of freedom is wider than a normal one.
+
+    Attributes
+    ----------
+    grids : where those of the sensors lie in each trial [steps]: each sensor's everywhere, and no two sensors' always alike
     """
 
+    grids = ((0, 0, 1), (1, 2, 0), (2, 1, 2), (0, 1, 2))
     name = "quantisation"
-    scale = float(stdtrit(len(GRIDS), 1.0 - 0.5 * SIGNIFICANCE) / INTERVAL * (COARSER**2 - 1.0) ** -0.5)
+    scale = float(stdtrit(len(grids), 1.0 - 0.5 * SIGNIFICANCE) / INTERVAL * (COARSER**2 - 1.0) ** -0.5)
     uniform = False
     own_noise = 0.0
     while_learning = False
@@ -53,7 +57,7 @@ class Quantisation:
         ]
         if not spans or min(spans) > FINE_STEPS:
             return None
-        return (Trial(subject.fold, _coarser(signals, steps, places)) for places in GRIDS)
+        return (Trial(subject.fold, _coarser(signals, steps, places)) for places in self.grids)
 
     def findings(self, subject: Subject, shift: Shift) -> list[Finding]:
         """Return nothing: the resolution of a rig's encoders is no fault."""

@@ -17,6 +17,7 @@ from vsalog.core.signals import LONGER, JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.estimators.known_effects import conditioner_of
+from vsalog.estimators.methods.residual_rls import PRINTED
 from vsalog.estimators.torque import lag_block
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.conditioning import Conditioned
@@ -32,8 +33,8 @@ Deviations = NDArray[np.float32]
 
 # Samples of the filter of every signal, forwards and backwards alike: what `estimate` learns with.
 WINDOW = Tuning.default_window
-# Bandwidth of the residual [rad/s] (Flacco 2012 §6.1).
-BANDWIDTH = 300.0
+# Bandwidth of the residual [rad/s].
+BANDWIDTH = float(PRINTED["bandwidth"])
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,13 +55,14 @@ class ResidualRlsTuning(RlsTuning, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 TUNING = ResidualRlsTuning
+# Flacco 2012 §6.1, for all joints.
+PRINTED = {"filter": "kinematic", "shape": "6", "settle": "0", "bandwidth": "300", "matched": "false"}
 
 
 def printed(device: Device) -> dict[str, str]:
     """Return the tuning that Flacco 2012 prints: §6.1 for the VSA-II, §6.2 for joints with a set-point, as the AwAS."""
     p0, c = ("1e20", "1e-20") if device.has_setpoint else ("1e6", "1e-5")
-    causal = {"filter": "kinematic", "shape": "6", "settle": "0", "bandwidth": "300", "matched": "false"}
-    return {**causal, "p0": p0, "c": c}
+    return {**PRINTED, "p0": p0, "c": c}
 
 
 def roles(device: Device, offered: Collection[str], tuning: ResidualRlsTuning) -> tuple[str, ...]:
