@@ -236,7 +236,7 @@ def test_what_cannot_be_simulated_is_said_and_nothing_is_proposed(tmp_path, run,
     wave=st.sampled_from(sorted(WAVES)),
 )
 def test_every_wave_stays_within_its_room_and_its_speed(middle, half, rate, fastest, wave):
-    room = Room(middle, half, rate, bend=50.0 * rate)
+    room = Room(middle, half, rate, curvature=50.0 * rate)
     time = np.linspace(0.0, DESIGN.duration, 16001)
     values = sum_of_parts(WAVES[wave](room, fastest), "rad", DESIGN.duration, None, ())(time)
     assert np.max(np.abs(values)) <= half * (1.0 + 1e-9)

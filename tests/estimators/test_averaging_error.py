@@ -66,7 +66,7 @@ def test_of_two_courses_the_sharper_is_claimed_where_it_is_more():
 
     smooth, sharp = seen(1000.0), seen(3000.0)
     both = replace(smooth, sharper=sharp.course)
-    np.testing.assert_allclose(both.square(where), np.fmax(smooth.square(where), sharp.course.surely(where)))
+    np.testing.assert_allclose(both.square(where), np.fmax(smooth.square(where), sharp.course.significant(where)))
     assert both.square(where)[0] ** 0.5 == pytest.approx(3000.0 * 0.01 * 2.0 / 3.0, rel=1e-5)
     assert replace(sharp, sharper=smooth.course).square(where)[0] == sharp.square(where)[0]
 

@@ -219,7 +219,7 @@ def test_noise_bends_a_followed_stiffness_as_much_as_is_told():
     # The observer's average over all of it: Σ sgn φ̇ Σ̇ / Σ |φ̇|.
     found = np.sum(np.sign(rates[0]) * rates[1]) / np.sum(np.abs(rates[0]))
     speed = np.sum(rates[0] ** 2) / np.sum(np.abs(rates[0]))
-    told = float(noise.bent(np.array(K))) / speed**2
+    told = float(noise.bias(np.array(K))) / speed**2
     assert abs(found - K) > 0.3
     assert 1.0 < told / abs(found - K) < 4.0
 

@@ -1,1 +1,1 @@
-"""What a rig's simulation gets wrong, why, and what mending it is worth."""
+"""What a rig's simulation gets wrong, why, and what a better model is worth."""

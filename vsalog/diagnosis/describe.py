@@ -141,7 +141,7 @@ def gains_of(found: JointDiagnosis) -> list[Gain]:
 
 
 def equation_errors(found: JointDiagnosis) -> list[EquationError]:
-    """Return what is left over in each equation, before and after."""
+    """Return the RMS residual of each equation, before and after."""
     before, after = (np.sqrt(mean_squares(plain_rows(found, j))) for j in (found.joint, found.extended))
     system = found.system
     return [

@@ -61,7 +61,7 @@ class SignalError(_Part, frozen=True):
 
 
 class EquationError(_Part, frozen=True):
-    """What is left over in one equation of a joint.
+    """The residual of one equation of a joint.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ class Gains(_Part, frozen=True):
 
 
 class Bin(_Part, frozen=True):
-    """What is left over in one interval of a variable: its ends, mean remainder, and the noise of that mean."""
+    """The residual in one interval of a variable: its ends, mean residual, and the noise of that mean."""
 
     low: float
     high: float
@@ -176,7 +176,7 @@ class Unexplained(_Part, frozen=True):
 
     Attributes
     ----------
-    fraction : of what the rig left over beyond noise that is still left
+    fraction : of the rig's squared residual beyond noise that is still there
     where : side of the joint it is on; null where nothing is left
     depends_on : signals it depends on, strongest first
     equation : in which it was looked at
@@ -215,7 +215,7 @@ class Diagnosis(_Part, frozen=True):
     sentences : what was found, as a colleague would say it; what makes a search of causes pointless first
     p_values : joint → probability of a log whose equations contradict the rig at least as much, were the rig right
     simulation_error : of the rig as it stands, on the log
-    equations : what is left over in each
+    equations : the residual of each
     causes : found, the weightiest first
     gain : of the extended rig
     unexplained : what is left

@@ -30,7 +30,7 @@ class SignalEvidence:
 
 @dataclass(frozen=True, slots=True)
 class EquationEvidence:
-    """What is left over in one equation, averaged over short bells; arrays have shape (R,), NaN where it does not count.
+    """The residual of one equation, averaged over short bells; arrays have shape (R,), NaN where it does not count.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class CauseEvidence:
     cause, part : which
     equation : in which it shows most, key of the joint's equations
     variable : name of the signal that reveals it, key of the joint's variables
-    without : what is left over in that equation with all causes but this one, shape (R,)
+    without : the residual of that equation with all causes but this one, shape (R,)
     shape : what this cause makes of that equation, shape (R,); `without` less this is what is left with it
     """
 

@@ -35,7 +35,7 @@ class Found:
     site : of the catalogue
     values, covariance : as fitted
     choice : why it was chosen
-    removed : part of what the rig left over, beyond noise, that it takes away
+    removed : part of the rig's squared residual, beyond noise, that it takes away
     common_with : other parts that have the same number, or the same factor
     """
 
@@ -169,7 +169,7 @@ def _between(selection: Selection, spread: Array) -> Array:
 def _undetermined(selection: Selection) -> Array:
     """Return the variance that the other members of the causes' classes add to each value where they are present too, shape (p,).
 
-    A class is a direction that the log cannot determine: along it a value is as sure as the priors of all members together are.
+    A class is a direction that the log cannot determine: along it a value is known by the priors of all members together.
     """
     variants, candidates = selection.stage.unknowns.variants, selection.stage.candidates
     inside = np.array([v.inside for v in variants], dtype=np.bool_)

@@ -76,7 +76,7 @@ class Compared:
         return float(np.sqrt(self.squares(shot, role).sum() / samples))
 
     def reduction(self, role: str) -> tuple[float, tuple[float, float]]:
-        """Return 1 − after / before and its 95 % interval, from windows drawn anew."""
+        """Return 1 − after / before and its 95 % interval, from windows drawn again."""
         return reduction_of(self.squares(self.before, role), self.squares(self.after, role))
 
     def within(self, shot: Shot) -> bool:
@@ -173,7 +173,7 @@ def weighed(joint: Any, windows: Windows) -> Windows:
     """Return windows whose errors are weighed by what noise makes of them, told from a few of them.
 
     A fine encoder on a motor whose recorded torque is coarse is followed no better than that torque allows; weighed by the
-    encoder's noise alone, everything else would be bent to follow it.
+    encoder's noise alone, everything else would be biased to follow it.
     """
     if windows.scale is not None:
         return windows

@@ -59,7 +59,7 @@ class JointDiagnosis:
     standing : the rig as it stands against the log; none where nothing can be simulated
     gain : simulations before and after; none where nothing can be simulated
     held_out : what the gain was measured on, in words
-    fraction : of what the rig left over that no cause explains
+    fraction : of the rig's squared residual that no cause explains
     findings : what a person should know
     """
 
@@ -272,7 +272,7 @@ def _fraction(system: System, joint: Any, extended: Any) -> float:
 
 
 def unexplained_side(found: JointDiagnosis) -> tuple[str, int] | None:
-    """Return the side that most of what is left over is on, and the equation that shows it; none where nothing is left."""
+    """Return the side that most of the residual is on, and the equation that shows it; none where nothing is left."""
     rows = plain_rows(found, found.extended)
     squares = mean_squares(rows)
     if not np.any(squares[np.isfinite(squares)] > WITHIN**2):

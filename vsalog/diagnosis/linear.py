@@ -106,7 +106,7 @@ def variants_of(
     ----------
     sites : of the catalogue
     setting : of the joint and its log
-    left : what the fit leaves over, for causes that look where to begin; none where all sites are in the fit
+    left : the residual of the fit, for causes that look where to begin; none where all sites are in the fit
     fit : causes with their values
     stated : tolerances of the rig, see `priors`
     """

@@ -37,7 +37,7 @@ def deviation_of(site: Site, parameter: Parameter, setting: Setting, stated: Map
     nominal = parameter.start if parameter.nominal is None else parameter.nominal
     own = stated.get(path, default_deviation(path, nominal, parameter.scale))
     if site.cause == "link.inertia" and "motor.inertia" in site.doubles:
-        # What moves as one is as unsure as both parts are.
+        # What moves as one is as uncertain as both parts are.
         motor = setting.joint.motor.inertia
         return float(np.hypot(own, stated.get("motor.inertia", default_deviation("motor.inertia", motor, motor))))
     return own

@@ -240,7 +240,7 @@ def nothing_found(system: System, joint: Any, setting: Setting) -> Selection:
 
 
 def established(problem: Problem, stage: Stage, sites: Sequence[Site], final: Posterior, blocks: Integers) -> Selection:
-    """Drop the causes without which the set is about as probable and nothing stands in their place, the least sure first.
+    """Drop the causes without which the set is about as probable and nothing stands in their place, the least probable first.
 
     Where a set that was looked at in the place of a cause turns out to be the more probable one, it goes on from there, but not
     where it has been: of two sets each of which is the more probable one under the other's noise neither is.
@@ -284,7 +284,7 @@ def _shapes(fit: Placed) -> frozenset[tuple[str, str, int]]:
 
 
 def _begins(problem: Problem, stage: Stage, fit: Placed, site: Site, values: Array) -> bool:
-    """Tell whether the search for a cause would begin, in what a set without it leaves over, where a fit might have led here."""
+    """Tell whether the search for a cause would begin, in the residual of a set without it, where a fit might have led here."""
     if site.starts is None:
         return True
     without_it = placed(problem.joint, [(s, v) for s, v in fit if s.key != site.key])
@@ -404,7 +404,7 @@ def fitted(problem: Problem, stage: Stage, start: Placed) -> Posterior:
 def choices_of(
     problem: Problem, stage: Stage, c: Candidates, best: Ranked, variants: Sequence[Variant], final: Posterior
 ) -> Iterator[Choice]:
-    """Hold each cause of the best set against the best set without it; the one first that looks the least sure to begin with.
+    """Hold each cause of the best set against the best set without it; the one first that looks the least probable to begin with.
 
     Parameters
     ----------
@@ -424,7 +424,7 @@ def choices_of(
         return found
 
     for site in (site for site, _ in final.fit if not site.given):
-        # A cause of two parts is as sure as it is of either of them.
+        # A cause of two parts is as probable as it is of either of them.
         each = [np.array([v.site.overlaps(m) for v in variants], dtype=np.bool_) for m in site.members or (site,)]
         without_it.append((min((best_without(barred) for barred in each), key=lambda r: r.score), site))
     for other, site in sorted(without_it, key=lambda w: w[0].score):

@@ -1,7 +1,7 @@
 """The next experiment: the one that best separates what this log leaves confused, from the rig's own simulation.
 
 Each candidate is played with one of two hypotheses in the rig, its equations are formed as those of a log are, with that
-log's noise, and the other hypothesis is fitted to them. What it leaves over is what would tell the two apart:
+log's noise, and the other hypothesis is fitted to them. Its residual is what separates the two:
 
     D² = (Σ r_other² − Σ r_own²) / n,    r the whitened averages, n of them,
 

@@ -32,12 +32,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Room:
-    """What a driven quantity may do: swing about its middle by so much, so fast, and bend so sharply."""
+    """What a driven quantity may do: swing about its middle by so much, so fast, and change its rate so sharply."""
 
     middle: float
     half: float
     rate: float
-    bend: float = np.inf
+    curvature: float = np.inf
 
     def sine(self, frequency: float, share: float) -> float:
         """Return the amplitude of a sine that takes a share of the room, of the swing as of the speed."""
@@ -45,11 +45,11 @@ class Room:
 
     def step(self, rise: float) -> float:
         """Return how far half a cosine may go in that time."""
-        return min(2.0 * self.half, self.rate * rise / (0.5 * pi), self.bend * rise**2 / (0.5 * pi**2))
+        return min(2.0 * self.half, self.rate * rise / (0.5 * pi), self.curvature * rise**2 / (0.5 * pi**2))
 
     def part(self, share: float) -> Room:
         """Return a part of the room."""
-        return Room(self.middle, share * self.half, share * self.rate, share * self.bend)
+        return Room(self.middle, share * self.half, share * self.rate, share * self.curvature)
 
 
 Wave = Callable[[Room, float], Parts]
@@ -255,7 +255,7 @@ def _reference(key: str, seen: Range, joint: Any, wave: Wave, second: bool, shar
 
 def _room(seen: Range, share: float) -> Room:
     part = share * DESIGN.share
-    return Room(0.5 * (seen.low + seen.high), part * seen.half, part * seen.rate, part * seen.bend)
+    return Room(0.5 * (seen.low + seen.high), part * seen.half, part * seen.rate, part * seen.curvature)
 
 
 def _rest(seen: Range, joint: Any) -> float | None:

@@ -27,13 +27,13 @@ class Range:
     ----------
     low, high : least and greatest value, SI
     rate : largest rate but for a few, SI per second
-    bend : largest change of the rate but for a few, SI per second²
+    curvature : largest change of the rate but for a few, SI per second²
     """
 
     low: float
     high: float
     rate: float
-    bend: float = np.inf
+    curvature: float = np.inf
 
     @property
     def half(self) -> float:

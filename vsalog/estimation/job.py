@@ -302,7 +302,7 @@ def _guess(recording: Recording) -> tuple[Rig, list[Finding]]:
         )
     roles = "; ".join(
         f"{joint.name}: "
-        + ", ".join(f"{role} = '{g.channel}' ({g.confidence:.0%} sure)" for role, g in joint.roles.items())
+        + ", ".join(f"{role} = '{g.channel}' (confidence {g.confidence:.0%})" for role, g in joint.roles.items())
         for joint in guess.joints
     )
     evidence = {"roles": roles, "name": name, "stem": recording.path.stem}

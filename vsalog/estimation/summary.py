@@ -30,7 +30,7 @@ class TransmissionSummary(msgspec.Struct, frozen=True, kw_only=True):
     excited_share : share of them at which the estimate is supported by the data so far
     stiffness_low, stiffness_high : 1 % and 99 % quantile over the supported rows [N·m/rad]
     stiffness_last : at the last of them [N·m/rad]
-    negative_share : share of all rows with a stiffness that is surely negative
+    negative_share : share of all rows with a stiffness that is negative beyond its uncertainty
     relative_std : root mean square of stiffness_std / stiffness over the supported rows
     fit_rms : of the flexibility torque fed minus fitted [N·m], after the first supported row; a residual is compared with
         the fit behind the residual's own lag
@@ -95,7 +95,7 @@ class Summarizer:
             sigma, std = np.asarray(columns["stiffness"], float), np.asarray(columns["stiffness_std"], float)
             s.samples += len(trace)
             with np.errstate(invalid="ignore"):
-                # A stiffness below zero is never supported, however sure.
+                # A stiffness below zero is never supported, however well it is known.
                 s.negative += int(np.count_nonzero(SUPPORTED_SHARE * sigma < -std))
             if excited.any():
                 _keep(s, sigma[excited])

@@ -1,6 +1,6 @@
 """Whether accelerometers measure what the motors' motion and gravity make at their places.
 
-An accelerometer that is upside down, turned, or in g instead of m/s² gives an observer that is sure of a wrong torque. But the
+An accelerometer that is upside down, turned, or in g instead of m/s² gives an observer a wrong torque with a narrow band. But the
 links follow their motors but for the springs' swinging, so that slow accelerations, and gravity above all, are known without it.
 """
 

@@ -1,8 +1,8 @@
-"""What an observer that averages a stiffness leaves over of the torque's rate, and how far the stiffness is from its average.
+"""The residual of an observer that averages a stiffness, in the torque's rate, and how far the stiffness is from its average.
 
 Σ̇ − K̂ φ̇ is the sensors' noise, and φ̇ times what the stiffness differs by from K̂. Its mean square tells what holds where the
 deflection moves fast, in the middle of a swing. At a swing's ends hardly anything moves, and there a spring that hardens differs
-most: so what is left over is fitted by a polynomial of φ too.
+most: so the residual is fitted by a polynomial of φ too.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Course:
         """Return the mean square of K(φ) − K̂, shape (N,) [N²·m²/rad²]: its size, and how well it is known."""
         return np.asarray(self.at(phi) ** 2 + self._variance(phi))
 
-    def surely(self, phi: Array) -> Array:
+    def significant(self, phi: Array) -> Array:
         """Return what of the square of K(φ) − K̂ is beyond what its noise may make, shape (N,) [N²·m²/rad²]."""
         return np.asarray(np.maximum(self.at(phi) ** 2 - INTERVAL**2 * self._variance(phi), 0.0))
 
@@ -66,8 +66,8 @@ class AveragingError:
     Attributes
     ----------
     alike : for how many samples what moves the observer stays alike, at least 1
-    within : how much the stiffness differs from the observer's average of it [N·m/rad], root mean square: what is left over but
-        for noise, over the deflection's rate; or, where that is more, how what is left over grows with the rate, which needs
+    within : how much the stiffness differs from the observer's average of it [N·m/rad], root mean square: the residual but
+        for noise, over the deflection's rate; or, where that is more, how the residual grows with the rate, which needs
         no noise to be known
     course : how it differs along the deflection; None where the deflection tells nothing
     drift : how much it changes from one sample to the next [N·m/rad], by what it changes over many
@@ -85,7 +85,7 @@ class AveragingError:
         square = np.full(phi.shape, self.within**2)
         if self.course is not None:
             square = np.fmax(square, self.course.square(phi))
-        return square if self.sharper is None else np.fmax(square, self.sharper.surely(phi))
+        return square if self.sharper is None else np.fmax(square, self.sharper.significant(phi))
 
 
 def averaging_error(
@@ -126,7 +126,7 @@ def _alike(left: Array, memory: int) -> float:
 
 
 def _growth(left: Array, power: Array) -> float:
-    """Return how much what is left over grows with the rate's power, less its uncertainty."""
+    """Return how much a squared residual grows with the rate's power, less its uncertainty."""
     spread = float(np.var(power))
     if spread == 0.0:
         return 0.0
@@ -145,7 +145,7 @@ def _drift(found: Array, lag: int) -> float:
 
 
 def _course(phi: Array, speed: Array, left: Array, alike: float) -> Course | None:
-    """Fit what is left over by φ̇ times a polynomial of φ, of as many terms as there are samples for that are not alike."""
+    """Fit the residual by φ̇ times a polynomial of φ, of as many terms as there are samples for that are not alike."""
     half = 0.5 * float(np.ptp(phi))
     if not half > 0.0:
         return None

@@ -30,7 +30,7 @@ MOST_OF_LOG = 0.5
 class EquationRows:
     """A block of an equation F ξ = y, linear in the unknowns ξ.
 
-    `fresh` marks where the first unknown begins anew (an integration constant); `fed` is, per transmission or in ``total``,
+    `fresh` marks where the first unknown begins again (an integration constant); `fed` is, per transmission or in ``total``,
     the flexibility torque the estimator is fed with; `extra` are further columns of the trace, per transmission. Where the
     leading unknowns are parameters of the motor, the flexibility torque is `dynamics` times these unknowns plus `fed`. `doubted`
     marks where what the rig knows beside the springs is in doubt, so that nothing is learnt; None where it never can be.

@@ -184,7 +184,7 @@ class IntegratedMotorEquation(OfOneTransmission):
 
     The unknowns are the constant, B, D and α. The paper begins at rest in the origin, where the constant is zero; a log
     begins anywhere, and again after every gap. What the rig knows beside, `known`, is taken off the torque before it is
-    integrated; where it is in doubt the integrals begin anew, as after a gap, because what was missed there would stay in them.
+    integrated; where it is in doubt the integrals begin again, as after a gap, because what was missed there would stay in them.
 
     Friction that grows with the transmitted torque, load · |τ_e| · way, goes with the unknowns: |τ_e| = τ_e sign φ, so that the
     f_i are multiplied with 1 − load · way · sign φ.

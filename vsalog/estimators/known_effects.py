@@ -74,9 +74,9 @@ class KnownEffects:
             beside += engaged(phi, self.gap, self.damping * _rate(block, self.view))
         if self.loops:
             begun = loop_start(self.view.nominal) if block.rows.starts[0] else state
-            state, torque, unsure = loop_block(begun, self.view.nominal, phi, self.slack)
+            state, torque, uncertain = loop_block(begun, self.view.nominal, phi, self.slack)
             beside += torque
-            doubt += unsure / self.loop_limit
+            doubt += uncertain / self.loop_limit
         if self.rubs:
             doubt += np.abs(block.fit[doubt_role(self.view)]) / self.friction_limit
         return state, beside, doubt

@@ -55,15 +55,15 @@ class LinkImpedance:
         _, rate, acceleration = savgol_filter(q, weights[:3])
         torque = savgol_filter(u, weights[:1])[0]
         self.noise = _noise(signals, u, torque, rate, acceleration, wander)
-        self.bent = np.maximum(
-            self._bent(most_moved(signals, ["link_position"])[:ENOUGH], weights.shape[1]),
+        self.bias = np.maximum(
+            self._bias(most_moved(signals, ["link_position"])[:ENOUGH], weights.shape[1]),
             max(SMOOTH, _between(q, weights[2], acceleration)),
         )
         self.beside = what_else_acts(torque, rate, acceleration, weights.shape[1])
         if sensor_error(q[:ENOUGH], weights.shape[1]).rms(weights[2]) > LOUD * rms(acceleration):
             # Least squares of such accelerations say nothing.
             self.beside = NOTHING
-        self.doubt = np.maximum(self.bent, self.beside.moved)
+        self.doubt = np.maximum(self.bias, self.beside.moved)
 
     def start(self) -> LinkState:
         """Return the state before the first sample."""
@@ -94,11 +94,11 @@ class LinkImpedance:
             inertia_std = np.hypot(np.sqrt(var_a) / a**2, self.doubt[0] * inertia)
             damping_std = np.sqrt(np.maximum(var_b - 2.0 * damping * both + damping**2 * var_a, 0.0)) / a
             damping_std = np.hypot(damping_std, self.doubt[1] * damping)
-            # Least squares over the whole log is another witness, which is bent by other things.
+            # Least squares over the whole log is a cross-check, which other things bias.
             apart = np.column_stack((inertia, damping)) - self.beside.plain
             inertia_std = np.hypot(inertia_std, np.nan_to_num(apart[:, 0]))
             damping_std = np.hypot(damping_std, np.nan_to_num(apart[:, 1]))
-            # A link that is surely driven by its damping is not understood.
+            # A link that is driven by its damping is not understood.
             known &= damping > -DETECTED * damping_std
         told = {"link_inertia": (inertia, inertia_std, 0), "link_damping": (damping, damping_std, 1)}
         columns = {"link_velocity": x[:, State.VELOCITY]}
@@ -115,13 +115,13 @@ class LinkImpedance:
             found.append(Finding(code="link.filter_restarted", joint=joint, value=float(lost), limit=float(MOST_LOST)))
         elif excess > MOST_EXCESS:
             found.append(Finding(code="link.not_explained", joint=joint, value=excess**0.5, limit=MOST_EXCESS**0.5))
-        elif not np.all(self.bent < SUPPORTED_SHARE):
-            biased = {name: float(bent) for name, bent in zip(("inertia", "damping"), self.bent, strict=True)}
+        elif not np.all(self.bias < SUPPORTED_SHARE):
+            biased = {name: float(bias) for name, bias in zip(("inertia", "damping"), self.bias, strict=True)}
             found.append(
                 Finding(
                     code="link.estimate_biased",
                     joint=joint,
-                    part=" and ".join(name for name, bent in biased.items() if not bent < SUPPORTED_SHARE),
+                    part=" and ".join(name for name, bias in biased.items() if not bias < SUPPORTED_SHARE),
                     value=max(biased.values()),
                     limit=SUPPORTED_SHARE,
                     evidence=biased,
@@ -139,11 +139,11 @@ class LinkImpedance:
             u = u - holding_torque(link_weight(link), link.gravity_angle, rows.roles["link_position"])
         return np.asarray(u)
 
-    def _bent(self, part: JointSignals, window: int) -> Array:
-        """Return by which share the sensors bend I and N: by about as much as they do when what they add is added again.
+    def _bias(self, part: JointSignals, window: int) -> Array:
+        """Return by which share the sensors bias I and N: by about as much as they do when what they add is added again.
 
         The filter takes the torque for exact where it multiplies 1/I. Noise of either sign moves its estimates to either side;
-        the mean of both is what it bends. It takes the encoder's steps for white noise, which they are not where they are taken
+        the mean of both is the bias. It takes the encoder's steps for white noise, which they are not where they are taken
         slowly: they would be taken for the link's motion. The farthest that they move the estimates is doubt as a whole.
         (Cook and Stefanski, "Simulation-extrapolation estimation in parametric measurement error models", JASA 89, 1994.)
         """

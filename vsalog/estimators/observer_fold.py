@@ -1,7 +1,7 @@
 """The fold of the methods that follow a stiffness by the observer of Grioli and Bicchi, wherever they have the torque from.
 
 Serio, Grioli, Sardellitti, Tsagarakis, Bicchi (2011) §II-A, eq. 4–7 and 13: the observer's gain by how well it predicts, its
-uncertainty by what its predictions leave over, its columns in the trace.
+uncertainty by the residual of its predictions, its columns in the trace.
 """
 
 from __future__ import annotations
@@ -189,7 +189,7 @@ class ObserverFold(StateObserver):
         learning = np.maximum(deviation**2 * average.alike, self._least_variance(noise.left(stiffness), speed))
         age = np.abs(part.rows.time - when)
         missed = average.square(phi) + (average.drift * age / self.period) ** 2 + self.smoothed_away**2
-        std = np.sqrt(learning + late**2 + (noise.bent(stiffness) / speed**2) ** 2 + missed)
+        std = np.sqrt(learning + late**2 + (noise.bias(stiffness) / speed**2) ** 2 + missed)
         # None at all is what a gain beyond all numbers leaves, and no certainty.
         std[std == 0.0] = np.nan
         supported = use & (learnt >= FILLED_MEMORY) & (age <= self._stale(speed)) & (name not in self.look.blind)
@@ -232,7 +232,7 @@ class ObserverFold(StateObserver):
         return float(1.0 / (memories[int(np.argmin(off))] * speed))
 
     def _averages_of(self, whole: Differentiated, speed: float) -> dict[str, AveragingError]:
-        """Return what the observer of each transmission leaves over on a whole log."""
+        """Return the residual of each transmission's observer on a whole log."""
         seen: dict[str, AveragingError] = {}
         for borne in self.torques:
             known = Rates(borne.rate(whole.of), borne.deflection(whole.of, 1))

@@ -49,7 +49,7 @@ class RegressionFold:
     passes : how often the signals are gone through: once, or twice when nothing is given out before all is known
     chosen : what of the tuning was derived from the log beside what the filters and the solver know
     look : what was seen of the log before the first sample
-    fits_torque : whether it is torques that it fits, so that what it leaves over of them tells something
+    fits_torque : whether it is torques that it fits, so that their residual shows something
     delay : samples after which what is learnt counts for `excited`; `memory`, an equation's own, may be longer than the filters'
     """
 

@@ -24,7 +24,7 @@ def residual_block(
     ----------
     state : shape (3,): r_e, p − ∫τ and τ of the previous sample; NaN where a run begins
     theta, theta_dot, tau : shape (N,), [rad], [rad/s], [N·m]
-    use : shape (N,), samples that are there; a gap makes the residual begin anew
+    use : shape (N,), samples that are there; a gap makes the residual begin again
     B, D : reflected motor inertia [kg·m²] and damping [N·m·s/rad]
     K_I : bandwidth [rad/s]
     T : period [s]

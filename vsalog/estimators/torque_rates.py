@@ -39,8 +39,8 @@ class RateNoise(NamedTuple):
         """Return the variance of Σ̇ − K φ̇ [N²·m²/s²] for a stiffness K [N·m/rad]."""
         return np.maximum(self.torque - 2.0 * stiffness * self.shared + stiffness**2 * self.deflection, 0.0)
 
-    def bent(self, stiffness: Array) -> Array:
-        """Return what it bends a stiffness by that is followed, times the square of the speed [N·m·rad/s²].
+    def bias(self, stiffness: Array) -> Array:
+        """Return the bias of a stiffness that is followed, times the square of the speed [N·m·rad/s²].
 
         Where φ̇ changes its sign, noise of φ̇ makes a spring look softer, and noise that Σ̇ shares makes it look stiffer. How large
         either is, is known as well as a variance of so many batches.
@@ -62,7 +62,7 @@ def typical_speed(device: Device, rates: Iterable[Rates]) -> float:
     if not np.isfinite(all_of_them).any():
         raise EstimatorError(
             f"joint '{device.joint}': samples are missing so often that no filter's window is whole; shorten it"
-            " (--tune window=SECONDS), or mend the log"
+            " (--tune window=SECONDS), or repair the log"
         )
     speed = float(np.sqrt(np.nanmean(all_of_them**2)))
     if not speed > 0.0:

@@ -70,7 +70,7 @@ class Behind(NamedTuple):
         return self.rates**2 - self.noises**2
 
     @property
-    def surely(self) -> Array:
+    def least_kept(self) -> Array:
         """What a longer window has to keep: how large noise is, is known no better than to its own size."""
         return (KEPT_BY_SHORTER if self.window < WINDOWS[0] else self.kept) * self.motion - self.noises**2
 
@@ -89,12 +89,12 @@ def suitable_windows(device: Device, signals: JointSignals, tuning: Tuning, orde
     longest = PART_OF_RUN * signals.longest_run
     fitting = [w for w in tried if w >= WINDOWS[0] and tuning.degree < w <= longest] or [WINDOWS[0]]
     quiet: list[int] = []
-    sure = np.zeros(len(device.transmissions))
+    kept = np.zeros(len(device.transmissions))
     for window in (*(w for w in tried if w < WINDOWS[0]), *fitting):
         behind = _behind(device, signals[:ENOUGH], tuning, window, order)
-        if behind.quiet and np.all(behind.motion >= sure):
+        if behind.quiet and np.all(behind.motion >= kept):
             quiet.append(window)
-            sure = np.maximum(sure, behind.surely)
+            kept = np.maximum(kept, behind.least_kept)
     return [window for window in quiet if window >= WINDOWS[0]] or quiet[-1:] or fitting[-1:]
 
 
@@ -107,14 +107,14 @@ def keeping_window(device: Device, signals: JointSignals, tuning: T, usual: int)
     if tuning.window is not None or tuning.filter != "savitzky-golay" or not shorter:
         return tuning
     part = most_moved(signals, {r for view in device.transmissions for r in view.deflection_roles(signals.roles)})
-    found, sure = usual, np.zeros(len(device.transmissions))
+    found, kept = usual, np.zeros(len(device.transmissions))
     for window in (*shorter, usual):
         behind = _behind(device, part, tuning, window)
         if behind.loud:
             continue
-        if np.any(behind.motion < sure):
+        if np.any(behind.motion < kept):
             break
-        found, sure = window, np.maximum(sure, behind.surely)
+        found, kept = window, np.maximum(kept, behind.least_kept)
     return with_window(tuning, signals, found)
 
 
@@ -139,7 +139,7 @@ def motor_window(device: Device, signals: JointSignals, tuning: T) -> T:
         return tuning
     part = most_moved(signals, [view.motor_position for view in device.transmissions])
     longest = signals.longest_run
-    found, anyhow, sure = None, None, np.zeros(len(device.transmissions))
+    found, anyhow, kept = None, None, np.zeros(len(device.transmissions))
     usual = (w for w in WINDOWS if w == WINDOWS[0] or w <= PART_OF_RUN * longest)
     for window in (*_shorter(signals, tuning, WINDOWS[0]), *usual):
         behind = _behind(device, part, tuning, window)
@@ -147,9 +147,9 @@ def motor_window(device: Device, signals: JointSignals, tuning: T) -> T:
         if behind.loud:
             anyhow = window if quiet and anyhow is None else anyhow
             continue
-        if np.any(behind.motion < sure):
+        if np.any(behind.motion < kept):
             break
-        found, sure = window, np.maximum(sure, behind.surely)
+        found, kept = window, np.maximum(kept, behind.least_kept)
         if quiet:
             break
     return with_window(tuning, signals, found or anyhow or WINDOWS[0])
@@ -181,9 +181,9 @@ def _quiet_motor(view: TransmissionView, signals: JointSignals, weights: Array) 
     added, inertia = sensor_error(theta, weights.shape[1]), view.motor.reflected_inertia
     if inertia is not None:
         # Noise that the deflection shares with B θ̈ does not average out.
-        bent = inertia * abs(added.product(weights[0], weights[2]))
+        bias = inertia * abs(added.product(weights[0], weights[2]))
         moved = spread(deflection_of(signals.roles, view)) * spread(torque)
-        return bool(inertia * added.rms(weights[2]) <= QUIET * spread(torque) and bent <= NEGLIGIBLE_SHARE * moved)
+        return bool(inertia * added.rms(weights[2]) <= QUIET * spread(torque) and bias <= NEGLIGIBLE_SHARE * moved)
     return not (speed := rms(savgol_filter(theta, weights[1:2])[0])) or bool(added.rms(weights[1]) <= QUIET * speed)
 
 

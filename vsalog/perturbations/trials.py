@@ -83,16 +83,16 @@ class Shift:
     Attributes
     ----------
     spreads : of each stiffness that moves, transmission by transmission and of the total
-    surely : by which part at most, beyond what noise may do
+    significant : by which part at most, beyond what noise may do
     overall : by which part, in the median of all samples, and what of that noise makes, one standard deviation
-    samples : the square of the part by which each tried sample surely moves, shape (N,); where shifts fall while the recursion
-        learns
+    samples : the square of the part by which each tried sample moves beyond noise, shape (N,); where shifts fall while the
+        recursion learns
     covariance : of the coefficients of each transmission's model
     supported : whether some trial supports a stiffness where the estimate does; true where this supports none
     """
 
     spreads: Mapping[str, Spread]
-    surely: Mapping[str, float]
+    significant: Mapping[str, float]
     overall: Mapping[str, tuple[float, float]]
     samples: Mapping[str, Array]
     covariance: Mapping[str, Array]
@@ -110,9 +110,9 @@ class Shift:
         return found
 
     def largest(self, name: str) -> float:
-        """Return the largest part by which a stiffness surely moves and that is reported, else zero."""
-        surely = self.surely.get(name, 0.0)
-        return surely if surely > REPORTED_CHANGE else 0.0
+        """Return the largest part by which a stiffness moves beyond noise and that is reported, else zero."""
+        significant = self.significant.get(name, 0.0)
+        return significant if significant > REPORTED_CHANGE else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +194,7 @@ def _shift(perturbation: Perturbation, subject: Subject, base: Estimated, trials
         for name, (coefficients, covariance) in _coefficients(trial.fold, state).items():
             allowed = perturbation.own_noise * covariance
             moved.setdefault(name, []).append(scale**2 * beyond_noise(coefficients - model[name][0], allowed))
-    spreads, surely, overall, samples = {}, {}, {}, {}
+    spreads, significant, overall, samples = {}, {}, {}, {}
     for name, pairs in squares.items():
         if not pairs:
             continue
@@ -211,12 +211,14 @@ def _shift(perturbation: Perturbation, subject: Subject, base: Estimated, trials
         spread = spread_over(places, excited, shifted - noise)
         if spread is not None and spread.most > 0.0:
             spreads[name] = spread
-            surely_shifted = shifted - DEVIATIONS**2 * noise
-            beyond = spread_over(places, excited, surely_shifted)
-            surely[name] = 0.0 if beyond is None else beyond.most
+            significant_shift = shifted - DEVIATIONS**2 * noise
+            beyond = spread_over(places, excited, significant_shift)
+            significant[name] = 0.0 if beyond is None else beyond.most
             if perturbation.while_learning:
-                samples[name] = np.nanmax(surely_shifted, axis=0, initial=0.0)
-    return Shift(spreads, surely, overall, samples, {name: np.mean(m, axis=0) for name, m in moved.items()}, supported)
+                samples[name] = np.nanmax(significant_shift, axis=0, initial=0.0)
+    return Shift(
+        spreads, significant, overall, samples, {name: np.mean(m, axis=0) for name, m in moved.items()}, supported
+    )
 
 
 def _middles(changes: Array, excited: Flags) -> Array:

@@ -49,7 +49,7 @@ class JointEvidence:
     Attributes
     ----------
     joint : name
-    time : shape (N,), from the log's start [s]; of several runs each may begin anew
+    time : shape (N,), from the log's start [s]; of several runs each may begin again
     setpoint : shape (N,), or None; its unit is ``setpoint_unit``, empty where only that it is SI is known
     transmissions : by name
     model : the frozen model, for its surface; None where an estimate is reported and there is none yet

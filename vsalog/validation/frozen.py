@@ -37,13 +37,13 @@ def frozen(path: Path) -> ModelFile:
     try:
         Rig.from_toml(file.rig, f"{path}, the rig in it")
     except RigError as error:
-        raise ReadError(f"{error}; write the model anew with 'vsalog estimate'") from error
+        raise ReadError(f"{error}; write the model again with 'vsalog estimate'") from error
     if not file.joint:
         raise ReadError(f"{path}: holds no joint, so there is nothing to judge")
     for name, joint in file.joint.items():
         wrong = _basis_fault(joint) or next((w for t in joint.transmission if (w := _fault(joint, t))), None)
         if wrong is not None:
-            raise ReadError(f"{path}: joint '{name}': {wrong}; write the model anew with 'vsalog estimate'")
+            raise ReadError(f"{path}: joint '{name}': {wrong}; write the model again with 'vsalog estimate'")
     return file
 
 

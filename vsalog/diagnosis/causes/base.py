@@ -60,7 +60,7 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Remainder:
-    """What is left over in the equations at some stage of the search, for causes that look where to begin.
+    """Residuals of the equations at some stage of the search, for causes that look where to begin.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ Report = Callable[[Sequence[float]], dict[str, tuple[float, str]]]
 
 
 def starts_of(parameters: Sequence[Parameter]) -> Starts:
-    """Return a search that begins with each combination of its parameters' starts, whatever is left over."""
+    """Return a search that begins with each combination of its parameters' starts, whatever the residual is."""
     begun = list(product(*(p.starts or (p.start,) for p in parameters)))
     return lambda _: begun
 

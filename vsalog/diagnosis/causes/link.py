@@ -27,7 +27,7 @@ from vsalog.rig.schema import Contact
 
 Array = NDArray[np.float64]
 
-# So many pushes at most stand out of what is left over [1]: what bursts more often is no push.
+# So many pushes at most stand out of a residual [1]: what bursts more often is no push.
 MOST_PUSHES = 3
 
 

@@ -85,7 +85,7 @@ def build(device: Device, signals: JointSignals, tuning: AlgebraicTuning) -> Reg
     look = screened(device, signals, tuning)
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
     equations = tuple(_equation(device, view, signals, tuning, weights, conditioner) for view in device.transmissions)
-    # Within a span all that is left over is alike, as within a filter's window.
+    # Within a span residuals are alike, as within a filter's window.
     least = least_samples(conditioner) + FEWEST_WINDOWS * taps
     solver = RlsSolver(
         tuning.initial_covariance(device, signals, 0.01, second=True), tuning.c, least, max(BOX, taps // 4)

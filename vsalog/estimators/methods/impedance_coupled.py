@@ -250,9 +250,9 @@ class ImpedanceCoupledFold(StateObserver):
         # link's inertia is in doubt of may be the spring's.
         doubt = link[:, 2] / self.shares[0]
         # What noise in q⃛, q̈ and φ̇ takes away of I, N and K, each may take from K.
-        bent = np.hypot(self.noisy[2] * K, np.linalg.norm(self.noisy[:2] * link[:, :2] / self.shares, axis=1))
+        biased = np.hypot(self.noisy[2] * K, np.linalg.norm(self.noisy[:2] * link[:, :2] / self.shares, axis=1))
         phi = self._deflection(part)
-        besides = late**2 + apart**2 + doubt**2 + bent**2 + self.average.square(phi)
+        besides = late**2 + apart**2 + doubt**2 + biased**2 + self.average.square(phi)
         std = np.sqrt(deviation**2 * self.average.alike + besides)
         taken = link[:, 0] * part.of["link_position"][2] + link[:, 1] * part.of["link_position"][1]
         torque = part.of["external_torque"][0] - self._weighs(part) - taken
@@ -262,7 +262,7 @@ class ImpedanceCoupledFold(StateObserver):
             link[:, 2:] ** 2
             + (other[:, :2] - link[:, :2]) ** 2
             + (self.average.within * self.shares) ** 2
-            + (bent[:, None] * self.shares) ** 2
+            + (biased[:, None] * self.shares) ** 2
         )
         own = state_columns(phi, torque, K, std, supported)
         # Neither is known without the other.
@@ -319,7 +319,7 @@ class ImpedanceCoupledFold(StateObserver):
         return deflection_of({role: values[0] for role, values in part.of.items()}, self.view)
 
     def _average_of(self, signals: JointSignals, phi: Array, known: Motion) -> AveragingError:
-        """Return what the loop leaves over of what it takes for the spring's."""
+        """Return the residual of what the loop takes for the spring's."""
         stiffness, link, _ = observe_coupled(self._loops()[0], *known, known.use, self.alpha, self.period, self.noise)
         spring = known.f - link[:, 0] * known.jerk - link[:, 1] * known.acceleration
         push, q = (
