@@ -4,7 +4,16 @@ import pytest
 from scipy.stats import norm
 
 from vsalog.core.precision import ROUNDING
-from vsalog.core.significance import DETECTED, DETECTED_OF_MANY, DRAWS, INTERVAL, INTERVAL_BELOW
+from vsalog.core.significance import (
+    DETECTED,
+    DETECTED_OF_MANY,
+    DRAWS,
+    INTERVAL,
+    INTERVAL_BELOW,
+    draws_for,
+    one_sided,
+    two_sided,
+)
 
 
 def test_intervals_hold_95_per_cent_and_false_alarms_are_one_in_a_thousand_and_in_a_million():
@@ -13,6 +22,13 @@ def test_intervals_hold_95_per_cent_and_false_alarms_are_one_in_a_thousand_and_i
     assert 2.0 * norm.sf(DETECTED) == pytest.approx(1e-3, rel=1e-9)
     assert 2.0 * norm.sf(DETECTED_OF_MANY) == pytest.approx(1e-6, rel=1e-9)
     assert DRAWS == 1000
+
+
+@pytest.mark.parametrize("tail", [0.32, 1e-2, 1e-4])
+def test_deviates_leave_that_tail_and_draws_resolve_it(tail):
+    assert 2.0 * norm.sf(two_sided(tail)) == pytest.approx(tail, rel=1e-9)
+    assert norm.sf(one_sided(tail)) == pytest.approx(tail, rel=1e-9)
+    assert 1.0 / draws_for(tail) == pytest.approx(tail, rel=0.1)
 
 
 def test_rounding_is_half_of_a_doubles_digits():
