@@ -21,7 +21,7 @@ def test_intervals_hold_95_per_cent_and_false_alarms_are_one_in_a_thousand_and_i
     assert norm.sf(INTERVAL_BELOW) == pytest.approx(0.05, rel=1e-9)
     assert 2.0 * norm.sf(DETECTED) == pytest.approx(1e-3, rel=1e-9)
     assert 2.0 * norm.sf(DETECTED_OF_MANY) == pytest.approx(1e-6, rel=1e-9)
-    assert DRAWS == 1000
+    assert draws_for(1e-3) == DRAWS == 1000
 
 
 @pytest.mark.parametrize("tail", [0.32, 1e-2, 1e-4])
