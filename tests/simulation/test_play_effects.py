@@ -19,6 +19,7 @@ from vsalog.rig.schema import (
     Payload,
     SlipElement,
 )
+from vsalog.simulation.accuracy import COARSE
 from vsalog.simulation.inputs import Motion, Servo
 from vsalog.simulation.machine import build
 from vsalog.simulation.play import play
@@ -135,7 +136,7 @@ def test_a_loop_that_is_next_to_a_step_is_followed(width):
     loop = BoucWen(torque=0.2, width=width, exponent=1.0, shape=1.0)
     # Vibrations alone would do with fewer steps.
     joint = replace(PLAIN, transmission=replace(PLAIN.transmission, bouc_wen=loop))
-    steps, _ = build({"j": joint}).steps(1e-3, angle=0.2)
+    steps, _ = build({"j": joint}).steps(1e-3, accuracy=COARSE)
     ours = run(transmission={"bouc_wen": loop}, steps=steps, start={"j": np.array([0.1, 0.5, 0.1, 0.6])})
     phi, rate = (ours[f"link_{name}"] - ours[f"motor_{name}"] for name in ("position", "velocity"))
     beside = ours["transmission_torque"] - K * phi

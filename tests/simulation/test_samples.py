@@ -75,8 +75,7 @@ def test_the_real_sample_has_nine_settings() -> None:
 
 
 def test_the_command_makes_every_sample_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(samples, "FIRST_SECONDS", 0.2)
-    monkeypatch.setattr(samples, "SECOND_SECONDS", 0.1)
+    monkeypatch.setattr(samples, "SECONDS", {1: 0.2, 2: 0.1})
     source = tmp_path / "source"
     source.mkdir()
     whole = {s: {c: np.arange(40.0) for c in samples.DESR_COLUMNS} for s in DESR_SETTINGS}

@@ -20,9 +20,13 @@ from vsalog.core.printable import printable
 from vsalog.core.unit_tables import ATOMS, KINDS, OFFSET_UNITS, QUANTITIES, Dimension
 
 MAX_UNIT_LENGTH = 64
+"""Characters of a unit: products of all base units with their powers, and brackets that are not nested beyond reason."""
 MAX_EXPONENT = 12.0
-MAX_HEADER_LENGTH = 1024
+"""Largest power in a unit; no quantity of a joint has one beyond six."""
+MAX_TEXT_LENGTH = 1024
+"""Characters of a text that holds a quantity, or of a column's heading: numbers with all their digits, and the longest units."""
 SHOWN = 80
+"""Characters of a text from a file in a message: a line of a terminal."""
 
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _PRODUCT_SIGNS = str.maketrans("·⋅•∙×", "*****")
@@ -134,7 +138,7 @@ def split_header(text: str) -> tuple[str, str | None]:
     A bracket that holds no unit known by heart stays in the name: "q (min)" is likelier a minimum than minutes, and pint
     knows a unit for nearly every short word.
     """
-    if len(text) > MAX_HEADER_LENGTH:
+    if len(text) > MAX_TEXT_LENGTH:
         return text.strip(), None
     match = re.fullmatch(r"(.*\S)\s*(?:\[([^\[\]()]*)\]|\(([^()\[\]]*(?:\([^()]*\)[^()\[\]]*)?)\))\s*", text, re.DOTALL)
     if match is None or _is_label(text, match[1]):

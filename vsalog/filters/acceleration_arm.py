@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-# A direction in which no axis sees anything is kept at q̈ = 0 by a prior as weak as an arm of this part of the least one.
 PRIOR = 1e-5
+"""A direction in which no axis sees anything is kept at q̈ = 0 by a prior as weak as an arm of this part of the least one."""
 
 
 class Arm(NamedTuple):
@@ -103,7 +103,7 @@ def observe_arm(
     -------
     x : shape (n, N, 4), θ, q, θ̇, q̇
     acceleration, deviation : shape (n, N), q̈ and its standard deviation under the accelerometers' noise [rad/s²]
-    since : shape (n, N), see `ArmState`; `LOST` where an observer has run away
+    since : shape (n, N), see `ArmState`; `Since.LOST` where an observer has run away
     state : to go on with
     """
     n, joints = theta.shape
@@ -125,8 +125,11 @@ def axis_rows(arm: Arm, q: Array, dq: Array) -> tuple[Array, Array]:
     return T, W
 
 
-# `since` of a sample at which an observer has run away.
-LOST = -2
+class Since(IntEnum):
+    """`since` of samples that no observer has a state of: it has not begun, or has run away there."""
+
+    NEVER = -1
+    LOST = -2
 
 
 class Frame(IntEnum):
@@ -309,4 +312,4 @@ def _run(
                 xs[s, i, r] = x[i, r]
             lost = lost or not abs(x[i, 1] - x[i, 0]) <= farthest[i]
         if lost:
-            begun[0], since[:], sinces[s] = 0, -1, LOST
+            begun[0], since[:], sinces[s] = 0, Since.NEVER.value, Since.LOST.value

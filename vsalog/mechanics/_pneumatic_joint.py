@@ -39,9 +39,8 @@ class Way(IntEnum):
     BACKWARD, STICK, FORWARD, FREE = range(-1, 3)
 
 
-# Halvings of a step until its length at an event is known to the last bit, and changes within one step after which the
-# joint sticks for what is left of it (there are two or three where anything happens at all).
-HALVINGS, MOST_EVENTS = 52, 20
+MOST_EVENTS = 20
+"""Changes within one step after which the joint sticks for the rest of it; where anything happens there are two or three."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -266,8 +265,10 @@ def integrate_pam(
                     x[:] = trial
                     break
                 before, after = 0.0, share
-                for _ in range(HALVINGS):
+                while True:
                     middle = 0.5 * (before + after)
+                    if not before < middle < after:  # known to the last bit
+                        break
                     _advance(x, way, nodes, begin, middle, step, air, muscles, seesaw, friction, work, trial)
                     _interpolate(nodes, begin + middle, at_event)
                     if _ended(trial, way, at_event[2], air, muscles, seesaw, friction, held):

@@ -62,7 +62,7 @@ def print_comparison(found: Comparison) -> None:
     console.print(table)
     console.print(
         "RMS residual: of the fit; off sensor: the fitted torque from the torque sensor; agrees: share of the time"
-        " within 2 standard deviations of the first; differs: root mean square, of the first",
+        " within the 95 % interval of the difference from the first; differs: root mean square, of the first",
         soft_wrap=True,
     )
     for name, reason in found.left_out.items():

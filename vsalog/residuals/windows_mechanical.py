@@ -15,6 +15,7 @@ from vsalog.residuals.balance import motion_of
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.sensing import motors_of, position_role, torque_role, true_roles
 from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Link, Motor, SerialJoint, UnknownTransmission
+from vsalog.simulation.accuracy import COARSE
 from vsalog.simulation.inputs import Input, Motion, table
 from vsalog.simulation.machine import BRISTLE_SPEED, DEFLECTING, Machine, build
 from vsalog.simulation.play import play
@@ -76,7 +77,7 @@ class MechanicalPlayer:
         self.run_in = round(RUN_IN / channels.period) if remembers(self.played) else 0
 
     def _steps(self, machine: Machine, prescribed: Sequence[int]) -> tuple[int, bool]:
-        return machine.steps(self.channels.period, prescribed, self.speeds, ANGLE_PER_STEP, deflecting=self.deflecting)
+        return machine.steps(self.channels.period, prescribed, self.speeds, COARSE, deflecting=self.deflecting)
 
     def _speeds(self) -> tuple[Array | float, float]:
         """Return how fast bristles slide and springs deflect: of a motion that was measured that is known."""

@@ -13,8 +13,9 @@ from vsalog.residuals.balance_pneumatic import ANGLE, PRESSURES, pneumatic_motio
 from vsalog.residuals.channels import DEGREE, Channels
 from vsalog.residuals.sensing import VALVES, true_roles
 from vsalog.rig.schema import PneumaticJoint
+from vsalog.simulation.accuracy import COARSE
 from vsalog.simulation.inputs import TorqueInput, table
-from vsalog.simulation.pneumatic import coarse_steps, simulate_pneumatic
+from vsalog.simulation.pneumatic import needed_steps, simulate_pneumatic
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -103,5 +104,5 @@ class PneumaticPlayer:
             if "external_torque" in self.roles:
                 inputs["external_torque"] = table(time, self.roles["external_torque"][0][part])
             begin = state * np.array([1.0, 1.0, BAR, BAR])
-            steps = coarse_steps(self.joint, begin, channels.period)
+            steps = needed_steps(self.joint, begin, channels.period, COARSE)
             yield part, simulate_pneumatic(self.joint, inputs, time, steps, begin)

@@ -28,8 +28,6 @@ from vsalog.rig.schema import (
 )
 
 RUN = "{run}"
-# No log is longer [s]; its stamps are counted in 64 bits.
-LONGEST = 1e8
 
 JointWithRuns = ElasticJoint | SerialJoint | AntagonisticJoint | PneumaticJoint
 
@@ -150,7 +148,8 @@ def _check_sensors(joint: Joint, path: Path) -> None:
         if not isinstance(signal, Signal):
             continue
         for key in ("delay", "jitter"):
-            if abs(getattr(signal, key)) > LONGEST:
+            # Stamps count nanoseconds in 64 bits.
+            if abs(getattr(signal, key)) * 1e9 >= 2.0**63:
                 refuse((*path, "signals", role, key), f"{getattr(signal, key):g} s are longer than any log")
         if signal.series_stiffness is not None and not role.startswith("deflection"):
             refuse((*path, "signals", role, "series_stiffness"), "only a deflection has a part in series")

@@ -36,6 +36,7 @@ Table = dict[str, Any]
 Structure = TypeVar("Structure", bound=msgspec.Struct)
 
 MAX_NAME = 200
+"""Characters of a joint's or a run's name: names become parts of the names of files, which end at 255 bytes."""
 
 _TORQUE_OF_CURRENT = "give the torque it makes on the joint's side: current × torque_constant × gear_ratio"
 

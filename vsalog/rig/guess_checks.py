@@ -10,12 +10,11 @@ import msgspec
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.recording import Channel
 from vsalog.rig import guess_data
-from vsalog.rig.guess_data import Line
+from vsalog.rig.guess_data import CORRELATED, Line
 from vsalog.rig.guess_types import Kind, RoleGuess
 
-# The motor's range over the link's from which on a gear is likelier than a deflection.
 GEARED = 1.5
-SURE_SIGN = 0.8
+"""Range of the motor over the link's from which on a gear is likelier than a deflection."""
 
 
 @dataclass(slots=True)
@@ -75,9 +74,9 @@ def _torque(checked: Checked, channels: Mapping[str, Channel], suffix: str) -> N
         evidence: Evidence = {"factor": float(line.slope), "source": name}
         checked.findings.append(Finding(code="torque.computed", part=f"'{torque.name}'", evidence=evidence))
         guess = msgspec.structs.replace(guess, confidence=round(guess.confidence * 0.6, 2))
-    if line.correlation < -SURE_SIGN:
+    if line.correlation < -CORRELATED:
         guess = _changed(guess, f"it falls with {name}, while τ_e = k (q − θ) rises", sign=-1)
-    elif line.correlation > SURE_SIGN:
+    elif line.correlation > CORRELATED:
         guess = _changed(guess, f"it rises with {name}")
     checked.roles[role] = guess
 

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.recording import Channel
+from vsalog.core.resolution import ENOUGH
 
 Array = NDArray[np.float64]
 
-# More samples make a correlation no surer.
-MAX_SAMPLES = 20_000
-# Below this relative residual one channel was computed from the other: no two sensors agree to a part in a thousand.
 EXACT = 1e-3
+"""Relative residual below which one channel was computed from the other: no two sensors agree to a part in a thousand."""
+CORRELATED = 0.8
+"""Correlation from which on one channel follows the other: a spring's torque its angle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,14 +56,14 @@ def looks_like_counts(channel: Channel) -> bool:
 
 
 def together(*channels: Channel) -> tuple[Array, ...]:
-    """Return the channels' values at the same instants, at most `MAX_SAMPLES`, rows with a NaN left out.
+    """Return the channels' values at the same instants, spread over the log, rows with a NaN left out.
 
     The first channel's stamps are used; the others are interpolated where they are on another clock.
     """
     base = channels[0].stamps
     if any(c.stamps.size == 0 for c in channels):
         return tuple(np.empty(0) for _ in channels)
-    step = max(1, base.size // MAX_SAMPLES)
+    step = max(1, base.size // ENOUGH)
     rows = []
     for channel in channels:
         if channel.stamps is base or np.array_equal(channel.stamps, base):

@@ -24,9 +24,6 @@ EXTRA = (
     "link_acceleration", "external_torque", "secondary_torque", "accelerometer_x", "accelerometer_y", "accelerometer_z",
 )  # fmt: skip
 
-# A torque that follows an angle this closely is a spring's.
-SPRING_CORRELATION = 0.7
-
 
 @dataclass(frozen=True, slots=True)
 class _Option:
@@ -213,7 +210,7 @@ def _spring_at_rest(chosen: dict[str, _Option], group: list[Candidate]) -> dict[
     if position is None or torque is None or others or position.candidate.channel.type.endswith("JointState"):
         return chosen
     follows = guess_data.torque_over_deflection(torque.candidate.channel, position.candidate.channel)
-    if follows is None or abs(follows.correlation) < SPRING_CORRELATION:
+    if follows is None or abs(follows.correlation) < guess_data.CORRELATED:
         return chosen
     reason = (
         f"the only angle, and the torque follows it (correlation {follows.correlation:.2f}) as a spring's does that is"

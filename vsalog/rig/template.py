@@ -18,8 +18,8 @@ from vsalog.rig.guess_types import Guess, JointGuess, RoleGuess
 from vsalog.rig.load import Rig
 from vsalog.rig.schema import Joint, Signal
 
-# Where the comments begin, if the line leaves room.
 COLUMN = 48
+"""Character at which comments begin, if the line leaves room."""
 
 _MOTORS = {
     "elastic": ("motor",),

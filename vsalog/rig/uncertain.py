@@ -13,16 +13,12 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from vsalog.core.errors import UnitError
-from vsalog.core.units import shown, si_factor, split_number, split_quantity
+from vsalog.core.units import MAX_TEXT_LENGTH, shown, si_factor, split_number, split_quantity
 
 Path = tuple[str, ...]
 
-# Half-width of a 95 % interval in standard deviations [1]: the 97.5 % quantile of the normal distribution, to three digits.
 HALF_WIDTH_IN_DEVIATIONS = 1.96
-# Most characters of a quantity with a tolerance [1]: two numbers of every digit a double has and two of the longest units.
-MAX_LENGTH = 256
-# Largest tolerance, in SI: its square, a variance, is still a finite double.
-MAX_HALF_WIDTH = 1e150
+"""Half-width of a 95 % interval in standard deviations: the 97.5 % quantile of the normal distribution, to three digits."""
 
 TOLERANCE_SIGN = r"±|\+/?[-−]"
 _SIGN = re.compile(TOLERANCE_SIGN)
@@ -113,7 +109,8 @@ def uncertain(value: float, half_width: float, unit: str) -> UncertainNumber:
     UnitError
         The tolerance is too large to compute with.
     """
-    if not half_width <= MAX_HALF_WIDTH:
+    # A variance is a finite double.
+    if not math.isfinite(half_width * half_width):
         raise UnitError("the tolerance is beyond what can be computed with; leave it out where it is not known")
     return UncertainNumber(value, Tolerance(half_width, unit))
 
@@ -158,8 +155,8 @@ def parse_stated_number(text: str) -> Quantity:
 def _split(text: str) -> Quantity:
     sign = _SIGN.search(text)
     assert sign is not None
-    if len(text) > MAX_LENGTH:
-        raise UnitError(f"'{shown(text)}' is too long for a quantity (more than {MAX_LENGTH} characters)")
+    if len(text) > MAX_TEXT_LENGTH:
+        raise UnitError(f"'{shown(text)}' is too long for a quantity (more than {MAX_TEXT_LENGTH} characters)")
     stated, tolerance = text[: sign.start()], text[sign.end() :]
     if states_tolerance(tolerance):
         raise UnitError(f"'{shown(text)}' states more than one tolerance; {_EXAMPLE}")

@@ -24,13 +24,12 @@ from vsalog.simulation._dynamics import At, Mode, deflection, derivative, least_
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-# An event is found to this part of a step; more events than this in one step are chattering, and the step is taken as it is.
-EVENT_WIDTH, MOST_EVENTS = 2.0**-44, 50
-# Every fourth trial of a search for an event is a bisection: it bounds the search where the guard is far from linear.
-BISECTED = 4
+EVENT_WIDTH = 2.0**-44
+"""Part of a step to which an event is found: the guards' own rounding is some bits above that of doubles."""
+MOST_EVENTS = 50
+"""Events in one step beyond which they are chattering, and the step is taken as it is."""
 
 # Rodas, 6 stages, order 4, L-stable (Hairer and Wanner, Solving Ordinary Differential Equations II, §VI.4).
-GAMMA = 0.25
 STAGE_TIME = np.array([0.0, 0.386, 0.21, 0.63, 1.0, 1.0])
 TIME_WEIGHT = np.array([0.25, -0.1043, 0.1035, -0.0362, 0.0, 0.0])
 STAGE = np.array(
@@ -146,9 +145,7 @@ def _rodas(
         derivative(p, at, t + (a + near * (b - a)) * h, state, tau, modes, w, slope if j < 0 else other)
         for i in range(size):
             if 0 <= j < size:
-                room[Room.FIRST_JACOBIAN + i, j] = -(other[i] - slope[i]) / width + (
-                    1.0 / (part * GAMMA) if i == j else 0.0
-                )
+                room[Room.FIRST_JACOBIAN + i, j] = -(other[i] - slope[i]) / width + (4.0 / part if i == j else 0.0)
             elif j == size:
                 slope[i] = other[i]
             elif j > size:
@@ -214,7 +211,8 @@ def _advance(
         to = after
         if seeking and after - before > EVENT_WIDTH:
             to = 0.5 * (before + after)
-            if tries % BISECTED != BISECTED - 1 and held > 0.0:
+            # Every fourth trial is a bisection: it bounds the search where the guard is far from linear.
+            if tries % 4 != 3 and held > 0.0:
                 to = before + (after - before) * held / (held - ended)
                 to = min(max(to, before + 0.5 * EVENT_WIDTH), after - 0.5 * EVENT_WIDTH)
             tries += 1

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import BSpline, make_interp_spline
 
 from vsalog.core.errors import SimulationError
 from vsalog.core.live_estimator import Said
@@ -28,11 +28,8 @@ from vsalog.simulation.control_loop import EstimatorFactory, Truth, made
 Array = NDArray[np.float64]
 
 STATES = ("motor_position", "link_position", "motor_velocity", "link_velocity")
-# The other two eigenvalues are so many times as fast as the slowest, or as the joint's own where that is faster. Those that are
-# real stand apart: an algorithm that places poles wants them so.
-FASTER, APART = 1.5, 1.02
-# A planned motion is differentiated along a spline of this degree.
-DEGREE = 7
+FASTER = 1.5
+"""How many times as fast as the slowest the other two eigenvalues are, or as the joint's own where that is faster."""
 
 
 class Plan(NamedTuple):
@@ -137,7 +134,7 @@ def planned(joint: ElasticJoint, q: Array, torque: Array, time: Array) -> Plan:
     phi = _torsion(-torque, K, D, period)
     spline = make_interp_spline(time, q - phi, k=5)
     theta, dtheta, ddtheta = (np.asarray(spline(time, nu)) for nu in range(3))
-    dq = np.asarray(make_interp_spline(time, q, k=DEGREE)(time, 1))
+    dq = np.asarray(_smooth(time, q)(time, 1))
     tau = (motor.inertia or 0.0) * ddtheta + motor.damping * dtheta + torque
     return Plan(np.stack([theta, q, dtheta, dq], axis=-1), tau)
 
@@ -190,7 +187,13 @@ def _pair(frequency: float, damping: float) -> NDArray[np.complex128]:
     if damping < 1.0:
         turn = frequency * np.sqrt(1.0 - damping**2)
         return np.array([-damping * frequency + 1j * turn, -damping * frequency - 1j * turn])
-    return np.array([-frequency, -APART * frequency], dtype=np.complex128)
+    # Those that are real stand apart: an algorithm that places poles wants them so.
+    return np.array([-frequency, -1.02 * frequency], dtype=np.complex128)
+
+
+def _smooth(time: Array, values: Array) -> BSpline:
+    """Return a planned motion as a spline whose second derivative is as smooth as a torque has to be."""
+    return make_interp_spline(time, values, k=7)
 
 
 def _link_torque(rig: RigFile, name: str, references: Mapping[str, Array], time: Array) -> tuple[Array, float]:
@@ -198,7 +201,7 @@ def _link_torque(rig: RigFile, name: str, references: Mapping[str, Array], time:
     joint = rig.joint[name]
     link: Any = getattr(joint, "link", None)
     q = references[name]
-    spline = make_interp_spline(time, q, k=DEGREE)
+    spline = _smooth(time, q)
     dq, ddq = (np.asarray(spline(time, nu)) for nu in (1, 2))
     chain = rig.chain
     if chain is None or name not in [part.joint for part in chain.link]:
@@ -209,7 +212,7 @@ def _link_torque(rig: RigFile, name: str, references: Mapping[str, Array], time:
     motion = []
     for part in chain.link:
         own = references.get(part.joint, still)
-        along = make_interp_spline(time, own, k=DEGREE)
+        along = _smooth(time, own)
         motion.append([own, along(time, 1), along(time, 2)])
     x, v, a = (np.stack([m[i] for m in motion], axis=-1) for i in range(3))
     place = [part.joint for part in chain.link].index(name)

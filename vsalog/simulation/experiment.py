@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Stamps = NDArray[np.int64]
 
-# 2026-01-01T00:00:00Z: simulated logs carry a plausible epoch, and the same one on every run.
-EPOCH_NS = int(datetime(2026, 1, 1, tzinfo=UTC).timestamp()) * 10**9
+# Simulated logs carry a plausible epoch, and the same one on every run.
+EPOCH = datetime(2026, 1, 1, tzinfo=UTC)
 
 TRUTH_TOPIC = "/truth/"
 FLOAT64 = "std_msgs/msg/Float64"
@@ -148,4 +148,4 @@ class Experiment:
 
 def sample_stamps(count: int, period: float) -> Stamps:
     """Return the stamps of `count` samples [ns since the epoch], each rounded to the nanosecond."""
-    return EPOCH_NS + np.round(np.arange(count) * (period * 1e9)).astype(np.int64)
+    return int(EPOCH.timestamp()) * 10**9 + np.round(np.arange(count) * (period * 1e9)).astype(np.int64)

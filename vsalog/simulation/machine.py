@@ -29,23 +29,21 @@ from vsalog.rig.schema import (
     UnknownTransmission,
 )
 from vsalog.simulation import _dynamics as d
+from vsalog.simulation.accuracy import FINE, Accuracy
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 Movable = RigidJoint | ElasticJoint | SerialJoint | AntagonisticJoint
 
-# Per step a damped motion may decay by this much (D/B · h), and a vibration turn by this angle [rad]; both keep a step's error
-# far below 1e-6, the latter with a margin for springs that harden as they deflect.
-DAMPING_PER_STEP, ANGLE_PER_STEP = 0.5, 0.02
-# Beyond so many steps per period for the sake of damping alone, the equations are stiff.
-STIFF_STEPS, MOST_STEPS = 16, 2000
-# The speed at which bristles have to be followed where none is known [rad/s]; they stay stable at five times this.
+STIFF_STEPS = 16
+"""Steps per period for the sake of damping alone beyond which implicit steps are cheaper: the equations are stiff."""
+MOST_STEPS = 2000
+"""Steps per period beyond which a rig's units are likelier wrong than its modes that fast."""
 BRISTLE_SPEED = 10.0
-# The same of deflections, for loops [rad/s]: springs deflect by a fraction of what a joint turns.
+"""Speed at which bristles have to be followed where none is known [rad/s]; they stay stable at five times this."""
 DEFLECTING = 1.0
-# A chain's inertia is looked at in so many positions.
-POSITIONS = 50
+"""The same of deflections, for loops [rad/s]: springs deflect by a fraction of what a joint turns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +131,7 @@ class Machine:
         period: float,
         fixed: Sequence[int] = (),
         speeds: Array | float = BRISTLE_SPEED,
-        angle: float = ANGLE_PER_STEP,
+        accuracy: Accuracy = FINE,
         deflecting: float = DEFLECTING,
     ) -> tuple[int, bool]:
         """Return the integration steps per period that the fastest mode needs, and whether the equations are stiff.
@@ -144,7 +142,7 @@ class Machine:
         fixed : degrees of freedom that move as prescribed, however fast they would be
         speeds : at which bristles have to be followed, one or shape (freedom,) [rad/s]
         deflecting : speed of the deflections at which loops have to be followed [rad/s]
-        angle : by which a vibration may turn in a step [rad]
+        accuracy : of a step
 
         Raises
         ------
@@ -152,7 +150,7 @@ class Machine:
             More than `MOST_STEPS` are needed.
         """
         with np.errstate(all="ignore"):  # numbers beyond all measure end as steps beyond all measure
-            needed, stiff = self._needed(period, fixed, speeds, angle, deflecting)
+            needed, stiff = self._needed(period, fixed, speeds, accuracy, deflecting)
         if not needed <= MOST_STEPS:
             raise SimulationError(
                 f"the rig's fastest mode needs more than {MOST_STEPS} integration steps per period: are inertia, damping"
@@ -161,7 +159,7 @@ class Machine:
         return max(1, int(np.ceil(needed))), stiff
 
     def _needed(
-        self, period: float, fixed: Sequence[int], speeds: Array | float, angle: float, deflecting: float
+        self, period: float, fixed: Sequence[int], speeds: Array | float, accuracy: Accuracy, deflecting: float
     ) -> tuple[float, bool]:
         n, rates, load, inertia = self.freedom, [], np.zeros(self.freedom), self.inertia.copy()
         inertia[list(fixed)] = np.inf
@@ -183,8 +181,8 @@ class Machine:
         load += bristle
         rates += list((viscous + bristle_damping) / inertia)
         rates += list(np.where(bristle > 0.0, bristle * speeds / np.maximum(static, 1e-12), 0.0))
-        vibration = period * float(np.sqrt(np.max(load / inertia))) / angle
-        decay = period * max(rates) / DAMPING_PER_STEP
+        vibration = period * float(np.sqrt(np.max(load / inertia))) / accuracy.angle
+        decay = period * max(rates) / accuracy.decay
         needed = vibration if decay > STIFF_STEPS else max(vibration, decay)
         return needed, decay > STIFF_STEPS
 
@@ -356,7 +354,8 @@ def _least_inertia(chain: Chain) -> Array:
     Payloads are left out: they only add to it.
     """
     count = len(chain.link)
-    positions = np.vstack([np.zeros(count), np.random.default_rng(0).uniform(-np.pi, np.pi, (POSITIONS, count))])
+    # As many positions as show its extremes.
+    positions = np.vstack([np.zeros(count), np.random.default_rng(0).uniform(-np.pi, np.pi, (50, count))])
     yielding = [np.diag(np.linalg.pinv(mass_matrix(chain, q), hermitian=True)) for q in positions]
     return np.asarray(1.0 / np.maximum(np.max(yielding, axis=0), 1e-300))
 

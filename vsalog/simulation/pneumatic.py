@@ -28,20 +28,13 @@ from vsalog.mechanics.pneumatics import (
 from vsalog.rig.schema import (
     PneumaticJoint,
 )
+from vsalog.simulation.accuracy import FINE, Accuracy
 from vsalog.simulation.inputs import TorqueInput, at_samples, at_steps
 from vsalog.simulation.machine import MOST_STEPS
 
 Array = NDArray[np.float64]
 
 INPUTS = ("valve_1", "valve_2", "external_torque")
-
-# Per step the seesaw may swing by this angle [rad] and what is damped or fills may settle by this much.
-ANGLE_PER_STEP, DECAY_PER_STEP = 0.03, 0.3
-COARSE = 0.25, 0.6
-FEWEST_STEPS = 4
-
-# A joint whose drive is this little above the friction's level is told to stick, since its velocity is exactly zero [N·m].
-ROUNDING = 1e-12
 
 
 def simulate_pneumatic(
@@ -96,7 +89,7 @@ def simulate_pneumatic(
     if not period > 0.0:
         raise SimulationError("the samples' times have to rise")
     if steps is None:
-        steps = max(FEWEST_STEPS, int(np.ceil(_needed(joint, state, period))))
+        steps = needed_steps(joint, state, period)
     if steps < 1:
         raise SimulationError("a simulation needs at least one step per sample")
     muscles = [muscle_numbers(joint.muscle_1, joint.valve_1), muscle_numbers(joint.muscle_2, joint.valve_2)]
@@ -145,7 +138,8 @@ def _truth(joint: PneumaticJoint, states: Array, external: Array) -> dict[str, A
         slipping, friction = np.ones(psi.shape, np.bool_), np.zeros_like(psi)
         acceleration = drive / joint.seesaw.inertia
     else:
-        slipping = (velocity != 0.0) | (np.abs(drive) > level + ROUNDING)
+        # A drive that is above the level by rounding alone sticks: its velocity is exactly zero.
+        slipping = (velocity != 0.0) | (np.abs(drive) > level * (1.0 + 16.0 * np.finfo(np.float64).eps))
         way = np.where(velocity != 0.0, np.sign(velocity), np.sign(drive))
         friction = np.where(slipping, viscous_coefficient(joint) * velocity + way * level, drive)
         acceleration = (drive - friction) / joint.seesaw.inertia
@@ -195,17 +189,7 @@ def _start(joint: PneumaticJoint, start: Array | None, voltages: list[Array], ex
     return state
 
 
-def coarse_steps(joint: PneumaticJoint, state: Array, period: float) -> int:
-    """Return as many steps per sample as a simulation needs that is held against noisy measurements.
-
-    A step turns the fastest swing by up to a quarter of a radian, of which classical Runge–Kutta misses less than 1e-5.
-    """
-    return max(1, int(np.ceil(_needed(joint, state, period, *COARSE))))
-
-
-def _needed(
-    joint: PneumaticJoint, state: Array, period: float, angle: float = ANGLE_PER_STEP, decay: float = DECAY_PER_STEP
-) -> float:
+def needed_steps(joint: PneumaticJoint, state: Array, period: float, accuracy: Accuracy = FINE) -> int:
     """Return how many steps per sample the seesaw's swinging, its damping and the filling of the muscles need."""
     pressure = joint.air.supply_pressure
     stiffest = max(
@@ -221,13 +205,13 @@ def _needed(
         sound = np.sqrt(joint.air.gas_constant * joint.air.temperature)
         filling += joint.air.inflow_index * sound * area / float(muscle_volume(muscle, muscle.length))
     settling = max(viscous_coefficient(joint) / inertia, filling)
-    needed = max(swing / angle, settling / decay) * period
+    needed = max(swing / accuracy.angle, settling / accuracy.decay) * period
     if not needed <= MOST_STEPS:
         raise SimulationError(
             f"the joint would need {needed:.3g} integration steps per sample; are the units of its inertia, areas and volumes"
             " right?"
         )
-    return float(needed)
+    return max(1, int(np.ceil(needed)))
 
 
 def _require_finite(joint: PneumaticJoint, states: Array, time: Array) -> None:

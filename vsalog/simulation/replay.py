@@ -20,8 +20,8 @@ from vsalog.simulation.play import play
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Positions and velocities to restart from, and motions to prescribe, are those of a cubic fitted to so many samples.
-SMOOTHING, DEGREE = 21, 3
+SMOOTHING = 21
+"""Samples that a cubic is fitted to, for positions and velocities to restart from, and for motions to prescribe."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +180,7 @@ def _bridged(values: Array) -> Array:
 def _smoothed(values: Array, period: float) -> tuple[Array, Array]:
     """Return value and rate of a cubic fitted to a moving window; at the ends, of the last whole window's cubic."""
     half = SMOOTHING // 2
-    weights = savgol_weights(SMOOTHING, DEGREE, DEGREE, period)
+    weights = savgol_weights(SMOOTHING, 3, 3, period)
     fitted = np.stack([np.correlate(values, w, mode="valid") for w in weights])
     taylor = np.array([1.0, 1.0, 0.5, 1.0 / 6.0])
     found = np.empty((2, values.size))

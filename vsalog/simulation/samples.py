@@ -32,7 +32,7 @@ from vsalog.writers.recording_mcap import write_mcap
 from vsalog.writers.recording_rosbag1 import write_rosbag1
 
 # The first experiments run as long as the paper's, the validating ones half as long, to keep the folder small.
-FIRST_SECONDS, SECOND_SECONDS = 20.0, 10.0
+SECONDS = {1: 20.0, 2: 10.0}
 
 # What the CSV calls the elastic joint's channels, and in which units.
 CSV_CHANNELS = {
@@ -45,8 +45,7 @@ CSV_CHANNELS = {
 DESR_SETTINGS = ("x00", "x10", "x20", "x25", "x30", "x33", "x35", "x40", "x45")
 DESR_COLUMNS = ("timeJIM", "angleJIM", "torque")
 DESR_EVERY = 4
-
-MATLAB_TEXT_BYTES = 116
+"""Of so many samples of the DESR foot one is kept, which makes the log a quarter as large."""
 
 DESR_RIG = """\
 # Variable-stiffness prosthetic foot on a dynamometer: deflection and torque at nine settings of its slider.
@@ -98,7 +97,7 @@ def make_samples(folder: Path, desr: Path | None = None) -> None:
     """
     folder.mkdir(parents=True, exist_ok=True)
     for run in (vsa2_experiment, awas_experiment):
-        for number, seconds in ((1, FIRST_SECONDS), (2, SECOND_SECONDS)):
+        for number, seconds in SECONDS.items():
             experiment = run(number, seed=number, duration=seconds)
             path = folder / f"{experiment.name}.mcap"
             write_mcap(experiment.recording(), path, preset_text(experiment.joint))
@@ -110,7 +109,7 @@ def make_samples(folder: Path, desr: Path | None = None) -> None:
 
 def _write_csv_sample(folder: Path) -> None:
     rig = _with_signals(elastic_rig(), SingleSignals(**CSV_CHANNELS))
-    played = replace(elastic_experiment(1, seed=1, duration=FIRST_SECONDS), rig=rig)
+    played = replace(elastic_experiment(1, seed=1, duration=SECONDS[1]), rig=rig)
     # Encoder steps are 0.01°, the converter's 1 N·mm: rounding takes off what the conversion to rad and back adds.
     write_csv(_rounded(played), folder / "sea_exp1.csv", time="s")
     # The header tells the units, so the rig need not.
@@ -119,7 +118,7 @@ def _write_csv_sample(folder: Path) -> None:
 
 
 def _write_bag_sample(folder: Path) -> None:
-    played = elastic_experiment(2, seed=2, duration=FIRST_SECONDS)
+    played = elastic_experiment(2, seed=2, duration=SECONDS[1])
     write_rosbag1(played.recording(), folder / "sea_exp2.bag")
     write_text(folder / "sea_exp2.rig.toml", 'preset = "sea"\n')
 
@@ -155,7 +154,8 @@ def _cut_desr(source: Path, folder: Path) -> None:
         savemat(str(temporary), {"DESR_N": cut}, appendmat=False, do_compression=True, oned_as="column")
         with temporary.open("r+b") as file:
             # The free text at the head would hold today's date, and the file differ on every run.
-            file.write(b"MATLAB 5.0 MAT-file, cut of DESR_Characterization_Data.mat".ljust(MATLAB_TEXT_BYTES))
+            # The header's text has 116 bytes.
+            file.write(b"MATLAB 5.0 MAT-file, cut of DESR_Characterization_Data.mat".ljust(116))
     settings = (f'\n[[joint.ankle.run]]\nname = "{name}"\nsetpoint = "{int(name[1:])} mm"\n' for name in DESR_SETTINGS)
     write_text(folder / "desr_foot.rig.toml", DESR_RIG + "".join(settings))
     write_text(folder / "README.txt", DESR_README)

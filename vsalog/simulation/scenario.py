@@ -37,6 +37,7 @@ from vsalog.simulation.scenario_schema import (
 )
 
 MOST_LINES = 2000
+"""Sines of a multisine: as many as the samples of a period in which they could be told from noise."""
 
 # The SI unit of what drives a role, by how the role's name begins or ends.
 TORQUE, ANGLE, VOLTAGE = "N*m", "rad", "V"
@@ -45,7 +46,6 @@ _ROLE_KEYS = ("value", "amplitude", "offset", "rms")
 _FREQUENCY_KEYS = ("frequency", "start_frequency", "end_frequency", "spacing", "lowest_frequency", "highest_frequency")
 # What a controller drives.
 COMMANDED = {"state_feedback": ("motor_torque",), "pi_control": ("valve_1", "valve_2")}
-_ANGULAR = 7  # the angle's place among the exponents of a unit's dimension
 
 
 @dataclass(frozen=True, slots=True)
@@ -341,7 +341,7 @@ def _check_frequency(text: str, path: KeyPath) -> None:
     """Refuse rpm and rad/s, whose angle would be dropped and the number be wrong by 2π."""
     try:
         _, unit = split_quantity(text)
-        angular = parse_unit(unit).dimension[_ANGULAR] != 0.0
+        angular = parse_unit(unit).dimension[-1] != 0.0
     except UnitError as error:
         refuse(path, str(error))
     if angular:

@@ -57,18 +57,42 @@ GENERIC = {
     "servo": "any rig: position loops on the motors follow slow sines",
 }
 
-# Of the way to a VSA-II's singularity, and of the torque that holds a link horizontal.
-SINGULARITY_SHARE, GRAVITY_SHARE = 0.55, 0.7
-USUAL_DEFLECTION = 0.15  # of springs without a scale of their own [rad]
-ACCELERATION, SPEED = 10.0, 3.0  # of links that nothing holds [rad/s²], [rad/s]
-RESONANCE_SHARE, TOP_FREQUENCY = (
-    0.35,
-    3.0,
-)  # highest frequency of the excitations, that of the link on its springs or [Hz]
-SERVO_RATE, SECONDARY_RATE = 25.0, 2.0 * pi  # closed loops' natural frequencies [rad/s]
-SERVO_SWING, SERVO_FREQUENCY = 0.4, 0.1  # [rad], [Hz]
-LEVER_SHARE, LEVER_FREQUENCY = 0.4, 0.05  # of the way to a lever arm of no length; [Hz]
-VALVE_SHARE = 0.4  # of a valve's range of voltages
+
+@dataclass(frozen=True, slots=True)
+class Excitation:
+    """How far and how fast a rig is moved that no scenario is made for; a scenario's file says otherwise where that is wanted.
+
+    Attributes
+    ----------
+    singularity : part of the way to a VSA-II's singularity, which encoders' noise is far from
+    gravity : part of the torque that holds a link horizontal: it swings without turning over
+    deflection : of springs without a scale of their own [rad]
+    acceleration, speed : of links that nothing holds [rad/s²], [rad/s]
+    resonance : highest frequency, over that of the link on its springs
+    frequency : highest one where there are no springs [Hz]
+    servo, secondary : natural frequencies of closed loops [rad/s]
+    swing, swinging : of position loops: amplitude [rad] and frequency [Hz]
+    lever, levering : of lever arms: part of the way to one of no length, and frequency [Hz]
+    valve : part of a valve's range of voltages
+    """
+
+    singularity: float = 0.55
+    gravity: float = 0.7
+    deflection: float = 0.15
+    acceleration: float = 10.0
+    speed: float = 3.0
+    resonance: float = 0.35
+    frequency: float = 3.0
+    servo: float = 25.0
+    secondary: float = 2.0 * pi
+    swing: float = 0.4
+    swinging: float = 0.1
+    lever: float = 0.4
+    levering: float = 0.05
+    valve: float = 0.4
+
+
+EXCITATION = Excitation()
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +204,7 @@ def _driven(name: str, joint: Joint, rig: RigFile, place: int) -> Iterator[_Driv
     if isinstance(joint, PneumaticJoint):
         for i, (key, valve) in enumerate((("valve_1", joint.valve_1), ("valve_2", joint.valve_2))):
             centre = float(np.interp(0.5, valve.opening, valve.voltage))
-            level = VALVE_SHARE * (valve.voltage[-1] - valve.voltage[0])
+            level = EXCITATION.valve * (valve.voltage[-1] - valve.voltage[0])
             # The muscles take turns: what fills one empties the other.
             yield _Drive(key, place + i, -level if i else level, 1.0, centre)
         return
@@ -210,13 +234,13 @@ def _deflection(transmission: Transmission) -> float:
     """Return how far a transmission is deflected at most [rad]."""
     match transmission:
         case Vsa2Transmission(geometry=c):
-            return SINGULARITY_SHARE * 2.0 * asin(1.0 / c)
+            return EXCITATION.singularity * 2.0 * asin(1.0 / c)
         case CubicTransmission(stiffness=k1, cubic=k3) if k3 > 0.0:
-            return min(USUAL_DEFLECTION, sqrt(k1 / (3.0 * k3)))  # where the stiffness has doubled
+            return min(EXCITATION.deflection, sqrt(k1 / (3.0 * k3)))  # where the stiffness has doubled
         case ExponentialTransmission(scale=s) | PolynomialTransmission(scale=s):
             return s
         case _:
-            return USUAL_DEFLECTION
+            return EXCITATION.deflection
 
 
 def _spring_torque(transmission: Transmission, joint: Joint) -> float:
@@ -231,8 +255,8 @@ def _spring_torque(transmission: Transmission, joint: Joint) -> float:
 def _load_torque(name: str, joint: Joint, rig: RigFile, motor: Motor) -> float:
     """Return what all motors of a joint may make together [N·m]."""
     inertia, damping, gravity = _load(name, joint, rig)
-    free = ((motor.inertia or 0.0) + inertia) * ACCELERATION + (motor.damping + damping) * SPEED
-    return GRAVITY_SHARE * gravity if gravity > 0.1 * free else free
+    free = ((motor.inertia or 0.0) + inertia) * EXCITATION.acceleration + (motor.damping + damping) * EXCITATION.speed
+    return EXCITATION.gravity * gravity if gravity > 0.1 * free else free
 
 
 def _load(name: str, joint: Joint, rig: RigFile) -> tuple[float, float, float]:
@@ -263,20 +287,20 @@ def _top_frequency(name: str, joint: Joint, rig: RigFile) -> float:
     inertia, _, _ = _load(name, joint, rig)
     springs = [t for _, _, t in _motors(joint) if not isinstance(t, UnknownTransmission)]
     if not springs or inertia <= 0.0:
-        return TOP_FREQUENCY
+        return EXCITATION.frequency
     arm = joint.lever.start if isinstance(joint, SerialJoint) and joint.lever is not None else None
     at = [float(stiffness(t, 0.5 * t.backlash + 1e-3 * _deflection(t), arm)) for t in springs]
-    return max(min(TOP_FREQUENCY, RESONANCE_SHARE * sqrt(max(sum(at), 0.0) / inertia) / (2.0 * pi)), 0.2)
+    return max(min(EXCITATION.frequency, EXCITATION.resonance * sqrt(max(sum(at), 0.0) / inertia) / (2.0 * pi)), 0.2)
 
 
 def _servos(name: str, joint: Joint, rig: RigFile, place: int, period: float) -> Iterator[tuple[str, ServoDrive]]:
     inertia, _, gravity = _load(name, joint, rig)
     motors = _motors(joint)
-    frequency = SERVO_FREQUENCY * (1.0 + 0.37 * (place % 8))
+    frequency = EXCITATION.swinging * (1.0 + 0.37 * (place % 8))
     # What gravity pulls with at the end of a swing has to go through the springs, beside what the swing itself takes.
     borne = 0.5 * sum(_spring_torque(transmission, joint) for _, _, transmission in motors)
-    reach = asin(min(1.0, borne / gravity)) if gravity > 0.0 else SERVO_SWING
-    swing = Sine(amplitude=min(SERVO_SWING, reach), frequency=frequency)
+    reach = asin(min(1.0, borne / gravity)) if gravity > 0.0 else EXCITATION.swing
+    swing = Sine(amplitude=min(EXCITATION.swing, reach), frequency=frequency)
     for i, (suffix, motor, transmission) in enumerate(motors):
         reference: Parts = (swing,)
         if len(motors) > 1:
@@ -284,7 +308,7 @@ def _servos(name: str, joint: Joint, rig: RigFile, place: int, period: float) ->
             apart = 0.25 * _deflection(transmission) * (-1.0 if i else 1.0)
             reference = (swing, Sine(amplitude=apart, frequency=0.5 * frequency, phase=-0.5 * pi, offset=apart))
         least = 10.0 * gravity / len(motors)  # so that gravity pulls it off by no more than a tenth of a radian
-        yield f"motor_servo{suffix}", _servo(motor, inertia, SERVO_RATE, least, period, reference)
+        yield f"motor_servo{suffix}", _servo(motor, inertia, EXCITATION.servo, least, period, reference)
 
 
 def _servo(motor: Motor, load: float, rate: float, least: float, period: float, reference: Parts) -> ServoDrive:
@@ -299,6 +323,6 @@ def _servo(motor: Motor, load: float, rate: float, least: float, period: float, 
 
 def _lever_servo(motor: Motor, lever: Lever) -> ServoDrive:
     """Return a loop that draws the lever in and lets it out again."""
-    half = 0.5 * LEVER_SHARE * lever.start / lever.travel if lever.travel else 0.0
-    slow = Sine(amplitude=half, frequency=LEVER_FREQUENCY, phase=-0.5 * pi, offset=half)
-    return _servo(motor.reflected, 0.0, SECONDARY_RATE, 0.0, 1e-3, (slow,))
+    half = 0.5 * EXCITATION.lever * lever.start / lever.travel if lever.travel else 0.0
+    slow = Sine(amplitude=half, frequency=EXCITATION.levering, phase=-0.5 * pi, offset=half)
+    return _servo(motor.reflected, 0.0, EXCITATION.secondary, 0.0, 1e-3, (slow,))

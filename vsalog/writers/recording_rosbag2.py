@@ -7,7 +7,6 @@ import shutil
 import sqlite3
 import tempfile
 from pathlib import Path
-from typing import Final
 
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.errors import WriterError
@@ -17,9 +16,6 @@ from vsalog.core.errors import WriteError
 from vsalog.core.recording import Recording
 from vsalog.writers.recording_messages import merged_messages
 from vsalog.writers.recording_topics import topics_of
-
-# Read by ROS 2 Iron and all later ones.
-BAG_VERSION: Final = 8
 
 
 def write_rosbag2(recording: Recording, path: Path | str) -> None:
@@ -46,7 +42,8 @@ def write_rosbag2(recording: Recording, path: Path | str) -> None:
         temporary = tempfile.mkdtemp(prefix=".vsalog-", suffix=".part", dir=folder.parent)
         # The library names the files after the folder it is given.
         made = Path(temporary) / folder.name
-        with Writer(made, version=BAG_VERSION, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        # Version 8 is read by ROS 2 Iron and all later ones.
+        with Writer(made, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
             connections = [writer.add_connection(topic.name, topic.type, typestore=types) for topic in topics]
             for stamp, index, _, message in merged_messages(topics, cdr=True):
                 writer.write(connections[index], stamp, message)

@@ -15,9 +15,6 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 FLOAT64 = "std_msgs/msg/Float64"
 JOINT_FIELDS = ("position", "velocity", "effort")
 
-# The seconds of a stamp are a signed 32-bit number in ROS 2.
-_LAST_STAMP = 2**31 * 10**9
-
 _JOINT_CHANNEL = re.compile(r"^(?P<topic>.+)\.(?P<field>position|velocity|effort)\[(?P<name>[^\[\]]+)\]$")
 
 
@@ -41,7 +38,8 @@ class Topic:
     columns: Mapping[tuple[str, str], Values]
 
     def __post_init__(self) -> None:
-        if self.stamps.size and (int(self.stamps[0]) < 0 or int(self.stamps[-1]) >= _LAST_STAMP):
+        # The seconds of a stamp are a signed 32-bit number in ROS 2.
+        if self.stamps.size and (int(self.stamps[0]) < 0 or int(self.stamps[-1]) // 10**9 > np.iinfo(np.int32).max):
             raise WriteError(f"topic {self.name}: its stamps are outside of what ROS can hold (0 to 2³¹ s)")
         if any(values.shape != self.stamps.shape for values in self.columns.values()):
             raise WriteError(f"topic {self.name}: its columns differ in length")

@@ -27,7 +27,7 @@ from vsalog.estimators.friction_compensation import FrictionCompensation, Fricti
 from vsalog.estimators.state_observer import StateObserver, Unfiltered, UnfilteredTuning, state_columns
 from vsalog.estimators.tuning import Positive
 from vsalog.estimators.windows import rms
-from vsalog.filters.acceleration_arm import LOST, Arm, ArmState, arm_start, axis_rows, observe_arm
+from vsalog.filters.acceleration_arm import Arm, ArmState, Since, arm_start, axis_rows, observe_arm
 from vsalog.filters.acceleration_observer import (
     ElasticMotor,
     Input,
@@ -157,7 +157,7 @@ class AccelerationFold(StateObserver):
             traces.append(Trace.of_rows(piece, {"total": told}))
             seen += len(piece)
             masked += int(np.count_nonzero(since[:, self.group.place] < 0))
-            lost += int(np.count_nonzero(since[:, self.group.place] == LOST))
+            lost += int(np.count_nonzero(since[:, self.group.place] == Since.LOST))
         return AccelerationState(observers, friction, seen, masked, lost), traces
 
     def findings(self, state: AccelerationState) -> tuple[Finding, ...]:
