@@ -7,7 +7,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from test_binding import joint_of
 
 import vsalog
 from vsalog.core.errors import EstimatorError
@@ -32,7 +31,7 @@ def rig_with(*roles, motor=""):
 
 
 def reason(rig):
-    name, joint = joint_of(rig)
+    ((name, joint),) = Rig.from_toml(rig).joints.items()
     return choose(name, joint, "auto", {}).reason
 
 
@@ -133,7 +132,7 @@ def test_no_gain_makes_a_stiffness_certain(samples, estimator):
 def test_numbers_out_of_range_leak_no_warning_from_any_part_of_an_estimate(bench):
     """Building the fold, its model and the summary may meet them, not only the steps."""
     recording = read(bench / "log.parquet")
-    name, joint = joint_of((bench / "log.rig.toml").read_text())
+    ((name, joint),) = Rig.from_toml((bench / "log.rig.toml").read_text()).joints.items()
     choice = choose(name, joint, "residual-rls", {})
     met = []
 

@@ -134,7 +134,7 @@ def test_a_sensor_that_the_log_lacks_is_left_out_unless_the_replay_needs_it(done
     ("args", "words"),
     [
         (("--replay", "nowhere.csv"), "nowhere.csv: there is no such file"),
-        (("--replay", "lost/log.csv"), "no rig was found in or beside log.csv"),
+        (("--replay", "lost/log.csv"), "no rig was found in or next to log.csv"),
         (("--replay", "rig.toml"), "rig.toml"),
         (("sea", "--replay", "log.csv"), "there is no channel"),
         (("vsa3", "--replay", "log.csv"), "did you mean 'vsa2'"),

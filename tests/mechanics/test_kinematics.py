@@ -11,7 +11,6 @@ from vsalog.mechanics.kinematics import (
     chain_motion,
     point_acceleration,
     point_position,
-    point_velocity,
     rotation_of,
     specific_force,
 )
@@ -117,13 +116,11 @@ def test_poses_are_products_of_denavit_hartenberg_s_matrices(q: list[float]) -> 
         np.testing.assert_allclose(point_position(motion, POINT), point[:3], atol=1e-12)
 
 
-def test_velocities_and_accelerations_are_differences_of_positions() -> None:
+def test_accelerations_are_differences_of_positions() -> None:
     q, dq, ddq = smooth(3)
     for motion in chain_motion(SPATIAL, q, dq, ddq):
         where = point_position(motion, POINT)
-        first = (where[2:] - where[:-2]) / 2e-3
         second = (where[2:] - 2.0 * where[1:-1] + where[:-2]) / 1e-6
-        np.testing.assert_allclose(point_velocity(motion, POINT)[1:-1], first, atol=5e-5)
         np.testing.assert_allclose(point_acceleration(motion, POINT)[1:-1], second, atol=5e-4)
 
 

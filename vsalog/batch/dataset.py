@@ -126,7 +126,7 @@ class DatasetWriter:
             writer.write_table(table)
 
     def _open(self, extra: Sequence[str]) -> pq.ParquetWriter:
-        """Open the file at the first block; begin it anew where a joint brings columns that those before it had not."""
+        """Open the file at the first block; begin it again where a joint brings columns that those before it had not."""
         if self._writer is not None and set(extra) <= set(self._extra):
             return self._writer
         before = None

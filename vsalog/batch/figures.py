@@ -16,7 +16,7 @@ from vsalog.validation.verdict import overview
 
 
 def of_estimate(job: Job, estimate: JointEstimate) -> Joint:
-    """Return a joint's key figures: those of the device as a whole, and each transmission's beside them."""
+    """Return a joint's key figures: those of the device as a whole, and each transmission's."""
     s = estimate.summary
     figures = {
         "estimator": estimate.estimator,
@@ -30,7 +30,7 @@ def of_estimate(job: Job, estimate: JointEstimate) -> Joint:
     whole = _whole(s.transmissions)
     if whole is not None:
         figures |= {k: v for k, v in msgspec.to_builtins(whole).items() if k != "transmission"}
-        # The device is not fitted: what is left over stands with its transmissions.
+        # The device is not fitted: residuals stand with its transmissions.
         fitted = [t for t in s.transmissions if t.fit_share is not None]
         if whole.fit_share is None and fitted:
             worst = max(fitted, key=lambda t: t.fit_share or 0.0)
@@ -76,8 +76,8 @@ def of_validation(report: Report) -> Iterator[Joint]:
 
 def of_diagnosis(diagnosis: Diagnosis) -> Iterator[Joint]:
     """Yield each joint's causes and what they are worth; the verdict and what is unexplained are the log's."""
-    told = (diagnosis.simulation_error, diagnosis.equations, diagnosis.causes)
-    for name in dict.fromkeys(part.joint for parts in told for part in parts):
+    parts = (diagnosis.simulation_error, diagnosis.equations, diagnosis.causes)
+    for name in dict.fromkeys(part.joint for several in parts for part in several):
         causes = [c for c in diagnosis.causes if c.joint == name]
         yield Joint(
             joint=name,

@@ -255,7 +255,7 @@ def _state(path: Path) -> list[tuple[str, int, int, int]]:
 
 
 def _text(settings: Settings) -> Any:
-    """Return the rig as TOML text, which is told from a file's name by its line ends."""
+    """Return the rig as TOML text, which differs from a file's name by its line ends."""
     return None if settings.rig is None else f"\n{settings.rig}"
 
 

@@ -94,7 +94,7 @@ def _matched(word: str) -> tuple[list[str], str]:
 
 
 def _is_log(path: Path) -> bool:
-    """Tell what a pattern may have meant: no folders but bags, and no file of the kinds that lie beside logs."""
+    """Tell what a pattern may have meant: no folders but bags, and no file of the kinds that lie next to logs."""
     if path.is_dir():
         return (path / BAG).is_file()
     return path.is_file() and path.suffix.lower() not in BESIDE

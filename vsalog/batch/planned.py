@@ -10,7 +10,7 @@ from vsalog.batch.records import Log
 BAG = "metadata.yaml"
 # What a folder is searched for; a pattern may match anything.
 ENDINGS = (".mcap", ".bag", ".db3", ".csv", ".tsv", ".parquet", ".mat", ".gz", ".zst", ".bz2", ".lz4")
-# What lies beside logs and is none.
+# What lies next to logs and is none.
 BESIDE = (".toml", ".yaml", ".yml", ".md", ".html", ".json")
 
 

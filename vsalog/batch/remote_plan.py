@@ -81,7 +81,7 @@ def _matched(system: Any, pattern: str) -> tuple[dict[str, int], str]:
 
 @contextmanager
 def fetched(log: Log) -> Iterator[Path]:
-    """Give a log as a path here: its own, or that of a copy, with the rigs that lie beside it, while the context lasts.
+    """Give a log as a path here: its own, or that of a copy, with the rigs that lie next to it, while the context lasts.
 
     Raises
     ------

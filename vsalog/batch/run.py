@@ -101,7 +101,7 @@ class Outcome:
 
 
 class Watch(Protocol):
-    """Who is told how it goes."""
+    """Whoever follows how it goes."""
 
     def say(self, text: str) -> None:
         """Take a remark."""
@@ -119,7 +119,7 @@ def run_batch(asked: Asked, watch: Watch) -> Outcome:
     Parameters
     ----------
     asked : what
-    watch : told how it goes
+    watch : called with how it goes
 
     Raises
     ------

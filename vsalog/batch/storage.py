@@ -14,7 +14,7 @@ from typing import Any, Protocol
 from vsalog.batch.names import shown
 from vsalog.core.errors import BatchError
 
-# Files that are being written: beside the data set and not in it, since readers take all files of a data set for data.
+# Files that are being written: next to the data set and not in it, since readers take all files of a data set for data.
 SCRATCH = ".scratch"
 # What a run that was killed at once may leave of a batch that has not begun.
 OURS = (SCRATCH, ".lock")
@@ -187,9 +187,9 @@ class RemoteStore:
                 return
             # A server of files shows them while they grow.
             self.system.makedirs(self._at(name).rsplit("/", 1)[0], exist_ok=True)
-            beside = self._at(f"{SCRATCH}-{os.getpid()}-{source.name}")
-            self.system.put_file(str(source), beside)
-            self.system.mv(beside, self._at(name))
+            scratch = self._at(f"{SCRATCH}-{os.getpid()}-{source.name}")
+            self.system.put_file(str(source), scratch)
+            self.system.mv(scratch, self._at(name))
 
     def write(self, name: str, data: bytes) -> None:
         """See `Store`."""

@@ -100,26 +100,26 @@ def _done(task: Task, store: Store, start: float) -> tuple[Record, bool]:
 def _explaining(run: Callable[[], Result], path: Path, log: Log) -> Result:
     """Run, and call the log in messages what the batch calls it: where it lies is no one's business, and differs by machine."""
 
-    def told(value: Any) -> Any:
+    def plain(value: Any) -> Any:
         if isinstance(value, str):
             return shown(value.replace(str(path), log.name))
         if isinstance(value, dict):
-            return {told(key): told(item) for key, item in value.items()}
-        return [told(item) for item in value] if isinstance(value, list | tuple) else value
+            return {plain(key): plain(item) for key, item in value.items()}
+        return [plain(item) for item in value] if isinstance(value, list | tuple) else value
 
     try:
         result = run()
     except VsalogError as error:
-        raise type(error)(told(str(error))) from error
-    joints = tuple(Joint(joint=told(j.joint), figures=told(j.figures)) for j in result.joints)
-    findings, warnings = tuple(told(result.findings)), tuple(told(result.warnings))
+        raise type(error)(plain(str(error))) from error
+    joints = tuple(Joint(joint=plain(j.joint), figures=plain(j.figures)) for j in result.joints)
+    findings, warnings = tuple(plain(result.findings)), tuple(plain(result.warnings))
     return replaced(result, findings=findings, warnings=warnings, joints=joints)
 
 
 def _key(task: Task, path: Path, digest: str) -> str:
     """Return a hash of all that a log's result depends on; `digest` is that of the log."""
-    beside = rig_beside(path) if task.settings.rig is None else None
-    rig = "" if beside is None else sha256(beside)
+    found = rig_beside(path) if task.settings.rig is None else None
+    rig = "" if found is None else sha256(found)
     parts = (__version__, task.log.name, digest, rig, task.settings.digest())
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 

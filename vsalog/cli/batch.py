@@ -40,7 +40,7 @@ def shard(context: click.Context, parameter: click.Parameter, value: str | None)
     show_default=True,
     help="What is done to each log.",
 )
-@rig_options("Use", "The rig of all logs; else each log's own: in it, LOG.rig.toml or rig.toml beside it.")
+@rig_options("Use", "The rig of all logs; else each log's own: in it, LOG.rig.toml or rig.toml next to it.")
 @click.option(
     "-e", "--estimator", metavar="NAME", help="estimate: the estimator, as for 'vsalog estimate'; auto when absent."
 )

@@ -39,7 +39,7 @@ def compare(
     report: Path | None,
     as_json: bool,
 ) -> None:
-    """Run several estimators on the same LOG and print what each finds: stiffness, uncertainty, what the fit leaves over, and
+    """Run several estimators on the same LOG and print what each finds: stiffness, uncertainty, the residual, and
     how far it agrees with the first; where the log holds a simulator's truth, how far from that.
     """
     from vsalog.cli.faults import bug, debugging

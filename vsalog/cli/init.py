@@ -46,7 +46,7 @@ def init(
     if output is not None:
         keep_inputs([output], [log, *(log.iterdir() if log.is_dir() else ())])
     if preset is not None:
-        preset_text(preset)  # a name mistyped is told before a long log is read
+        preset_text(preset)  # a name mistyped is reported before a long log is read
     recording = read(log, None, time, rate, start, end)
     guess = guess_roles(recording)
     if preset is None and not guess.joints:

@@ -49,7 +49,7 @@ def inspect(
     Of logs above 128 MB a sample is read: stretches from the begin to the end, some 32 MB. --full reads all; so do
     --start and --end, since a part may be too short for a sample.
 
-    Of several logs, one that cannot be read is told on stderr, in JSON under "unreadable"; the others are shown, and
+    Of several logs, one that cannot be read is reported on stderr, in JSON under "unreadable"; the others are shown, and
     the exit code is 2.
     """
     from vsalog.core.documents import document_text
@@ -60,7 +60,7 @@ def inspect(
     from vsalog.report.console import console_for_stdout
     from vsalog.report.inspect import print_reports
     from vsalog.report.inspect_data import Inspection, LogReport, Unreadable, inspect_recording
-    from vsalog.report.inspect_repair import told
+    from vsalog.report.inspect_repair import repair_words
     from vsalog.rig.guess import guess_roles
 
     if repaired is not None and len(logs) > 1:
@@ -87,7 +87,7 @@ def inspect(
         from vsalog.writers.repair import repair
 
         written = repair(logs[0], repaired, rate)
-        click.echo(told(written), err=True)
+        click.echo(repair_words(written), err=True)
     if as_json:
         click.echo(document_text(Inspection(tuple(reports), written, tuple(unreadable))), nl=False)
     else:

@@ -27,7 +27,7 @@ class LogPath(click.Path):
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
-RIG = "The rig; else the one in the log, LOG.rig.toml or rig.toml beside it."
+RIG = "The rig; else the one in the log, LOG.rig.toml or rig.toml next to it."
 SET = "Change the rig for this run, e.g. joint.elbow.motor.inertia='7.3 kg*m*mm'."
 
 

@@ -1,4 +1,4 @@
-"""`vsalog reproduce`: the papers' numbers beside ours."""
+"""`vsalog reproduce`: the papers' numbers next to ours."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import rich_click as click
 
 
-@click.command(short_help="Print the papers' numbers beside ours.")
+@click.command(short_help="Print the papers' numbers next to ours.")
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option("--list", "listing", is_flag=True, help="List what there is to reproduce.")
 @click.option("--json", "as_json", is_flag=True, help="Print the rows as one JSON document on stdout.")
@@ -18,7 +18,7 @@ import rich_click as click
     help="Write figures like the papers' into this folder, as SVG; needs matplotlib: pip install 'vsalog[plots]'.",
 )
 def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path | None) -> None:
-    """Simulate what the papers simulate, estimate as they do, and print their numbers beside ours.
+    """Simulate what the papers simulate, estimate as they do, and print their numbers next to ours.
 
     NAME is an item of --list, or a paper's name for all of its items; everything when absent. Ours are medians over several
     noise seeds. Each row says under which conditions, what the paper leaves open and was chosen, and why ours is worse where

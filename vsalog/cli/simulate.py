@@ -57,7 +57,7 @@ def _seconds(context: click.Context, parameter: click.Parameter, value: str | No
 @click.option(
     "--replay",
     metavar="LOG",
-    help="Drive the rig with what LOG says of its inputs, and write what the simulation makes of them beside what was"
+    help="Drive the rig with what LOG says of its inputs, and write what the simulation makes of them along with what was"
     " measured. RIG may then be left out: LOG's own rig is taken. --rate is that of a table without a time column.",
 )
 @click.option(
@@ -109,7 +109,7 @@ def simulate(
 ) -> None:
     """Play RIG, a rig file or a preset, and write what its sensors record.
 
-    The log carries its rig: MCAP and Parquet inside, the other formats as LOG.rig.toml beside it, where 'vsalog estimate
+    The log carries its rig: MCAP and Parquet inside, the other formats as LOG.rig.toml next to it, where 'vsalog estimate
     LOG' finds it. With --replay it has topics /measured/ROLE and /simulated/ROLE, in SI.
     """
     from vsalog.report.simulate import as_document, print_scenarios, say_written

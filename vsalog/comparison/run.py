@@ -93,14 +93,14 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     ----------
     estimator : as asked for
     joint, transmission : names
-    stiffness_low, stiffness_high : 1 % and 99 % quantile over the supported rows [N·m/rad]
+    stiffness_low, stiffness_high : 1 % and 99 % quantile over the excited rows [N·m/rad]
     relative_std : root mean square of stiffness_std / stiffness
     torque_left : root mean square of what the fit leaves of the torque it was fitted to [N·m]
-    off_sensor : root mean square of the fitted torque less the torque sensor's, over the supported rows [N·m]
-    excited_share : share of the rows at which the estimate is supported
-    agrees_share : share of the rows supported by both at which it agrees with the first estimator within two standard deviations
+    off_sensor : root mean square of the fitted torque less the torque sensor's, over the excited rows [N·m]
+    excited_share : share of the rows at which the estimate is excited
+    agrees_share : share of the rows excited for both at which it agrees with the first estimator within two standard deviations
     difference : root mean square of the difference to the first, relative to the first's stiffness
-    against_truth : stiffness against a simulator's, over the supported rows of the log's second half
+    against_truth : stiffness against a simulator's, over the excited rows of the log's second half
     """
 
     estimator: str
@@ -161,7 +161,7 @@ def compare(
     logs : several make one model
     options : as for `estimate`; the estimator in it is not looked at
     asked : estimators, `Contender.parse`; all that the logs allow when empty
-    progress : told what is being done
+    progress : called with what is being done
     keep_going : an exception that is no `VsalogError`, a fault of ours, ends its estimator only
 
     Raises
@@ -272,13 +272,13 @@ def _agreement(mine: Mapping[str, Array], theirs: Mapping[str, Array]) -> tuple[
 
 
 def _against(trace: Trace, true: Array | None, mine: Mapping[str, Array]) -> Score | None:
-    """Score a stiffness by the truth, over what is supported of the log's second half."""
+    """Score a stiffness by the truth, over what is excited of the log's second half."""
     settled = (mine["excited"] > 0.0) & (trace.time > 0.5 * (trace.time[0] + trace.time[-1]))
     return None if true is None else score(mine["stiffness"][settled], true[settled])
 
 
 def _off_sensor(measured: Array | None, mine: Mapping[str, Array]) -> float | None:
-    """Return how far a fitted torque is off the torque sensor where it is supported, root mean square."""
+    """Return how far a fitted torque is off the torque sensor where it is excited, root mean square."""
     if measured is None:
         return None
     off = (mine["flexibility_torque_fit"] - measured)[mine["excited"] > 0.0]

@@ -62,7 +62,7 @@ TEXTS: Mapping[str, Text] = {
     "torque.dropouts": Text(
         "{part} reads exactly 0 at {value:.0f} samples here and there (first at {begin:.4g} s) amid values that go on"
         " undisturbed: lost packets, or a driver that left out a value.",
-        "They bend the fit; have them left empty in the log.",
+        "They bias the fit; have them left empty in the log.",
     ),
     "torque.computed": Text(
         "{part} is exactly {factor:.6g} times {source}: it was computed from it, not measured.",
@@ -88,14 +88,14 @@ TEXTS: Mapping[str, Text] = {
         "The stiffness is wrong wherever it is; choose a larger range, or leave these stretches out (--start, --end).",
     ),
     "sensor.hung": Text(
-        "{part} hung at {value:.0f} of {samples} samples (first at {first:.6g} s): it stood still amid a motion and then"
+        "{part} was stuck at {value:.0f} of {samples} samples (first at {first:.6g} s): it stood still amid a motion and then"
         " jumped to catch up.",
         "They are left out.",
     ),
     "sensor.constant": Text("{part} never changes.", "Check the channel in the rig if it should."),
     "sensor.repeated": Text(
         "{part} changes at every {value:.0f}th sample only, {rate:.4g} times a second: where it is a slower sensor's, repeated,"
-        " and no command that a drive holds so long, it is late by half of that on average, which bends the stiffness.",
+        " and no command that a drive holds so long, it is late by half of that on average, which biases the stiffness.",
         "Record the others as slowly, or leave the repeats empty.",
     ),
     "deflection.still": Text(
@@ -108,7 +108,7 @@ TEXTS: Mapping[str, Text] = {
     ),
     "deflection.hides_shape": Text(
         "transmission {part}: the deflection spans only {value:.0f} of its encoders' steps: nothing shows whether the spring"
-        " has backlash, a stop or a bend within two of them, and the stiffness would then be off by more than its standard"
+        " has backlash, a stop or a knee within two of them, and the stiffness would then be off by more than its standard"
         " deviation says.",
         "Move the joint more, or take encoders of finer resolution.",
     ),
@@ -161,7 +161,7 @@ TEXTS: Mapping[str, Text] = {
     ),
     "residual.shape_over_position": Text(
         "transmission {part}: the residual has a shape over {position}, {value:.1%} of the torque: an encoder that reads"
-        " unevenly round its turn (off its centre, or several times a turn), or a torque that goes with the position"
+        " nonlinearly over its turn (off its centre, or several times a turn), or a torque that goes with the position"
         " (cogging, gravity, a cable). The stiffness may be off by several times as much, and by more than its standard"
         " deviation says.",
         "'vsalog diagnose' finds more.",
@@ -233,7 +233,7 @@ TEXTS: Mapping[str, Text] = {
     ),
     "motor.inertia_differs": Text(
         "transmission {part}: the motor's inertia is estimated as {inertia:.3g} kg·m², {ratio:.3g} times the rig's {rig:.3g}.",
-        "A torque's scale or unit, the angles' unit, an uneven encoder or a gear ratio would explain it, and the stiffness"
+        "A torque's scale or unit, the angles' unit, a nonlinear encoder or a gear ratio would explain it, and the stiffness"
         " would be as far off; or the rig has another motor's inertia.",
     ),
     "link.inertia_not_estimated": Text(
@@ -428,7 +428,7 @@ TEXTS: Mapping[str, Text] = {
     ),
     "error.ambiguous": Text("the error is as well explained by: {others}.", DIAGNOSE),
     "error.resolution": Text(
-        "the torque sensor's steps of {step:.3g} N·m alone make an error of this size, so that nothing smaller can be told by"
+        "the torque sensor's steps of {step:.3g} N·m alone make an error of this size, so that nothing smaller can be detected by"
         " it.",
         "A finer sensor would say more.",
     ),
@@ -527,7 +527,7 @@ TEXTS: Mapping[str, Text] = {
     "diagnosis.spring_fitted": Text(
         "the rig does not say what its spring is, so a smooth one was fitted to the log together with the causes, and the torque"
         " at zero deflection was taken for an offset of {part}, {value:.3g} {unit}.",
-        "What is told is what no smooth spring explains; stiffness itself, its asymmetry, encoders' gains and offsets were not"
+        "Reported is what no smooth spring explains; stiffness itself, its asymmetry, encoders' gains and offsets were not"
         " judged, nor the torque sensor's offset.",
     ),
     "diagnosis.equation_unchecked": Text(

@@ -113,7 +113,7 @@ LOG_TEXTS: Mapping[str, Text] = {
     ),
     "recording.too_long_for_memory": Text(
         "is too long for memory, so what its filters and scales are derived from, and whether its signals are plausible, was"
-        " told from stretches spread over it."
+        " from stretches spread over it."
     ),
     "recording.variable_damaged": Text("'{part}' of the MATLAB file is damaged, the rest was read ({reason})."),
     "recording.variable_too_large": Text(
@@ -205,14 +205,14 @@ LOG_TEXTS: Mapping[str, Text] = {
         "--time header or log chooses.",
     ),
     "clock.begins_anew": Text(
-        "the time begins anew {what} {value:n time}, and no new date says so.", "It is taken as going on."
+        "the time begins again {what} {value:n time}, and no new date says so.", "It is taken as going on."
     ),
     "clock.set_back": Text(
         "the time is set back by {hours:n hour} {value:n time}, as where summer time ends, or on clocks without AM and PM.",
         "It is taken as going on.",
     ),
     "clock.log_appended": Text(
-        "the time begins anew {value:n time}, as where a log was appended to another.",
+        "the time begins again {value:n time}, as where a log was appended to another.",
         "What follows is put behind, with a gap.",
     ),
     "clock.overflows": Text("the time's counter of 32 bits overflows {value:n time}.", "It is taken as going on."),
@@ -222,7 +222,7 @@ LOG_TEXTS: Mapping[str, Text] = {
     ),
     "clock.tables_step_apart": Text(
         "so it is in each of the {value:.0f} tables by itself: from there on, rows of one time may not belong together.",
-        "Put what begins anew into files of its own.",
+        "Put what begins again into files of its own.",
     ),
     "clock.fractions_unpadded": Text(
         "the fractions of the time are {read_as} without leading zeros ('12.7' is {example}).", "They are read as such."
@@ -329,7 +329,7 @@ LOG_TEXTS: Mapping[str, Text] = {
         "{value:.0f} tables stand below one another, each with columns of its own: they are merged by time."
     ),
     "table.several_clocks": Text(
-        "the time has {value:n column}: each is that of the columns beside it, up to the next."
+        "the time has {value:n column}: each is that of the columns next to it, up to the next."
     ),
     "table.long": Text("{part}: tells whose values a row holds; a stream for each of {value:.0f} values ({names})."),
     "table.perhaps_long": Text(
@@ -344,14 +344,14 @@ LOG_TEXTS: Mapping[str, Text] = {
         " throughout."
     ),
     "table.names_unknown": Text(
-        "{value:n cell} of names beside which values are left out, as the first row has no such name (the first: '{first}')."
+        "{value:n cell} of names next to which values are left out, as the first row has no such name (the first: '{first}')."
     ),
     "rig.guessed": Text(
-        "no rig was found in or beside it, so the roles are guessed. {roles}.",
+        "no rig was found in or next to it, so the roles are guessed. {roles}.",
         "'vsalog init {name} -o {stem}.rig.toml' writes them down for you to check and correct.",
     ),
     "rig.joint_left_out": Text("left out: {reason}."),
-    "guess.no_position": Text("{channels}: no position next to it, so it belongs to no joint that could be told."),
+    "guess.no_position": Text("{channels}: no position next to it, so it belongs to no joint that was recognised."),
     "guess.streams_without_time": Text("{streams}: no time column, passed over."),
     "guess.runs_left_out": Text("{streams}: named differently from the runs '{part}', left out."),
     "guess.gear_ratio": Text(

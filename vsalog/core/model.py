@@ -46,7 +46,7 @@ class TransmissionModel(_Base, frozen=True):
     ----------
     coefficients : of the basis, shape (n·m,) [N·m], for scaled φ and set-point
     covariance : of the coefficients, shape (n·m, n·m)
-    noise : standard deviation of what the fit left over, in the unit of the equation fitted
+    noise : standard deviation of the residual, in the unit of the equation fitted
     samples : number of samples learnt from
     region : vertices (φ, set-point) of the convex hull of these samples, or the ends (φ,) of the interval
     """

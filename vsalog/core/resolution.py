@@ -1,4 +1,4 @@
-"""The least step of a sensor and its noise, told from what it recorded."""
+"""The least step of a sensor and its noise, from what it recorded."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def sensor_noise(values: Array, step: float, least: float) -> float:
 
 
 def noise_of(values: Array, step: float = 0.0, time: Array | None = None) -> float | None:
-    """Return the standard deviation of a signal's white noise; None where too little can be told.
+    """Return the standard deviation of a signal's white noise; None where too little is known.
 
     Third differences leave little of a smooth motion, and their spread is √20 times that of white noise. Their median is
     not moved by the few samples where something happens.
@@ -83,7 +83,7 @@ def noise_of(values: Array, step: float = 0.0, time: Array | None = None) -> flo
     Parameters
     ----------
     values : NaN is left out
-    step : of the sensor where it is to be told what lies between multiples of it: noise of which rounding is a part
+    step : of the sensor where noise between multiples of it is wanted: noise of which rounding is a part
     time : when each was taken, rising [any unit], where that is not evenly
     """
     sample = _sample(values)

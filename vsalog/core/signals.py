@@ -48,7 +48,7 @@ class JointSignals:
     starts : shape (N,), where a run begins: the first sample, and the first one after a gap
     run : shape (N,), index into `run_names`
     run_names : names of the runs (groups of a file, or files); ("",) when there is just one
-    resolution : role → least step of the sensor [SI], 0 where none could be told
+    resolution : role → least step of the sensor [SI], 0 where none was found
     findings : what a person should know about how the signals came about
     interpolated : role → noise of those whose samples were taken between the grid's; empty where it was not asked for
     """

@@ -28,7 +28,7 @@ def delivered(commanded: Array, gain: float, offset: float, step: float = 0.0) -
 
 
 def commanded_for(torque: Array, gain: float, offset: float) -> Array:
-    """Return what a drive has to be told for a torque to act [N·m], its resolution aside."""
+    """Return what a drive has to be commanded for a torque to act [N·m], its resolution aside."""
     return (torque - offset) / gain
 
 

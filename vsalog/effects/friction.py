@@ -15,7 +15,7 @@ from vsalog.effects.base import Default, Effect
 
 
 class Friction(Base, frozen=True):
-    """Dry friction, beside the viscous one of `damping`: level = coulomb + (static − coulomb) exp(−(v/v_s)²) + load |τ_e|.
+    """Dry friction, added to the viscous one of `damping`: level = coulomb + (static − coulomb) exp(−(v/v_s)²) + load |τ_e|.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A spring's shape beside its nominal law: an added cubic, unlike directions, drift."""
+"""A spring's shape in addition to its nominal law: an added cubic, unlike directions, drift."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ EFFECT = Effect(
             scale=lambda s: s.torque / s.deflection**3,
             title="The spring of the {part} hardens or softens with its deflection otherwise than the rig says",
             says="the torque it transmits is off by the cube of the deflection",
-            confirm="Clamp the link and load the joint slowly up to the largest deflection: the curve bends.",
+            confirm="Clamp the link and load the joint slowly up to the largest deflection: the curve is not straight.",
             reference="Flacco 2012 eq. 25: higher powers of φ",
             signature="transmission equation: φ³",
         ),

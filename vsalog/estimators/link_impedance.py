@@ -21,7 +21,7 @@ from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.link_beside import NOTHING, what_else_acts
 from vsalog.estimators.state_observer import Columns
 from vsalog.estimators.windows import LOUD, most_moved, rms
-from vsalog.filters.link_ekf import MOST_LOST, LinkNoise, LinkState, State, anew, estimate_link, link_start
+from vsalog.filters.link_ekf import MOST_LOST, LinkNoise, LinkState, State, estimate_link, link_start, restarted
 from vsalog.filters.savitzky_golay import savgol_filter
 from vsalog.mechanics.links import link_weight
 from vsalog.uncertainty.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
@@ -79,7 +79,7 @@ class LinkImpedance:
         begins : whether a run begins with them
         """
         x, P, excess, after = estimate_link(
-            anew(state) if begins else state, rows.roles["link_position"], self._acting(rows),
+            restarted(state) if begins else state, rows.roles["link_position"], self._acting(rows),
             self.period, self.noise, self.memory,
         )  # fmt: skip
         a, b = x[:, State.MOBILITY], x[:, State.DECAY]
@@ -163,7 +163,7 @@ class LinkImpedance:
         state = self.start()
         for run in _runs(part):
             q, u = position[run], torque[run]
-            *_, state = estimate_link(anew(state), q, u, self.period, self.noise, self.memory)
+            *_, state = estimate_link(restarted(state), q, u, self.period, self.noise, self.memory)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.array([1.0, state.x[State.DECAY]]) / state.x[State.MOBILITY])
 

@@ -37,7 +37,7 @@ class Arm(NamedTuple):
     farthest : shape (N,), deflection beyond which an observer has run away [rad]
     coupling : shape (N, N), S, strictly upper triangular [kg·m²]
     reach : least arm at which a joint's acceleration is believed [m]
-    unit_noise : noise of an accelerometer that `reach` is told in [m/s²]
+    unit_noise : noise of an accelerometer that `reach` refers to [m/s²]
     period : T [s]
     """
 
@@ -89,8 +89,8 @@ def observe_arm(
     """Follow the states of all joints over a block of one run.
 
     A missing encoder or torque sample is bridged by what the observer predicts, and an acceleration that no axis tells is taken
-    for zero; `since` says that there is nothing to be told then. One joint's position that is wrong makes the accelerations of
-    all wrong, and these the positions: where a deflection is beyond what there can be, all observers begin anew with the next
+    for zero; `since` says that nothing is known then. One joint's position that is wrong makes the accelerations of
+    all wrong, and these the positions: where a deflection is beyond what there can be, all observers begin again with the next
     sample.
 
     Parameters
@@ -288,14 +288,14 @@ def _run(
         _solve(T, W, y[s], row_noise, prior, N, acceleration[s], deviation[s])
         lost = False
         for i in range(joints):
-            told = deviation[s, i] * reach <= unit_noise
+            seen = deviation[s, i] * reach <= unit_noise
             now[0], now[1], now[2], now[3] = theta[s, i], tau[s, i], acceleration[s, i], 0.0
             for j in range(i):
                 now[3] += coupling[j, i] * acceleration[s, j]
             if np.isnan(now[0]):
-                now[0], told = x[i, 0] + period * x[i, 2], False
+                now[0], seen = x[i, 0] + period * x[i, 2], False
             if np.isnan(now[1]):
-                now[1], told = u[i, 1], False
+                now[1], seen = u[i, 1], False
             if not beginning:
                 for r in range(4):
                     value = 0.0
@@ -306,7 +306,7 @@ def _run(
                     x[i, r] = next_x[r]
             for c in range(4):
                 u[i, c] = now[c]
-            since[i] = since[i] + 1 if told else -1
+            since[i] = since[i] + 1 if seen else -1
             sinces[s, i] = since[i]
             for r in range(4):
                 xs[s, i, r] = x[i, r]

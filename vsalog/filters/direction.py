@@ -1,4 +1,4 @@
-"""Loading or unloading: which way a deflection goes, told without a derivative."""
+"""Loading or unloading: which way a deflection goes, found without a derivative."""
 
 from __future__ import annotations
 

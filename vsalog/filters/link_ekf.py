@@ -84,7 +84,7 @@ def link_start(noise: LinkNoise) -> LinkState:
     )
 
 
-def anew(state: LinkState) -> LinkState:
+def restarted(state: LinkState) -> LinkState:
     """Return the state at the beginning of another run: the link lies elsewhere, and is the same."""
     return LinkState(state.x, state.P, np.array([0.0, state.last[1], 0.0, *state.last[3:]]))
 
@@ -96,7 +96,7 @@ def estimate_link(
 
     Parameters
     ----------
-    state : of `link_start`, `anew` or of the block before
+    state : of `link_start`, `restarted` or of the block before
     position : shape (N,), measured q [rad], NaN where missing
     torque : shape (N,), u [N·m]; NaN where missing: the velocity is then not known any more
     period : T [s]
@@ -105,9 +105,9 @@ def estimate_link(
 
     Returns
     -------
-    x : shape (N, 4), states; NaN where the filter begins anew
+    x : shape (N, 4), states; NaN where the filter begins again
     P : shape (N, 4, 4), covariances, as much larger as innovations are larger than the filter believes
-    excess : shape (N,), that factor, at least 1; infinite once the filter has begun anew more than `MOST_LOST` times
+    excess : shape (N,), that factor, at least 1; infinite once the filter has begun again more than `MOST_LOST` times
     state : to go on with
     """
     x, P, last = state.x.copy(), state.P.copy(), state.last.copy()
@@ -128,24 +128,24 @@ def _run(
             if np.isnan(q[k]):
                 xs[k], Ps[k], excess[k] = np.nan, np.nan, max(1.0, last[1])
                 continue
-            # A run begins: position and velocity anew, and independent of what is known of the link.
+            # A run begins: position and velocity are new, and independent of what is known of the link.
             x[0], x[1], last[2] = q[k], 0.0, 1.0
             P[:2, :], P[:, :2] = 0.0, 0.0
             P[0, 0], P[1, 1] = r * r, velocity * velocity
         else:
             # What acts between two samples is taken as the mean of both; where one is missing nothing is known of it.
-            acting = 0.5 * (last[0] + u[k])
-            known = not np.isnan(acting)
+            mean_torque = 0.5 * (last[0] + u[k])
+            known = not np.isnan(mean_torque)
             if not known:
-                acting = 0.0
+                mean_torque = 0.0
             slower = 1.0 / (1.0 + 0.5 * x[3] * T)
-            acceleration = slower * (x[2] * acting - x[3] * x[1])
+            acceleration = slower * (x[2] * mean_torque - x[3] * x[1])
             middle = x[1] + 0.5 * T * acceleration
             # What a force does: to position and velocity.
             G[0], G[1] = 0.5 * T * T * slower, T * slower
             for i in range(2):
                 F[i, 1] = (1.0 if i == 1 else T) - G[i] * x[3]
-                F[i, 2], F[i, 3] = G[i] * acting, -G[i] * middle
+                F[i, 2], F[i, 3] = G[i] * mean_torque, -G[i] * middle
             x[0] += T * x[1] + 0.5 * T * T * acceleration
             x[1] += T * acceleration
             P[:, :] = F @ P @ F.T

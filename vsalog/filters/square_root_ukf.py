@@ -10,7 +10,7 @@ subtracts nothing at all:
     ( √w ΔY   √w ΔX )         ( Ryy  Ryx )
     (  S_Rᵀ      0  )  = Q ·  (  0   Rxx ),   x ← x + Ryxᵀ e,  Ryyᵀ e = z − ŷ,   S ← Rxxᵀ.
 
-Points are drawn anew between prediction and correction, as Shin's algorithm does: the correction then knows of the process
+Points are drawn again between prediction and correction, as Shin's algorithm does: the correction then knows of the process
 noise. Print of Shin 2021: eq. 24 takes K Pyy Kᵀ off with a Pyy that already holds R (eq. 21), which is right, but K below it
 adds R again; K is Pxy Pyy⁻¹ here. Their points' index of eq. 13–15 begins at 1.
 
@@ -113,39 +113,12 @@ def workspace(size: int, outputs: int) -> tuple[Array, Array, Array, Array]:
     return np.zeros((size, points)), wide, np.zeros((size + outputs, rows)), np.zeros(size + outputs)
 
 
-def covariance_factor(covariance: Array) -> Array:
-    """Return the lower S with S Sᵀ = P, shape (n, n), of a covariance that may have zero rows.
-
-    Raises
-    ------
-    FilterError
-        It is not symmetric and positive semidefinite.
-    """
-    P = np.asarray(covariance, dtype=np.float64)
-    if (
-        P.ndim != 2
-        or P.shape[0] != P.shape[1]
-        or not np.isfinite(P).all()
-        or not np.allclose(P, P.T, rtol=1e-9, atol=0.0)
-    ):
-        raise FilterError("unscented filter: a covariance has to be a symmetric matrix of finite numbers")
-    S, used = np.zeros_like(P), np.flatnonzero(np.diag(P) != 0.0)
-    rest = np.setdiff1d(np.arange(P.shape[0]), used)
-    try:
-        S[np.ix_(used, used)] = np.linalg.cholesky(P[np.ix_(used, used)])
-    except np.linalg.LinAlgError:
-        raise FilterError("unscented filter: a covariance has to be positive definite, but for rows of zeros") from None
-    if np.any(P[rest]):
-        raise FilterError("unscented filter: a state without variance cannot have a covariance with another")
-    return S
-
-
 @njit(cache=True, error_model="numpy")
 def triangularise(A: Array, columns: int, rows: int) -> None:
     """Bring a tall matrix to triangular form by Householder reflections, in place.
 
     Its j-th *column* is A[j, :rows], so that columns lie in one piece. On return A[j, k], k ≤ j < columns, is the lower factor L
-    with L Lᵀ = (matrix)ᵀ (matrix), its diagonal not negative; what is beyond the diagonal is left over. A column's scale does not
+    with L Lᵀ = (matrix)ᵀ (matrix), its diagonal not negative; what is beyond the diagonal is the rest. A column's scale does not
     touch the accuracy of the others. Missing rows (rows < columns) count as zeros.
     """
     for k in range(min(columns, rows)):

@@ -150,8 +150,26 @@ def loop_rate(numbers: Array, at: int, z: float, rate: float, speed: float) -> f
     return change
 
 
+@njit(error_model="numpy", forceinline=True)
+def loop_after(z: float, du: float, width: float, exponent: float, shape: float) -> float:
+    """Return what a change of the deflection makes of a loop's state z, in [−1, 1].
+
+    The normalised Bouc–Wen loop over the deflection (Ikhouane and Rodellar 2007), by classical Runge–Kutta in parts of a tenth of
+    its width, which is right to 1e-6; a hundred widths saturate any loop.
+    """
+    parts = min(1 + int(abs(du) / (0.1 * width)), 1000)
+    h = du / parts / width
+    for _ in range(parts):
+        a = loop_slope(z, h, abs(h), exponent, shape)
+        b = loop_slope(z + 0.5 * a, h, abs(h), exponent, shape)
+        c = loop_slope(z + 0.5 * b, h, abs(h), exponent, shape)
+        d = loop_slope(z + c, h, abs(h), exponent, shape)
+        z = min(max(z + (a + 2.0 * b + 2.0 * c + d) / 6.0, -1.0), 1.0)
+    return z
+
+
 def _compiled_springs(stamp: str) -> Callable[..., Any]:
-    """Compile it anew where a formula that it calls has changed, which numba's cache does not see."""
+    """Compile it again where a formula that it calls has changed, which numba's cache does not see."""
 
     @njit(cache=True, error_model="numpy")
     def springs(row: Array, phi: Array, arm: Array, t: Array, out: Array) -> None:

@@ -1,6 +1,6 @@
-"""Dry friction of a motor, told from how it was seen to move.
+"""Dry friction of a motor, from how it was seen to move.
 
-What friction does is known as far as the motion is: where the velocity is too small for its sign to be told, ideal friction
+What friction does is known as far as the motion is: where the velocity is too small for its sign to be known, ideal friction
 may be anything between minus and plus its level, and bristles begin anywhere between their extremes. So both extremes are
 followed; their middle is what is taken for the friction, and half of what lies between them is the doubt.
 """
@@ -38,8 +38,8 @@ def friction_block(
     friction : on the joint's side of the gear
     velocity : shape (N,) [rad/s]; NaN where it is not known
     load : shape (N,), about how large the transmitted torque is [N·m], for how far bristles give way, and for the doubt
-    floor : velocity whose sign cannot be told [rad/s]
-    reach : for so many samples to either side of where the velocity changes its sign, it is not told either
+    floor : velocity whose sign is not known [rad/s]
+    reach : for so many samples to either side of where the velocity changes its sign, it is not known either
     period : T [s]
 
     Returns
@@ -59,7 +59,7 @@ def friction_block(
 
 
 def _compiled_rub(stamp: str) -> Callable[..., Any]:
-    """Compile it anew where a formula that it calls has changed, which numba's cache does not see."""
+    """Compile it again where a formula that it calls has changed, which numba's cache does not see."""
 
     @njit(cache=True, error_model="numpy")
     def rub(

@@ -1,4 +1,4 @@
-"""Hysteresis of a transmission, told from the deflection that was measured.
+"""Hysteresis of a transmission, from the deflection that was measured.
 
 A loop remembers; what it remembers of the time before the log nobody knows. So it is followed from both extremes it could have
 begun with: their middle is what is taken for its torque, and half of what lies between them is the doubt, which dies away as the
@@ -14,15 +14,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.mechanics._atoms import STAMP, beyond_gap, loop_slope, slipped
+from vsalog.mechanics._atoms import STAMP, beyond_gap, loop_after, slipped
 from vsalog.rig.parts import Transmission, UnknownTransmission
 
 Array = NDArray[np.float64]
-
-# A change of the deflection is followed in parts of at most so much of a loop's width.
-PART = 0.1
-# Steps beyond so many widths leave the loop saturated anyway.
-PARTS = 1000
 
 
 def loop_level(transmission: Transmission) -> float:
@@ -75,7 +70,7 @@ def loop_block(state: Array, transmission: Transmission, phi: Array, slack: floa
 
 
 def _compiled_follow(stamp: str) -> Callable[..., Any]:
-    """Compile it anew where a formula that it calls has changed, which numba's cache does not see."""
+    """Compile it again where a formula that it calls has changed, which numba's cache does not see."""
 
     @njit(cache=True, error_model="numpy")
     def follow(
@@ -98,15 +93,7 @@ def _compiled_follow(stamp: str) -> Callable[..., Any]:
                     state[extreme, 0] = u
                 total = 0.0
                 if torque > 0.0:
-                    z = state[extreme, 1]
-                    parts = int(min(1 + abs(du) / (PART * width), PARTS))
-                    h = du / parts / width
-                    for _ in range(parts):
-                        a = loop_slope(z, h, abs(h), exponent, shape)
-                        b = loop_slope(z + 0.5 * a, h, abs(h), exponent, shape)
-                        c = loop_slope(z + 0.5 * b, h, abs(h), exponent, shape)
-                        d = loop_slope(z + c, h, abs(h), exponent, shape)
-                        z = min(max(z + (a + 2.0 * b + 2.0 * c + d) / 6.0, -1.0), 1.0)
+                    z = loop_after(state[extreme, 1], du, width, exponent, shape)
                     if kept:
                         state[extreme, 1] = z
                     total += torque * z

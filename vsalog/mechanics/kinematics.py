@@ -61,12 +61,6 @@ def point_position(motion: LinkMotion, point: ArrayLike) -> Array:
     return motion.position + motion.rotation @ np.asarray(point, dtype=np.float64)
 
 
-def point_velocity(motion: LinkMotion, point: ArrayLike) -> Array:
-    """Return the velocity of a point of a link [m/s], shape (…, 3); `point` as for `point_position`."""
-    arm = motion.rotation @ np.asarray(point, dtype=np.float64)
-    return motion.velocity + _cross(motion.angular_velocity, arm)
-
-
 def point_acceleration(motion: LinkMotion, point: ArrayLike) -> Array:
     """Return the acceleration of a point of a link, p̈ + ω̇ × r + ω × (ω × r) [m/s²], shape (…, 3)."""
     arm = motion.rotation @ np.asarray(point, dtype=np.float64)

@@ -1,7 +1,7 @@
 """Flexible transmissions: energy U(φ), flexibility torque τ_e = ∂U/∂φ and stiffness σ = ∂τ_e/∂φ, in SI.
 
 The functions dispatch on the structures of `vsalog.rig.schema`. NaN goes in and comes out as NaN. What the rig says of a
-spring beside its nominal torque (added cubic, asymmetry, backlash, drift) is honoured; damping and hysteresis depend on more
+spring beyond its nominal torque (added cubic, asymmetry, backlash, drift) is honoured; damping and hysteresis depend on more
 than the deflection and belong to the simulation.
 """
 

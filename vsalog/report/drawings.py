@@ -27,7 +27,7 @@ class Drawings:
 
     def __init__(self, model: ModelFile, joints: Collection[str], logs: int, paper: bool) -> None:
         fitted = [len(joint.transmission) for name, joint in model.joint.items() if not joints or name in joints]
-        # Several have their sum beside them.
+        # Several have their sum too.
         self._columns = columns_for(logs * sum(n + 1 if n > 1 else n for n in fitted))
         self._paper_too = paper
         self._page: _Charts = [{} for _ in range(logs)]

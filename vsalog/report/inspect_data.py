@@ -39,7 +39,7 @@ class ChannelReport(Struct, frozen=True):
     nan_share : share of them that are no finite number
     minimum, maximum : of the finite ones; None where there is none
     resolution : least significant step; None for a channel without steps
-    noise : standard deviation of its white noise, from second differences; None where that cannot be told
+    noise : standard deviation of its white noise, from second differences; None where that is not known
     constant : it never changes
     role : the probable one
     """
@@ -130,7 +130,7 @@ class LogReport(Struct, frozen=True):
     absolute_time : whether stamps count from the epoch
     duration : [s], from the first stamp of all streams to the last; None where no stream has a time
     has_rig : the log carries a rig
-    sample : what all of this was told from; None for the whole log
+    sample : what all of this was found in; None for the whole log
     streams : with their channels
     joints : as guessed
     head : the first samples of each stream, where they were asked for

@@ -6,7 +6,7 @@ from vsalog.core.printable import plural, printable
 from vsalog.writers.repaired import Repaired
 
 
-def told(repaired: Repaired) -> str:
+def repair_words(repaired: Repaired) -> str:
     """Return in words what was written."""
     words = f"{repaired.path}: {plural(repaired.messages, 'message')} of {plural(repaired.channels, 'channel')} written"
     return "; ".join([words, *map(printable, repaired.notes)])

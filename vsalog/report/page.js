@@ -71,7 +71,7 @@
   // Where n panels stand: side by side where there is room, else one below the other; [x from, to, y from, to] of each.
   function places(spec, box) {
     const n = spec.axes.length;
-    if (spec.beside && !narrow(box)) {
+    if (spec.side_by_side && !narrow(box)) {
       const gap = n > 1 ? 0.09 : 0, wide = (1 - gap * (n - 1)) / n;
       return { height: 370, at: spec.axes.map((_, i) => [i * (wide + gap), i * (wide + gap) + wide, 0, 1]) };
     }
@@ -242,14 +242,14 @@
   }
 
   const toggle = document.getElementById("theme");
-  const told = () => { toggle.textContent = isDark() ? "Light colours" : "Dark colours"; };
+  const labelled = () => { toggle.textContent = isDark() ? "Light colours" : "Dark colours"; };
   toggle.addEventListener("click", () => {
     root.dataset.theme = isDark() ? "light" : "dark";
-    told();
+    labelled();
     redraw();
   });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", told);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", labelled);
   toggle.hidden = false;
-  told();
+  labelled();
   start();
 })();

@@ -173,12 +173,12 @@ def _section(i: int, section: Section) -> str:
     inner = []
     for j, part in enumerate(section.parts):
         key = f"s{i}p{j}"
-        told = part.heading or ("" if len(section.parts) == 1 else _part_heading(part.name))
-        heading = f'<h3 id="{key}">{told}</h3>' if told else ""
+        title = part.heading or ("" if len(section.parts) == 1 else _part_heading(part.name))
+        heading = f'<h3 id="{key}">{title}</h3>' if title else ""
         figures = "".join(_figure(f"{key}f{k}", key, chart) for k, chart in enumerate(part.charts))
         inner.append(f'{heading}{part.html}<div class="figures">{figures}</div>')
-    told = section.heading or f"Joint {name(section.joint)} in {name(section.log)}"
-    heading = f'<h2 id="s{i}">{told}</h2>'
+    title = section.heading or f"Joint {name(section.joint)} in {name(section.log)}"
+    heading = f'<h2 id="s{i}">{title}</h2>'
     return f'<section aria-labelledby="s{i}">{heading}{section.html}{"".join(inner)}</section>'
 
 

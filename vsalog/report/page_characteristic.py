@@ -131,7 +131,7 @@ def _slices(joint: JointEvidence, part: TransmissionEvidence, model: JointModel,
     words = f"Slices of the surface at fixed set-points, with data from within {number(width, 2)}{unit}"
     if said:
         words += f". Slope in the middle: {', '.join(said)}"
-    return Chart("slices", "Slices of the surface", f"{words}.", tuple(panels), beside=True)
+    return Chart("slices", "Slices of the surface", f"{words}.", tuple(panels), side_by_side=True)
 
 
 def _apart(values: Array) -> list[float]:

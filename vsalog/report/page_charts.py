@@ -99,7 +99,7 @@ class Chart:
     title : a few words
     words : what is to be seen, in sentences with figures: the alternative text, and the caption
     axes : one below the other, or side by side
-    beside : side by side
+    side_by_side : side by side
     linked : the axes share x: zooming one zooms all
     surface : instead of axes
     """
@@ -108,6 +108,6 @@ class Chart:
     title: str
     words: str
     axes: tuple[Axes, ...] = ()
-    beside: bool = False
+    side_by_side: bool = False
     linked: bool = False
     surface: Surface | None = None

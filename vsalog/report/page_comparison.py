@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 def comparison_charts(
     joint: str, runs: Sequence[Run], references: References, columns: int
 ) -> Iterator[tuple[str, Chart]]:
-    """Yield the transmissions of a joint and their figure: each estimator where it is supported, and the truth.
+    """Yield the transmissions of a joint and their figure: each estimator where it is excited, and the truth.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def comparison_charts(
         curves, said = [], []
         for i, (label, trace) in enumerate(traces.items()):
             if name in trace.transmissions:
-                shown = _supported(trace, name)
+                shown = _excited(trace, name)
                 curves.append(_curve(label, trace, shown, columns, str(i)))
                 said.append(f"{label} {span_words(shown, 'N·m/rad')}")
         first = next(iter(traces.values()))
@@ -43,11 +43,11 @@ def comparison_charts(
         if true is not None:
             curves.append(_curve("truth", first, true, columns, "truth", dashed=True))
             said.append(f"the truth {span_words(true, 'N·m/rad')}")
-        words = f"The stiffness by every estimator, where it is supported: {'; '.join(said)}."
+        words = f"The stiffness by every estimator, where it is excited: {'; '.join(said)}."
         yield name, Chart("stiffness", "Stiffness by all estimators", words, (Axes(TIME, STIFFNESS, tuple(curves)),))
 
 
-def _supported(trace: Trace, name: str) -> Array:
+def _excited(trace: Trace, name: str) -> Array:
     columns = trace.transmissions[name]
     excited = np.asarray(columns["excited"], dtype=np.float64) > 0.0
     return np.where(excited, np.asarray(columns["stiffness"], dtype=np.float64), np.nan)

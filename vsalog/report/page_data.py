@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 def chart_data(chart: Chart) -> dict[str, Any]:
     """Return a chart as plain data."""
-    out: dict[str, Any] = {"name": chart.name, "beside": chart.beside, "linked": chart.linked}
+    out: dict[str, Any] = {"name": chart.name, "side_by_side": chart.side_by_side, "linked": chart.linked}
     if chart.surface is not None:
         return {**out, "surface": _surface(chart.surface)}
     return {**out, "axes": [_axes(axes) for axes in chart.axes]}

@@ -73,8 +73,12 @@ def diagnosis_page(diagnosis: Diagnosis, evidence: Sequence[JointEvidence], exte
 
 def _joints(diagnosis: Diagnosis, evidence: Sequence[JointEvidence]) -> list[str]:
     """Return the joints' names, each once."""
-    told = [*(e.joint for e in evidence), *(e.joint for e in diagnosis.equations), *(c.joint for c in diagnosis.causes)]
-    return list(dict.fromkeys(told))
+    parts = [
+        *(e.joint for e in evidence),
+        *(e.joint for e in diagnosis.equations),
+        *(c.joint for c in diagnosis.causes),
+    ]
+    return list(dict.fromkeys(parts))
 
 
 def _section(heading: str, html: str, parts: Sequence[Part] = ()) -> Section:
@@ -127,20 +131,20 @@ def _charts(view: tuple[JointEvidence, CauseEvidence] | None) -> list[Chart]:
 
 def _about(cause: FoundCause) -> str:
     """What a cause is, why it is believed, how to confirm it."""
-    told = [escaped(cause.why)]
+    parts = [escaped(cause.why)]
     sure = f"Confidence {escaped(confidence_text(cause))}."
     if cause.indistinguishable_from:
         others = ", ".join(f"<code>{escaped(o)}</code>" for o in cause.indistinguishable_from)
-        told.append(f"{sure} This log cannot tell it from {others}.")
+        parts.append(f"{sure} This log cannot tell it from {others}.")
     else:
-        told.append(sure)
+        parts.append(sure)
     if cause.how_to_confirm:
-        told.append(f"<strong>To confirm it:</strong> {escaped(cause.how_to_confirm)}")
+        parts.append(f"<strong>To confirm it:</strong> {escaped(cause.how_to_confirm)}")
     if cause.tell_apart:
-        told.append(f"<strong>To tell it apart:</strong> {escaped(cause.tell_apart)}")
+        parts.append(f"<strong>To tell it apart:</strong> {escaped(cause.tell_apart)}")
     if cause.reference:
-        told.append(f'<span class="ci">{escaped(cause.reference)}</span>')
-    return "".join(f"<p>{text}</p>" for text in told if text)
+        parts.append(f'<span class="ci">{escaped(cause.reference)}</span>')
+    return "".join(f"<p>{text}</p>" for text in parts if text)
 
 
 def _extended(diagnosis: Diagnosis, extended: str | None) -> Section | None:
@@ -164,11 +168,11 @@ def _worth(diagnosis: Diagnosis, evidence: Sequence[JointEvidence], several: boo
         found = [c for c in charts if c is not None]
         if found:
             parts.append(Part(joint, "", found, f"Joint {name(joint)}" if several else ""))
-    told = ""
+    where = ""
     if gain.signals:
         kind = "another log, to which nothing was fitted" if gain.holdout else "no other log was given"
-        told = f"<p>Measured on {escaped(gain.where)} ({kind}).</p>"
-    html = told + gain_table(gain.signals, several) + equations_table(diagnosis.equations, several)
+        where = f"<p>Measured on {escaped(gain.where)} ({kind}).</p>"
+    html = where + gain_table(gain.signals, several) + equations_table(diagnosis.equations, several)
     return _section("What it is worth" if gain.signals else "The joint's equations", html, parts)
 
 

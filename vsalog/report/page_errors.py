@@ -76,7 +76,7 @@ def _distribution(error: Array, of: str) -> Chart:
         Axes("error, model − measured [N·m]", "density [1/(N·m)]", tuple(curves)),
         Axes("quantile of the normal distribution", "quantile of the error [N·m]", quantiles),
     )
-    return Chart("error_distribution", "Distribution of the error", words, axes, beside=True)
+    return Chart("error_distribution", "Distribution of the error", words, axes, side_by_side=True)
 
 
 def _dependence(joint: JointEvidence, part: TransmissionEvidence, error: Array, use: Flags, of: str) -> Chart:
@@ -116,7 +116,7 @@ def _dependence(joint: JointEvidence, part: TransmissionEvidence, error: Array, 
         )
         said.append(f"over the {name} its root mean square is {number(rmse.min())} to {number(rmse.max())} N·m")
     words = f"The error {of}, in intervals that hold equally many of them: {'; '.join(said)}."
-    return Chart("error_dependence", "What the error depends on", words, tuple(panels), beside=True)
+    return Chart("error_dependence", "What the error depends on", words, tuple(panels), side_by_side=True)
 
 
 def _whiskers(x: Array, figures: Sequence[Figure], label: str) -> Curve:

@@ -94,7 +94,7 @@ def write_figures(
     from matplotlib import rc_context
 
     written: list[Path] = []
-    told: list[str] = []
+    lines: list[str] = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with rc_context(STYLE):
@@ -104,10 +104,10 @@ def write_figures(
                     path = folder / f"{name}.{kind}"
                     canvas.savefig(path, dpi=200, metadata=METADATA[kind])
                     written.append(path)
-                told += [f"{name}: {heading}", f"    {chart.title}. {chart.words}", ""]
+                lines += [f"{name}: {heading}", f"    {chart.title}. {chart.words}", ""]
     except OSError as error:
         raise WriteError(f"{folder}: figures cannot be written: {error.strerror}") from error
-    write_text(folder / "figures.txt", "\n".join(told))
+    write_text(folder / "figures.txt", "\n".join(lines))
     return written
 
 
@@ -136,7 +136,7 @@ def _drawn(chart: Chart) -> Any:
     if chart.surface is not None:
         return _surface(Figure(figsize=(4.6, 3.8)), chart.surface)
     n = len(chart.axes)
-    if chart.beside:
+    if chart.side_by_side:
         canvas = Figure(figsize=(7.0, 2.5), layout="constrained")
         grid = canvas.subplots(1, max(n, 1), squeeze=False)[0]
     else:

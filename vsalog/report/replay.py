@@ -14,8 +14,8 @@ from vsalog.simulation.replay_job import JointReplay, ReplayJob, position_of, un
 def say_replayed(job: ReplayJob, joints: Mapping[str, JointReplay]) -> None:
     """Say on stderr what was written, what drove it, and how far it is off."""
     console = Console(stderr=True, markup=False, highlight=False)
-    beside = "" if job.files.rig is None else f"; its rig: {shown(str(job.files.rig))}"
-    console.print(f"{shown(str(job.files.log))}: {shown(job.log.name)} replayed{beside}", soft_wrap=True)
+    rig = "" if job.files.rig is None else f"; its rig: {shown(str(job.files.rig))}"
+    console.print(f"{shown(str(job.files.log))}: {shown(job.log.name)} replayed{rig}", soft_wrap=True)
     for name, joint in joints.items():
         drives = ", ".join(_drive(role, how) for role, how in joint.driven.items()) or "nothing"
         begun = "once" if joint.restarts == 1 else f"{joint.restarts} times"

@@ -1,4 +1,4 @@
-"""What `reproduce` says: printed numbers beside ours as tables on stdout, or as one JSON document."""
+"""What `reproduce` says: printed numbers next to ours as tables on stdout, or as one JSON document."""
 
 from __future__ import annotations
 

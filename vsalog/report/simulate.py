@@ -35,11 +35,11 @@ def say_written(job: Job, recording: Recording) -> None:
     file = job.scenario.file
     joints = ", ".join(map(shown, job.rig.joints))
     log = shown(str(job.files.log))
-    beside = "" if job.files.rig is None else f"; its rig: {shown(str(job.files.rig))}"
+    rig = "" if job.files.rig is None else f"; its rig: {shown(str(job.files.rig))}"
     Console(stderr=True).print(
         escape(
             f"{log}: {file.duration:g} s at {1.0 / file.period:g} Hz, {len(recording.channels)} channels of {joints};"
-            f" {job.scenario.where}, seed {job.options.seed}{beside}"
+            f" {job.scenario.where}, seed {job.options.seed}{rig}"
         ),
         soft_wrap=True,
         highlight=False,

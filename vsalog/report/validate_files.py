@@ -40,7 +40,7 @@ class Outputs:
 
 
 def inputs_of(logs: Iterable[Path], rig: str | Path | None = None) -> list[Path]:
-    """Return the files that a command reads: the logs, what a bag's folder holds, the rig that is given or lies beside them."""
+    """Return the files that a command reads: the logs, what a bag's folder holds, the rig that is given or lies next to them."""
     logs = list(logs)
     parts = [part for log in logs if log.is_dir() for part in log.iterdir()]
     rigs = [rig_beside(log) for log in logs] if rig is None else [Path(rig)]

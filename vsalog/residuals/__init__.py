@@ -1,1 +1,1 @@
-"""What a log leaves over of a rig: equations on filtered channels, each with its noise, and simulations over short windows."""
+"""Residuals of a log under a rig: equations on filtered channels, each with its noise, and simulations over short windows."""

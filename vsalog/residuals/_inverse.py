@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any
 
@@ -10,22 +9,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.mechanics._atoms import (
-    STAMP,
-    Element,
-    slipped,
-    spring,
-)
-from vsalog.residuals._loops import loop_after
+from vsalog.mechanics._atoms import STAMP, Element, loop_after, slipped, spring
 
 Array = NDArray[np.float64]
 
-# Rounds of finding a deflection; the share of a softest spring's slope below which a step is not trusted.
-ROUNDS, LEAST = 60, 0.05
-# Most causes change no transmission and no torque sensor: so many results are kept, by what they were made of.
-KEPT = 8
-_KNOWN: OrderedDict[tuple[bytes, ...], Array] = OrderedDict()
-# A rate of the deflection is told from so many samples before (backward differences, of orders 1 to 4; those of Gear, which do
+LEAST = 0.05
+"""Part of a spring's slope in the middle below which the slope elsewhere is not trusted for a Newton step."""
+# A rate of the deflection follows from so many samples before (backward differences, of orders 1 to 4; those of Gear, which do
 # not swing however small a damping is): the sample's own weight, then those of the samples before.
 RATES = np.array(
     [
@@ -47,7 +37,7 @@ def deflection_under(
     ----------
     row : of `mechanics.transmissions.coded`
     elements : shape (n, 2), stiffness [N·m/rad] and limit [N·m] of the slip elements
-    torque : shape (N,) [N·m]; loops and damping begin anew after NaN
+    torque : shape (N,) [N·m]; loops and damping begin again after NaN
     arm : shape (N,), lever arm [m]; anything where there is none
     time : shape (N,), evenly spaced [s]
     limit : largest deflection that the spring has [rad]
@@ -58,22 +48,14 @@ def deflection_under(
     -------
     shape (N,) [rad]
     """
-    given = (row, elements, torque, arm, time[[0, -1]], np.array([limit, slack, near]))
-    key = tuple(np.ascontiguousarray(values).tobytes() for values in given)
-    if key in _KNOWN:
-        _KNOWN.move_to_end(key)
-        return _KNOWN[key].copy()
     out = np.empty_like(torque)
     period = float(time[1] - time[0]) if time.size > 1 else 1.0
     _follow(row, elements, torque, arm, time, period, limit, slack, near, RATES, np.zeros(len(elements)), out)
-    _KNOWN[key] = out.copy()
-    while len(_KNOWN) > KEPT:
-        _KNOWN.popitem(last=False)
     return out
 
 
 def _compiled_follow(stamp: str) -> Callable[..., Any]:
-    """Compile it anew where a formula that it calls has changed, which numba's cache does not see."""
+    """Compile it again where a formula that it calls has changed, which numba's cache does not see."""
 
     @njit(cache=True, error_model="numpy")
     def follow(
@@ -88,7 +70,7 @@ def _compiled_follow(stamp: str) -> Callable[..., Any]:
             if np.isnan(torque[k]) or np.isnan(arm[k]):
                 out[k], known = np.nan, 0
                 continue
-            # What is known of the rate is told by the samples before; a fresh start is at rest.
+            # What is known of the rate follows from the samples before; a fresh start is at rest.
             order = min(known, 4)
             own, before = damping * rates[order, 0] / period, 0.0
             for j in range(order):
@@ -121,7 +103,7 @@ _follow = _compiled_follow(STAMP)
 
 
 def _compiled_solve(stamp: str) -> Callable[..., Any]:
-    """Compile it anew where a formula that it calls has changed, which numba's cache does not see."""
+    """Compile it again where a formula that it calls has changed, which numba's cache does not see."""
 
     @njit(cache=True, error_model="numpy")
     def solve(
@@ -133,7 +115,8 @@ def _compiled_solve(stamp: str) -> Callable[..., Any]:
         width = row.shape[0]
         soft = max(spring(row, 0, width, 0.0, 1.0, arm, t)[2], 1e-9)
         low, high, u = -limit, limit, min(max(guess, -limit), limit)
-        for _ in range(ROUNDS):
+        # Halved so often, bounds are known to the last bit.
+        for _ in range(60):
             _, off, slope = spring(row, 0, width, u, 1.0 if u >= 0.0 else -1.0, arm, t)
             # At its singularity a mechanism's torque is no number: far too much.
             if np.isnan(off):
@@ -144,7 +127,7 @@ def _compiled_solve(stamp: str) -> Callable[..., Any]:
                 du = u - rest
                 now = loop_after(z, du, row[Element.LOOP_WIDTH], row[Element.LOOP_EXPONENT], row[Element.LOOP_SHAPE])
                 off += row[Element.LOOP_TORQUE] * now
-                # Going on it bends towards ±1, turning back it has the full slope.
+                # Going on it saturates towards ±1, turning back it has the full slope.
                 way = 1.0 if du >= 0.0 else -1.0
                 slope += row[Element.LOOP_TORQUE] / row[Element.LOOP_WIDTH] * max(1.0 - way * now, 0.0)
             if loops:
@@ -160,7 +143,7 @@ def _compiled_solve(stamp: str) -> Callable[..., Any]:
             else:
                 low = max(low, u)
             trial = u - off / slope
-            # A bound that was never reached tells nothing of where the deflection is: half way to it is too far at first.
+            # A bound that was never reached says nothing of where the deflection is: half way to it is too far at first.
             if not (low < trial < high):
                 trial = 0.5 * (low + high)
             if trial == u:

@@ -14,14 +14,11 @@ from vsalog.mechanics._atoms import (
     Element,
     beyond_gap,
     bristles_after,
-    loop_slope,
+    loop_after,
     slipped,
 )
 
 Array = NDArray[np.float64]
-
-# A change of deflection is followed in parts of so much of the loop's width.
-PART = 0.1
 
 
 def loop_torque(row: Array, elements: Array, phi: Array, slack: float = 0.0) -> Array:
@@ -49,7 +46,7 @@ def loop_torque(row: Array, elements: Array, phi: Array, slack: float = 0.0) -> 
 
 
 def _compiled_run(stamp: str) -> Callable[..., Any]:
-    """Compile it anew where a formula that it calls has changed, which numba's cache does not see."""
+    """Compile it again where a formula that it calls has changed, which numba's cache does not see."""
 
     @njit(cache=True, error_model="numpy")
     def run(
@@ -87,34 +84,6 @@ def _compiled_run(stamp: str) -> Callable[..., Any]:
 _run = _compiled_run(STAMP)
 
 
-def _compiled_loop_after(stamp: str) -> Callable[..., Any]:
-    """Compile it anew where a formula that it calls has changed, which numba's cache does not see."""
-
-    @njit(cache=True, error_model="numpy")
-    def loop_after(z: float, du: float, width: float, exponent: float, shape: float) -> float:
-        """Return what a change of the deflection makes of a loop's state z.
-
-        The normalised Bouc–Wen loop over the deflection (Ikhouane and Rodellar 2007), by the midpoint rule; one with exponent and
-        shape 1 decays towards ±1.
-        """
-        stamp  # noqa: B018  numba's cache tells functions apart by what they close over
-        if exponent == 1.0 and shape == 1.0:
-            end = 1.0 if du > 0.0 else -1.0
-            return float(end + (z - end) * np.exp(-abs(du) / width))
-        parts = min(1 + int(abs(du) / (PART * width)), 1000)
-        h = du / parts / width
-        now = z
-        for _ in range(parts):
-            middle = now + 0.5 * loop_slope(now, h, abs(h), exponent, shape)
-            now += loop_slope(middle, h, abs(h), exponent, shape)
-        return now
-
-    return loop_after
-
-
-loop_after = _compiled_loop_after(STAMP)
-
-
 def bristle_torque(x: Array, level: Array, stiffness: float, slack: float) -> Array:
     """Return the torque of bristles that give way over a displacement before they slide: σ₀ z, dz = dx − σ₀ |dx| z / level.
 
@@ -135,7 +104,7 @@ def bristle_torque(x: Array, level: Array, stiffness: float, slack: float) -> Ar
 
 
 def _compiled_bristles(stamp: str) -> Callable[..., Any]:
-    """Compile it anew where a formula that it calls has changed, which numba's cache does not see."""
+    """Compile it again where a formula that it calls has changed, which numba's cache does not see."""
 
     @njit(cache=True, error_model="numpy")
     def bristles(x: Array, level: Array, stiffness: float, slack: float, out: Array) -> None:

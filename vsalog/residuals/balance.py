@@ -1,4 +1,4 @@
-"""The equations that a mechanical joint's roles allow, as residuals: what is left over where the rig and the log disagree.
+"""The equations that a mechanical joint's roles allow, as residuals: not zero where the rig and the log disagree.
 
     motor          B θ̈ + D θ̇ + friction − τ_T − τ            (Flacco 2012 eq. 4, 8, 12)
     secondary      B_c θ̈_c + D_c θ̇_c + friction + ψ_e − τ_c    (Flacco 2012 eq. 12, 52)
@@ -6,7 +6,7 @@
     link           M q̈ + D q̇ + friction + g(q) + Σ τ_T − τ_ext  (Flacco 2012 eq. 3, 7)
     sensors        what two sensors say of one thing
 
-with φ = q − θ. A position that is not recorded is told from the torque sensor through the transmission, or, without a sensor,
+with φ = q − θ. A position that is not recorded follows from the torque sensor through the transmission, or, without a sensor,
 from the motor equation; that equation is then used up.
 """
 
@@ -51,15 +51,13 @@ Array = NDArray[np.float64]
 Mechanical = ElasticJoint | SerialJoint | AntagonisticJoint
 Side = Literal["motor", "transmission", "link", "sensor", "pneumatic"]
 
-# Torques are found to this part of the largest.
-NEAR = 1e-9
-# Changes of the deflection below so many deviations of its noise do not move a loop.
 SLACK = 4.0
+"""Standard deviations of a deflection's noise below which its changes do not move a loop."""
 
 
 @dataclass(frozen=True, slots=True)
 class Equation:
-    """What is left over in one equation of a joint.
+    """The residual of one equation of a joint.
 
     Attributes
     ----------
@@ -81,7 +79,7 @@ class Equation:
 
     @property
     def whole(self) -> Array:
-        """What is left over at every sample, shape (N,)."""
+        """The residual at every sample, shape (N,)."""
         return self.residual + self.shaped
 
 
@@ -97,7 +95,7 @@ class Motion:
     deflections : suffix → φ
     torques : suffix → τ_T, shape (N,), what the transmission transmits
     measured : suffixes whose τ_T is the torque sensor's, or the motor equation's, so that φ follows from it
-    spent : suffixes whose motor equation told τ_T
+    spent : suffixes whose motor equation gave τ_T
     slacks : suffix or "link" → changes of the position that may be noise [rad]
     """
 
@@ -125,8 +123,8 @@ def balance(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread: 
     equations: list[Equation] = []
     for suffix, motor in _motors(joint).items():
         role = f"motor_torque{suffix}"
-        told = suffix in motion.torques and suffix in motion.motors and suffix not in motion.spent
-        if motor.inertia is not None and role in roles and told:
+        closed = suffix in motion.torques and suffix in motion.motors and suffix not in motion.spent
+        if motor.inertia is not None and role in roles and closed:
             theta, torque = motion.motors[suffix], motion.torques[suffix]
             residual = remembered(turned, motor, theta, torque, roles[role])
             load = torque if motor.friction.load else None
@@ -216,9 +214,9 @@ def motion_of(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread
         measured.add(s)
         if f"torque_sensor{s}" not in roles:
             spent.add(s)
-    told = [s for s in deflections if s in motors]
-    if link is None and told:
-        link = remembered(np.add, motors[told[0]], deflections[told[0]])
+    sides = [s for s in deflections if s in motors]
+    if link is None and sides:
+        link = remembered(np.add, motors[sides[0]], deflections[sides[0]])
     slacks = {s: SLACK * spread.get(f"motor_position{s}", 0.0) for s in suffixes}
     slacks["link"] = SLACK * spread.get("link_position", max(slacks.values()) / SLACK)
     return Motion(roles, motors, link, deflections, torques, frozenset(measured), frozenset(spent), slacks)
@@ -268,9 +266,8 @@ def _deflected(transmission: KnownTransmission, torque: Array, arm: Array | None
     largest = float(np.fmax.reduce(np.abs(torque)))
     elements = np.array([(e.stiffness, e.limit) for e in transmission.slip]).reshape(-1, 2)
     lever = np.zeros_like(torque) if arm is None else arm
-    phi = deflection_under(
-        coded(transmission), elements, torque, lever, time, _limit(transmission), slack, NEAR * largest
-    )
+    near = float(np.finfo(np.float64).eps) ** 0.5 * largest
+    phi = deflection_under(coded(transmission), elements, torque, lever, time, _limit(transmission), slack, near)
     rate = slope_of(phi, time)
     return np.stack([phi, rate, slope_of(rate, time)])
 
@@ -286,7 +283,7 @@ def _limit(transmission: KnownTransmission) -> float:
 def slope_of(values: Array, time: Array) -> Array:
     """Return the derivative of evenly spaced samples, shape (N,): central differences of fourth order.
 
-    It is NaN beside what is not known. Those of second order would take a part in a hundred off what swings ten times a second.
+    It is NaN next to what is not known. Those of second order would take a part in a hundred off what swings ten times a second.
     """
     out = np.full_like(values, np.nan)
     if values.size > 4:
@@ -394,7 +391,7 @@ def _transmissions(joint: Mechanical, motion: Motion) -> list[Equation]:
 
 
 def _misread(gain: float, sensor: Array, torque: Array) -> Array:
-    """Return what a torque sensor says beside what the rig has it say."""
+    """Return the difference of what a torque sensor says from what the rig has it say."""
     return np.asarray(gain * (sensor[0] - torque))
 
 

@@ -1,4 +1,4 @@
-"""The equations that a pneumatic joint's roles allow, as residuals: what is left over where the rig and the log disagree.
+"""The equations that a pneumatic joint's roles allow, as residuals: not zero where the rig and the log disagree.
 
     seesaw          J ψ̈ + k_s ψ + T_f − τ(P₁, P₂, ψ) − τ_ext                  (Shin 2021 eq. 8–10)
     transmission    τ_sensor − τ(P₁, P₂, ψ)                                   (eq. 9)
@@ -30,6 +30,7 @@ from vsalog.mechanics.pneumatics import (
     valve_opening,
     volume_slope,
 )
+from vsalog.residuals._inverse import LEAST
 from vsalog.residuals.balance import SLACK, Equation, Motion
 from vsalog.residuals.channels import WINDOW
 from vsalog.residuals.sensing import known
@@ -38,13 +39,10 @@ from vsalog.rig.schema import PneumaticJoint
 Array = NDArray[np.float64]
 
 ANGLE, PRESSURES = "link_position", ("pressure_1", "pressure_2")
-# Rounds of finding what a torque tells, the part of the range below which a step is rounding, and the share of the slope in the
-# middle below which a step is not trusted.
-ROUNDS, ROUNDING, LEAST = 12, 1e-14, 0.05
-# The direction of a motion is known where it is the same over so many of the filter's windows.
 ABOUT = 1.4
-# A seesaw slower than this part of its usual velocity may be creeping, and friction is then below its level.
+"""Windows of the filter over which the direction of a motion has to be the same to be known."""
 CREEP = 0.1
+"""Part of its usual velocity below which a seesaw may be creeping, and friction is then below its level."""
 
 
 def balance_pneumatic(
@@ -62,8 +60,8 @@ def balance_pneumatic(
         for index in (1, 2):
             if known(motion.roles, f"pressure_{index}", f"valve_{index}"):
                 # What the seesaw tells of a pressure holds only where the direction of its friction is known.
-                told = "seesaw" in motion.spent and f"pressure_{index}" not in roles
-                rate = _least_about(motion.link[1], time) if told else None
+                derived = "seesaw" in motion.spent and f"pressure_{index}" not in roles
+                rate = _least_about(motion.link[1], time) if derived else None
                 equations.append(_filling(joint, motion.roles, index, rate))
     held = joint.seesaw.held_at
     if held is not None and ANGLE in roles:
@@ -78,26 +76,26 @@ def pneumatic_motion(
 
     Returns
     -------
-    The angle as `link`, the muscles' torque as the only one of `torques`, what was told of a missing angle or pressure among the
-    `roles`, and in `spent` the name of the equation that told it
+    The angle as `link`, the muscles' torque as the only one of `torques`, what follows of a missing angle or pressure among the
+    `roles`, and in `spent` the name of the equation that it follows from
     """
-    told, spent = dict(roles), frozenset[str]()
+    found, spent = dict(roles), frozenset[str]()
     held = joint.seesaw.held_at
     if held is not None:
-        told[ANGLE] = np.stack([np.full(time.size, held), np.zeros(time.size), np.zeros(time.size)])
-    missing = [role for role in (ANGLE, *PRESSURES) if role not in told]
+        found[ANGLE] = np.stack([np.full(time.size, held), np.zeros(time.size), np.zeros(time.size)])
+    missing = [role for role in (ANGLE, *PRESSURES) if role not in found]
     if len(missing) == 1:
-        torque, equation = _teller(joint, told, missing[0])
+        torque, equation = _source(joint, found, missing[0])
         if torque is not None:
-            told[missing[0]], spent = _with_rates(torque, time), frozenset({equation})
+            found[missing[0]], spent = _with_rates(torque, time), frozenset({equation})
     torques = {}
-    if known(told, ANGLE, *PRESSURES):
-        torques[""] = joint_torque(joint, *(told[role][0] for role in (ANGLE, *PRESSURES)))
+    if known(found, ANGLE, *PRESSURES):
+        torques[""] = joint_torque(joint, *(found[role][0] for role in (ANGLE, *PRESSURES)))
     slacks = {"link": SLACK * spread.get(ANGLE, 0.0)}
-    return Motion(told, {}, told.get(ANGLE), {}, torques, frozenset(), spent, slacks)
+    return Motion(found, {}, found.get(ANGLE), {}, torques, frozenset(), spent, slacks)
 
 
-def _teller(joint: PneumaticJoint, roles: Mapping[str, Array], missing: str) -> tuple[Array | None, str]:
+def _source(joint: PneumaticJoint, roles: Mapping[str, Array], missing: str) -> tuple[Array | None, str]:
     """Return the angle or the pressure that is not recorded as a torque tells it, and the name of that torque's equation."""
     if "torque_sensor" in roles:
         return _told(joint, roles, missing, lambda _: roles["torque_sensor"][0]), "transmission"
@@ -129,13 +127,14 @@ def _told(joint: PneumaticJoint, roles: Mapping[str, Array], role: str, torque: 
     middle = 0.0 if turns else 0.5 * (air.supply_pressure + air.outside_pressure)
     x = np.full(roles[PRESSURES[0] if turns else ANGLE].shape[1], middle)
     least: Array | None = None
-    for _ in range(ROUNDS):
+    # Newton doubles the digits: so many rounds are enough from anywhere.
+    for _ in range(12):
         left, before = off(x), x
         slope = (off(x + step) - left) / step
         least = LEAST * np.abs(slope) if least is None else least
         slope = np.where(np.abs(slope) < least, np.copysign(least, slope), slope)
         x = np.clip(x - left / slope, low, high)
-        if not np.any(np.abs(x - before) > ROUNDING * (high - low)):
+        if not np.any(np.abs(x - before) > 64.0 * np.finfo(np.float64).eps * (high - low)):
             break
     return np.asarray(x)
 

@@ -20,13 +20,17 @@ from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# A polynomial of this degree is fitted to windows of so many seconds, but never to fewer samples than that.
-DEGREE, WINDOW, FEWEST = 4, 0.03, 7
-# Windows of the filter over which the motion of a sensor that rounds is smoothed [1]: so its steps average out. From three on the
-# noise of a sine's derivatives, at up to six steps a sample, is right to 6 %; with one it is 20 to 40 % too small.
+DEGREE = 4
+"""Of the polynomial that is fitted to each window: its second derivative is a parabola."""
+WINDOW = 0.03
+"""Seconds of a window: what swings ten times a second loses a part in a hundred of its second derivative."""
 WINDOWS = 5
-# So many samples of a window are enough to form equations with.
+"""Windows of the filter over which the motion of a sensor that rounds is smoothed: so its steps average out.
+
+From three on the noise of a sine's derivatives, at up to six steps a sample, is right to 6 %; with one it is 20 to 40 % less.
+"""
 THIN = 10
+"""Samples of a window with which equations are formed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +165,8 @@ def channels_of(signals: JointSignals) -> Channels:
     signals : bound without undoing what the rig says of the sensors
     """
     period = signals.period
-    window = max(FEWEST, round(WINDOW / period) | 1)
+    # Two samples more than a polynomial goes through exactly.
+    window = max(DEGREE + 3, round(WINDOW / period) | 1)
     raw = {role: np.ascontiguousarray(values) for role, values in signals.roles.items()}
     noise = {role: noise_in(values) for role, values in raw.items()}
     # What is commanded in a few steps was not rounded to them.

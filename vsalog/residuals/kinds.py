@@ -1,4 +1,4 @@
-"""What a diagnosis does otherwise for each kind of joint: the equations, and how what the joint did is told."""
+"""What a diagnosis does otherwise for each kind of joint: the equations, and how the motion is reconstructed."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def motion_for(joint: Any, roles: Mapping[str, Array], time: Array, spread: Mapp
     """Tell what a joint of any kind did; parameters as `balance.balance`."""
     if isinstance(joint, RigidJoint):
         return rigid_motion(joint, roles, time, spread)
-    told = pneumatic_motion if isinstance(joint, PneumaticJoint) else motion_of
-    return told(joint, roles, time, spread)
+    motion = pneumatic_motion if isinstance(joint, PneumaticJoint) else motion_of
+    return motion(joint, roles, time, spread)
 
 
 def equations_of(joint: Any) -> frozenset[str]:

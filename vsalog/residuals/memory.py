@@ -11,9 +11,6 @@ import numpy as np
 
 T = TypeVar("T")
 
-# So many bytes are remembered, the latest: results, each with what it was made of, even where others are made of it too.
-LIMIT = 1 << 28
-
 
 class Memory:
     """Results of functions of arrays and of values that can be hashed, such as parts of a rig.
@@ -22,7 +19,7 @@ class Memory:
     arrays that go in nor those that come out may be written to.
     """
 
-    def __init__(self, limit: int = LIMIT) -> None:
+    def __init__(self, limit: int = 2**28) -> None:
         self._limit = limit
         self._bytes = 0
         self._lock = Lock()

@@ -22,13 +22,13 @@ from vsalog.rig.schema import AntagonisticJoint, Joint, Motor, PneumaticJoint, S
 
 Array = NDArray[np.float64]
 
-# An eccentricity is small against a turn: so many rounds leave nothing of it.
-ROUNDS = 6
 # Voltages that are commanded, and held from one sample to the next as motors' torques are.
 VALVES = ("valve_1", "valve_2")
-# Part of a sample by which a channel may be early before a whole sample is counted [1]: so what is on time, and what is half a
-# sample late, as a held torque, are both far from where the count changes.
 EARLIEST = 0.25
+"""Part of a sample by which a channel may be early before a whole sample is counted.
+
+So what is on time, and what is half a sample late, as a held torque, are both far from where the count changes.
+"""
 # Roles that no cause speaks of, and that are recorded as something else than the joint has: a lever arm as an angle.
 BOUND = ("setpoint",)
 
@@ -172,7 +172,7 @@ def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str,
     ----------
     joint : of the rig
     channels : as recorded
-    hold : how long after its stamp a recorded motor torque or valve's voltage acts on average, beside the rig's delay [s]
+    hold : how long after its stamp a recorded motor torque or valve's voltage acts on average, in addition to the rig's delay [s]
 
     Returns
     -------
@@ -257,7 +257,8 @@ def _acting(commanded: Array, late: float, gain: float, offset: float) -> Array:
 
 
 def _centred(m: Array, gain: float, disc: Eccentricity) -> Array:
-    x = disc.centred(m[0], gain, ROUNDS, 0.0)
+    # It is small against a turn: six rounds leave nothing of it.
+    x = disc.centred(m[0], gain, 6, 0.0)
     slope = disc.slope(x, gain)
     rate = m[1] / slope
     return np.stack([x, rate, (m[2] + disc.error(x) * rate**2) / slope])
@@ -289,8 +290,8 @@ def said(joint: Any, role: str, truth: Mapping[str, Array], time: Array) -> Arra
         x = x + truth[f"transmission_torque{suffix}"] / signal.series_stiffness
     if signal.delay:
         x = late(x, time, signal.delay)
-    told = reading(x, time, signal.gain, signal.offset, signal.drift)
-    return told if signal.eccentricity is None else told + signal.eccentricity.error(x)
+    read = reading(x, time, signal.gain, signal.offset, signal.drift)
+    return read if signal.eccentricity is None else read + signal.eccentricity.error(x)
 
 
 def known(roles: Mapping[str, Array], *names: str) -> bool:

@@ -26,13 +26,14 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-# Whole width of the bell [s] and its fewest samples.
-BELL, FEWEST = 0.05, 5
-# Velocities below so many standard deviations have no sign; an average needs this share of its weight.
-STILL, ENOUGH = 3.0, 0.9
-# Filters are exact to about this part of the torques they pass.
+BELL = 0.05
+"""Seconds of the bell that equations are averaged over: its whole width."""
+STILL = 3.0
+"""Standard deviations of its noise below which a velocity has no sign."""
+ENOUGH = 0.9
+"""Part of its weight that an average needs."""
 EXACT = 1e-3
-SEEDS = (1, 2)
+"""Part of the torques they pass to which filters are exact."""
 
 Balance = Callable[[Any, Mapping[str, Array], Array, Mapping[str, float]], list[Equation]]
 
@@ -165,7 +166,7 @@ def build_system(
     hold : see `System`
     copies : channels that carry noise once more, where they are known
     """
-    copies = copies or tuple(channels.with_noise(seed) for seed in SEEDS)
+    copies = copies or tuple(channels.with_noise(seed) for seed in (1, 2))
     equations = formed(balance, joint, channels, hold)
     again = [formed(balance, joint, copy, hold) for copy in copies]
     bell = _bell(channels.period)
@@ -207,7 +208,8 @@ def formed(balance: Balance, joint: Any, channels: Channels, hold: float) -> lis
 
 
 def _bell(period: float) -> Array:
-    length = max(FEWEST, round(BELL / period) | 1)
+    # With fewer samples it has no shape.
+    length = max(5, round(BELL / period) | 1)
     bell = np.hanning(length + 2)[1:-1]
     return np.asarray(bell / bell.sum())
 
@@ -262,7 +264,7 @@ def whitener(covariance: Array, pattern: int) -> Array:
     values, vectors = np.linalg.eigh(correlation)
     if values.min() < 0.0:
         correlation = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    # Equations that share all their noise are told apart no better than to a part in a thousand.
+    # Equations that share all their noise are distinguished no better than to a part in a thousand.
     lower = np.linalg.cholesky(correlation + 1e-6 * np.eye(len(own)))
     out[np.ix_(own, own)] = np.linalg.solve(lower, np.diag(1.0 / scale))
     return out

@@ -1,8 +1,8 @@
-"""The rig's simulation in windows, each begun anew: multiple shooting, the states at the windows' beginnings free.
+"""The rig's simulation in windows, each begun again: multiple shooting, the states at the windows' beginnings free.
 
 A simulation that runs through a whole log drifts away for reasons of no interest, and one restarted from a measured state
 carries the noise of a derivative. So every window's state at its beginning is fitted, as unknowns that belong to no cause, and
-what is left over is what the rig cannot explain within a window, whatever it began with.
+the residual is what the rig cannot explain within a window, whatever it began with.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from vsalog.effects.delay import LATEST
 from vsalog.residuals.channels import Channels, span_of
 from vsalog.residuals.sensing import known, said, true_roles
 from vsalog.residuals.windows_bench import BenchPlayer
-from vsalog.residuals.windows_mechanical import MechanicalPlayer, free_motors, link_told, movable, remembers
+from vsalog.residuals.windows_mechanical import WINDOW, MechanicalPlayer, free_motors, link_told, movable, remembers
 from vsalog.residuals.windows_pneumatic import PneumaticPlayer
 from vsalog.residuals.windows_rigid import RigidPlayer
 from vsalog.rig.schema import ElasticJoint, PneumaticJoint, RigidJoint
@@ -31,17 +31,18 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-# Length of a window [s], its fewest samples, and how many of a long log are simulated.
-WINDOW, FEWEST, MOST = 0.5, 20, 40
-# An equation closes, and a simulation is right, within so many times their noise, which is measured to about a third.
-WITHIN = 2.0
-# Windows are chosen in so many runs.
+FEWEST = 20
+"""Samples of a window at least."""
+MOST = 40
+"""Windows of a long log that are simulated."""
 RUNS = 4
-# A window is there when its mean square is no more than so many times a Newton step promises; above the second it is begun anew,
-# so often, and so much of each window is looked at first.
-# Dampings of a step that are tried one after another, and the part of the usual effect below which a state is not moved.
-CLOSE, FAR, AGAIN, PARTS = 1.01, 1.5, 2, (0.1, 0.3)
-DAMPINGS, WEAK = (0.0, 1e-3, 0.03, 1.0), 0.02
+"""Runs that they are chosen in."""
+WITHIN = 2.0
+"""Times their noise within which an equation closes, and a simulation is right: noise is measured to about a third."""
+CLOSE = 1.01
+"""Times the mean square that a Newton step promises at which a window is as good as that; above `WITHIN` it begins again."""
+WEAK = 0.02
+"""Part of the usual effect below which a state is not moved."""
 
 
 class Player(Protocol):
@@ -264,7 +265,7 @@ def begun(
     joint : of the rig
     windows : of the log
     states : to start the search with; the measured ones when absent
-    rounds : Newton steps with one set of derivatives; windows that are still far off are begun anew
+    rounds : Newton steps with one set of derivatives; windows that are still far off begin again
     near : simulation with a rig that is much like this one, to go on from instead
     slopes : of that rig, see `by_states`, to step with at first
     """
@@ -272,16 +273,16 @@ def begun(
         states = near.states
     elif states is None:
         states = player_of(joint, windows.channels).measured_states()[windows.spans[:, 0]]
-    # What is unstable bends the way from a beginning to what follows, the more the later it follows: the first part of a window
-    # tells its beginning well enough for the rest to be straight.
-    for share in PARTS if near is None and not _remembers(joint, windows) else ():
+    # What is unstable curves the way from a beginning to what follows, the more the later it follows: the first part of a window
+    # shows its beginning well enough for the rest to be straight.
+    for share in (0.1, 0.3) if near is None and not _remembers(joint, windows) else ():
         first = windows.first(share)
         states = _nearer(joint, first, shoot(joint, first, states), 1)[0].states
     shot, far = _nearer(joint, windows, shoot(joint, windows, states), rounds, slopes)
     shot, far = _gone_on(joint, windows, shot, far)
     # Windows in which something sticks are not linear either: they are fitted again with derivatives at their new states. A fit
     # that goes on from another rig's simulation calls again with such derivatives.
-    for _ in range(AGAIN if near is None else 0):
+    for _ in range(2 if near is None else 0):
         if not far.size:
             break
         some = np.arange(len(windows.spans)) if _remembers(joint, windows) else far
@@ -347,14 +348,15 @@ def _nearer(
         step = np.stack([_least(J[w], r[w]) for w in range(len(r))])
         promised = np.mean((r - np.einsum("wln,wn->wl", J, step)) ** 2, axis=1)
         left = np.flatnonzero(_squares(shot, windows) > CLOSE * promised)
-        for damping in DAMPINGS:
+        # From Gauss–Newton to a short way down the slope.
+        for damping in (0.0, 1e-3, 0.03, 1.0):
             if not left.size:
                 break
-            # What a window hardly tells, as the velocity of a link without an encoder, must not lead far from what is straight.
+            # What a window hardly shows, as the velocity of a link without an encoder, must not lead far from what is straight.
             if damping:
                 step[left] = np.stack([_least(J[w], r[w], damping) for w in left])
             shot, left = _better(joint, windows, shot, left, shot.states[left] - step[left])
-    return shot, np.flatnonzero(_squares(shot, windows) > FAR * promised)
+    return shot, np.flatnonzero(_squares(shot, windows) > WITHIN * promised)
 
 
 def _better(joint: Any, windows: Windows, shot: Shot, some: Integers, states: Array) -> tuple[Shot, Integers]:
@@ -412,8 +414,8 @@ def by_states(joint: Any, windows: Windows, shot: Shot) -> Array:
         out[where, :, i] = change[where]
 
     # Compiled simulations leave the interpreter to one another.
-    with ThreadPoolExecutor(max(1, min(len(free), os.cpu_count() or 1))) as beside:
-        list(beside.map(moved, free))
+    with ThreadPoolExecutor(max(1, min(len(free), os.cpu_count() or 1))) as pool:
+        list(pool.map(moved, free))
     return out
 
 

@@ -23,20 +23,15 @@ from vsalog.simulation.play import play
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# A vibration may turn by this angle in an integration step [rad]: its phase is then off by 1e-5 of what it turns (the fourth
-# power over 120), which no encoder sees within a window.
-ANGLE_PER_STEP = 0.2
-# Perturbations of positions [rad] and velocities [rad/s] that tell how a window depends on its beginning.
 NUDGES = (1e-5, 1e-3)
+"""Perturbations of positions [rad] and velocities [rad/s] that show how a window depends on its beginning."""
+WINDOW = 0.5
+"""Seconds of a window, and of the measured motion that is played before a run of them for bristles, loops and slip elements.
+
+Nobody measures the states of these; it is longer than they remember at any usual speed.
+"""
 NAME = "joint"
 SIMULATED = ("motor_position", "link_position", "deflection", "torque_sensor", "setpoint")
-
-
-# What stands for the inertia of a motor or a link that the rig does not have, and that moves as it was measured [kg·m²].
-STAND_IN = 1.0
-# Length of the measured motion [s] that is played before a run of windows for bristles, loops and slip elements, whose states
-# nobody measures: as long as a window, and longer than they remember at any usual speed.
-RUN_IN = 0.5
 
 
 class MechanicalPlayer:
@@ -74,7 +69,7 @@ class MechanicalPlayer:
             if not stiff:
                 self.machine, self.played = plain, without_bristles(self.played)
                 self.steps, self.stiff = steps, stiff
-        self.run_in = round(RUN_IN / channels.period) if remembers(self.played) else 0
+        self.run_in = round(WINDOW / channels.period) if remembers(self.played) else 0
 
     def _steps(self, machine: Machine, prescribed: Sequence[int]) -> tuple[int, bool]:
         return machine.steps(self.channels.period, prescribed, self.speeds, COARSE, deflecting=self.deflecting)
@@ -108,9 +103,9 @@ class MechanicalPlayer:
         for name in self.moved:
             motor = getattr(joint, name)
             if motor.inertia is None:
-                changed[name] = replace(motor, inertia=STAND_IN)
+                changed[name] = replace(motor, inertia=1.0)  # any: it moves as it was measured
         if self.link_moves:
-            changed["link"] = Link(inertia=STAND_IN)
+            changed["link"] = Link(inertia=1.0)
         return replace(joint, **changed) if changed else joint
 
     def driving(self) -> list[str]:
@@ -214,16 +209,16 @@ class MechanicalPlayer:
     def inputs(self, roles: Mapping[str, Array], part: slice, hold: bool) -> dict[str, Input]:
         """Return what drives the machine: recorded torques, and motions where no torque is recorded."""
         channels, time, given = self.channels, self.times(part), dict[str, Input]()
-        told = motion_of(self.joint, roles, channels.time, channels.spread) if self.moved or self.link_moves else None
+        motion = motion_of(self.joint, roles, channels.time, channels.spread) if self.moved or self.link_moves else None
         for name in motors_of(self.joint):
             role = torque_role(name)
             if name not in self.moved:
                 torque = channels.raw[role][part]
                 given[role] = torque if hold else table(time, torque)
-            elif told is not None:
-                given[role] = Motion(self._position(name, roles, told.motors)[0][part])
-        if self.link_moves and told is not None and told.link is not None:
-            given["link_position"] = Motion(told.link[0][part])
+            elif motion is not None:
+                given[role] = Motion(self._position(name, roles, motion.motors)[0][part])
+        if self.link_moves and motion is not None and motion.link is not None:
+            given["link_position"] = Motion(motion.link[0][part])
         if "external_torque" in roles:
             given["external_torque"] = table(time, roles["external_torque"][0][part])
         return given
@@ -265,8 +260,8 @@ def movable(joint: Any, channels: Channels) -> bool:
     free = free_motors(joint, channels)
     if joint.link is None and not free:
         return False
-    told = any(r.startswith(("motor_position", "link_position")) for r in roles)
-    return told and (joint.link is not None or link_told(joint, channels))
+    seen = any(r.startswith(("motor_position", "link_position")) for r in roles)
+    return seen and (joint.link is not None or link_told(joint, channels))
 
 
 def link_told(joint: Any, channels: Channels) -> bool:

@@ -6,12 +6,15 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import bar
 
 from vsalog.core.errors import SimulationError
 from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.residuals.balance_pneumatic import ANGLE, PRESSURES, pneumatic_motion
 from vsalog.residuals.channels import DEGREE, Channels
 from vsalog.residuals.sensing import VALVES, true_roles
+from vsalog.residuals.system import STILL
+from vsalog.residuals.windows_mechanical import NUDGES
 from vsalog.rig.schema import PneumaticJoint
 from vsalog.simulation.accuracy import COARSE
 from vsalog.simulation.inputs import TorqueInput, table
@@ -20,12 +23,8 @@ from vsalog.simulation.pneumatic import needed_steps, simulate_pneumatic
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# A window's states count pressures in bar, so that all of them are of about one size.
-BAR = 1e5
-# Perturbations of angle [rad], velocity [rad/s] and pressure [bar] that tell how a window depends on its beginning.
-NUDGES = (1e-5, 1e-3, 1e-4, 1e-4)
-# A seesaw slower than so many standard deviations of its velocity's noise begins a window at rest.
-STILL = 3.0
+# Pressures of a window's states are in bar, so that all states are of about one size; these are nudged too.
+PNEUMATIC_NUDGES = (*NUDGES, 1e-4, 1e-4)
 SIMULATED = (ANGLE, "torque_sensor", *PRESSURES)
 
 
@@ -69,16 +68,17 @@ class PneumaticPlayer:
         for role in (ANGLE, *PRESSURES):
             if role not in motion.roles:
                 raise SimulationError(f"{role} is not recorded, and nothing tells it")
-        psi, (p1, p2) = motion.roles[ANGLE], (motion.roles[r][0] / BAR for r in PRESSURES)
+        psi, (p1, p2) = motion.roles[ANGLE], (motion.roles[r][0] / bar for r in PRESSURES)
         noise = channels.noise[ANGLE].floor if ANGLE in channels.noise else 0.0
         own = noise * float(np.linalg.norm(savgol_weights(channels.window, DEGREE, 2, channels.period)[1]))
+        # One that has no sign begins at rest.
         rate = np.where(np.abs(psi[1]) <= STILL * own, 0.0, psi[1])
         return np.stack([psi[0], np.where(np.isfinite(psi[1]), rate, np.nan), p1, p2], axis=-1)
 
     def free(self, states: Array) -> Mapping[int, tuple[float, Flags]]:
         """Return all states, but for the angle of a seesaw that is clamped, and the velocity of one that rests."""
         every = np.ones(len(states), dtype=np.bool_)
-        free = {i: (NUDGES[i], every) for i in range(4)}
+        free = {i: (PNEUMATIC_NUDGES[i], every) for i in range(4)}
         if self.joint.friction is not None:
             free[1] = NUDGES[1], states[:, 1] != 0.0
         if self.joint.seesaw.held_at is not None:
@@ -103,6 +103,6 @@ class PneumaticPlayer:
                 inputs[role] = voltage if hold else table(time, voltage)
             if "external_torque" in self.roles:
                 inputs["external_torque"] = table(time, self.roles["external_torque"][0][part])
-            begin = state * np.array([1.0, 1.0, BAR, BAR])
+            begin = state * np.array([1.0, 1.0, bar, bar])
             steps = needed_steps(self.joint, begin, channels.period, COARSE)
             yield part, simulate_pneumatic(self.joint, inputs, time, steps, begin)

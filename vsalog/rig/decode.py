@@ -225,7 +225,7 @@ def _signal_table(value: Table, kind: inspect.StructType, units: tuple[str, ...]
     if "constant" in value:
         idle = [key for key in value if key not in ("constant", "unit")]
         if idle:
-            refuse((*path, idle[0]), "does nothing beside a constant; write the constant as it is on the joint's side")
+            refuse((*path, idle[0]), "does nothing next to a constant; write the constant as it is on the joint's side")
         plain.update(_constant(value, units, (*path, "constant")))
     for key in ("offset", "resolution", "noise"):
         if isinstance(value.get(key), str):

@@ -1,4 +1,4 @@
-"""Where the rig of a log is: given, in the log itself, beside it, or nowhere."""
+"""Where the rig of a log is: given, in the log itself, next to it, or nowhere."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def find_rig(log: Path, rig_text: str | None, given: str | Path | None = None) -
 
     Returns
     -------
-    the rig given; else the one in the log; else `LOG.rig.toml` beside `LOG.ext`; else `rig.toml` in the same folder; else None
+    the rig given; else the one in the log; else `LOG.rig.toml` next to `LOG.ext`; else `rig.toml` in the same folder; else None
 
     Raises
     ------
@@ -29,11 +29,11 @@ def find_rig(log: Path, rig_text: str | None, given: str | Path | None = None) -
         return Rig.load(given)
     if rig_text is not None:
         return Rig.from_toml(rig_text, f"rig in {log.name}")
-    beside = rig_beside(log)
-    return None if beside is None else Rig.load(beside)
+    found = rig_beside(log)
+    return None if found is None else Rig.load(found)
 
 
 def rig_beside(log: Path) -> Path | None:
-    """Return the rig file that lies beside a log; None where there is none."""
+    """Return the rig file that lies next to a log; None where there is none."""
     paths = (log.parent / f"{log.stem}.rig.toml", log.parent / "rig.toml")
     return next((path for path in paths if path.is_file()), None)

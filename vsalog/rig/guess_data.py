@@ -97,19 +97,6 @@ def gear_between(motor: Channel, link: Channel) -> Line | None:
     return found if found is not None and abs(found.correlation) > 0.9 else None
 
 
-def multiple_of(y: Channel, x: Channel) -> float | None:
-    """Return the factor when `y` is exactly a multiple of `x` (plus an offset), so that it was computed from it."""
-    found = line(*together(x, y))
-    return found.slope if found is not None and found.residual < EXACT else None
-
-
-def multiple_of_difference(y: Channel, link: Channel, motor: Channel, gear: float) -> float | None:
-    """Return the factor when `y` is exactly a multiple of link − motor / gear."""
-    values, q, theta = together(y, link, motor)
-    found = line(q - theta / gear, values)
-    return found.slope if found is not None and found.residual < EXACT else None
-
-
 def torque_over_deflection(torque: Channel, deflection: Channel) -> Line | None:
     """Return torque = slope · deflection + …, None where nothing can be fitted."""
     return line(*together(deflection, torque))

@@ -141,9 +141,9 @@ def _position(part: str, group: list[Candidate]) -> tuple[str, float, str, str |
         return "setpoint", 0.8, "the secondary motor's position sets the stiffness", None
     if part == "link":
         return "link_position", 0.85, "its name says the joint's or link's position", None
-    beside = any(c.meaning.part == "motor" or c.meaning.quantity == "deflection" for c in group)
-    if beside:
-        return "link_position", 0.7, "a position beside the motor's", None
+    paired = any(c.meaning.part == "motor" or c.meaning.quantity == "deflection" for c in group)
+    if paired:
+        return "link_position", 0.7, "a position next to the motor's", None
     return "link_position", 0.5, "the only position of this joint", None
 
 
@@ -257,7 +257,7 @@ def _why_missing(role: str, kind: Kind, roles: dict[str, RoleGuess], still: list
     if base == "deflection" and _has_both(role, roles):
         return "not needed where both positions are recorded", False
     if base in ("motor_position", "link_position") and role.replace(base, "deflection") in roles:
-        return "not found; not needed beside the deflection unless the motor's inertia matters", False
+        return "not found; not needed along with the deflection unless the motor's inertia matters", False
     if role == "torque_sensor" and kind == "antagonistic":
         return "not needed: one sensor for the whole joint, where not every transmission has its own", False
     if base == "motor_torque":

@@ -143,7 +143,7 @@ def _split_compound(word: str) -> list[str]:
 def _quantity(field: list[str], label: list[str], topic: list[str], unit: str | None) -> str:
     words = [*field, *label]
     by_unit = _by_unit(unit)
-    # Simulations write what the sensors could not see beside what they saw.
+    # Simulations write what the sensors could not see along with what they saw.
     is_truth = "truth" in topic
     if not is_truth and not _is_command([*words, *topic]) and (role := _acceleration(field, [*words, *topic], unit)):
         return role

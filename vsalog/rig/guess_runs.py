@@ -1,4 +1,4 @@
-"""Runs in a log: several groups of channels that hold the same things, told apart by a number in the group's name."""
+"""Runs in a log: several groups of channels that hold the same things, distinguished by a number in the group's name."""
 
 from __future__ import annotations
 

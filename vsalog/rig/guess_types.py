@@ -81,7 +81,7 @@ class JointGuess(Struct, frozen=True):
 
 
 class Guess(Struct, frozen=True):
-    """All joints that could be told, and what a person should know."""
+    """All joints that were recognised, and what a person should know."""
 
     joints: tuple[JointGuess, ...]
     findings: tuple[Finding, ...] = ()

@@ -97,14 +97,14 @@ class Motor(Base, frozen=True):
 
 
 class TransmissionEffects(Base, frozen=True):
-    """What any transmission may have beside its spring. With u the deflection less the gap,
+    """What any transmission may have in addition to its spring. With u the deflection less the gap,
 
     τ = (1 + drift t) (1 ± asymmetry) (τ_spring(u) + added_cubic u³) + damping u̇ + hysteresis(u), with + where u > 0.
 
     Attributes
     ----------
     damping : of the transmission, D in De Luca 2007 eq. 1 [N·m·s/rad]
-    added_cubic : cubic stiffness that the spring has beside its nominal torque [N·m/rad³]
+    added_cubic : cubic stiffness that the spring has in addition to its nominal torque [N·m/rad³]
     asymmetry : part by which the spring is stiffer at positive than at negative deflection, −1 to 1
     backlash : whole width of the gap in which no torque is transmitted [rad]
     drift : relative change of the spring's torque per second [1/s]

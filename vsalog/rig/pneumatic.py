@@ -221,7 +221,7 @@ class Seesaw(Base, frozen=True):
 
 
 class PressureFriction(Base, frozen=True, tag="pressure", tag_field="type"):
-    """Viscous and dry friction, T_f = c_s ψ̇ + (T_s + T_p) sgn ψ̇ (Shin 2021 eq. 10 with T_s and T_p beside it).
+    """Viscous and dry friction, T_f = c_s ψ̇ + (T_s + T_p) sgn ψ̇ (Shin 2021 eq. 10 with T_s and T_p added).
 
     The shaft's level is T_s = shaft_radius · shaft_coefficient · |F₁ + F₂ − M g|, that of tube and mesh
     T_p = muscle · (1/(P₁ − P_out)² + 1/(P₂ − P_out)²).

@@ -103,7 +103,7 @@ def _without_null(schema: dict[str, Any]) -> dict[str, Any]:
 
 
 def _with_text(schema: dict[str, Any], kind: inspect.Type) -> dict[str, Any]:
-    """Allow a text with a unit or a tolerance beside a number; the number's bounds do not concern a text."""
+    """Allow a text with a unit or a tolerance in place of a number; the number's bounds do not concern a text."""
     options = kind.types if isinstance(kind, inspect.UnionType) else (kind,)
     extras = [option.extra or {} for option in options if isinstance(option, inspect.Metadata)]
     if schema.get("type") != "number" or not extras:

@@ -143,7 +143,7 @@ def _basis(path: str) -> Iterator[str]:
     yield _line(
         "odd = false", "a constant term takes up what encoders and sensors are off by; true once these are zeroed"
     )
-    yield _gap("order", "4", "terms in the deflection: more where the curve bends or has knees")
+    yield _gap("order", "4", "terms in the deflection: more where the curve has knees")
     yield _gap(
         "branches", "true", "loading and unloading apart, where the torque makes a wide loop over the deflection"
     )

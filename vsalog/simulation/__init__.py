@@ -1,4 +1,4 @@
-"""Simulated experiments: rig → plant → sensors → recording, with the truth beside it."""
+"""Simulated experiments: rig → plant → sensors → recording, along with the truth."""
 
 from vsalog.simulation.experiment import Experiment, JointRecord
 from vsalog.simulation.experiments import (

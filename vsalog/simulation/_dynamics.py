@@ -2,7 +2,7 @@
 
 Degrees of freedom: the links first, then the motors. State: positions, velocities, bristles, loops, slip elements.
 
-What is not smooth is told by modes, which a step keeps: inside a step the equations are smooth, even a little past the point
+What is not smooth is described by modes, which a step keeps: inside a step the equations are smooth, even a little past the point
 where a mode ends. Where it ends a guard becomes negative; `_integrate` finds that point. Modes, in this order:
 
     friction, per degree of freedom    +1, −1 slides that way, 0 sticks (ideal friction); +1, −1 sign of the velocity (bristles)

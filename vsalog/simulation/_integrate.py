@@ -322,7 +322,7 @@ def _compiled(stamp: str) -> Callable[..., Any]:
 
 # Integrate a stretch of P sample periods of S steps, for n degrees of freedom and a state of length m.
 #
-#   p, at : the machine            stiff, fresh : by Rodas; the modes are still to be told from the state
+#   p, at : the machine            stiff, fresh : by Rodas; the modes have yet to follow from the state
 #   step, start_time : length of a step and time of the first [s]
 #   inputs : (P·S, 3, n), torque or prescribed acceleration at the beginning, middle and end of each step
 #   prescribed : (P, 2, n), position and velocity of what is prescribed, at the start of each period

@@ -12,7 +12,7 @@ from vsalog.simulation.scenario_schema import PiControlDrive, StateFeedbackDrive
 
 @dataclass(frozen=True, slots=True)
 class StateFeedback:
-    """A motor that is driven by the joint's whole state, beside the torque that the planned motion takes (De Luca 2007 eq. 13).
+    """A motor that is driven by the joint's whole state, and the torque that the planned motion takes (De Luca 2007 eq. 13).
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
-"""Controllers in the loop: told sample by sample what the sensors say, and what an estimator makes of that.
+"""Controllers in the loop: they receive what the sensors say, sample by sample, and what an estimator makes of that.
 
-A controller is told each sample when it is over, and what it commands then is held in the next one: it is late by one sample, as
+A controller receives each sample when it is over, and what it commands then is held in the next one: it is late by one sample, as
 a digital controller is that computes for as long. It knows the joint as the rig has it, not as the machine is.
 """
 
@@ -56,12 +56,12 @@ def made(
         There is nothing to make it by.
     """
     if estimator is None:
-        raise SimulationError(f"joint '{joint}': its controller is told by '{name}', and no estimators were given")
+        raise SimulationError(f"joint '{joint}': its controller reads '{name}', and no estimators were given")
     return estimator(rig, joint, name, tune)
 
 
 class Controlled:
-    """All controllers of a rig, told of its joints sample by sample."""
+    """All controllers of a rig, which receive its joints sample by sample."""
 
     def __init__(self, loops: Mapping[str, Loop], rig: RigFile, time: Array, seed: int, ideal: bool) -> None:
         self.loops = loops

@@ -32,7 +32,7 @@ class PiLoop:
     rig, name : as it is believed to be, and the joint in it
     control : as asked for
     time : shape (N,), uniform [s]
-    estimator : makes what the controller is told by, where that is no sensor
+    estimator : makes what the controller reads, where that is no sensor
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class PiLoop:
             fed_back = said[self.name][control.of]
         else:
             fed_back = self.watcher.take(k, said).get(COLUMNS[control.of], np.nan)
-        # Where nothing is told, what was told last stands.
+        # Where nothing is known, the last value stands.
         self.last = fed_back = fed_back if np.isfinite(fed_back) else self.last
         error = float(self.reference[k]) - fed_back
         moved = self.integral + error * self.period

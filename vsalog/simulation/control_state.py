@@ -48,7 +48,7 @@ class StateLoop:
     control : as asked for
     references : joint → planned position, shape (N,), of those of its chain that have one too; others stay at zero
     time : shape (N,), uniform [s]
-    estimator : makes what the controller is told by, where that is not the truth
+    estimator : makes what the controller reads, where that is not the truth
 
     Raises
     ------
@@ -90,8 +90,8 @@ class StateLoop:
         if self.watcher is None:
             x = np.array([truth[self.name][role][0] for role in STATES])
         else:
-            told = self.watcher.take(k, said)
-            x = np.array([told.get(role, np.nan) for role in STATES])
+            read = self.watcher.take(k, said)
+            x = np.array([read.get(role, np.nan) for role in STATES])
         if self.control.feedback == "motor":
             # The link is taken to be where the motor is, but for the torsion that was planned.
             x[[1, 3]] = x[[0, 2]] + wanted[[1, 3]] - wanted[[0, 2]]
@@ -99,9 +99,9 @@ class StateLoop:
         self.commands["motor_torque"][k + 1] = self._command(self.plan.torque[k + 1] + self.gains @ error)
 
     def _command(self, torque: Any) -> Any:
-        """Return what the drive has to be told for a torque to act, at most the limit."""
-        told = commanded_for(torque, self.motor.torque_gain, self.motor.torque_offset)
-        return np.clip(told, -self.control.limit, self.control.limit)
+        """Return what the drive has to be commanded for a torque to act, at most the limit."""
+        command = commanded_for(torque, self.motor.torque_gain, self.motor.torque_offset)
+        return np.clip(command, -self.control.limit, self.control.limit)
 
 
 def _known(rig: RigFile, name: str) -> ElasticJoint:

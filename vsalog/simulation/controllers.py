@@ -33,7 +33,7 @@ def loops_of(
     controllers : joint → as asked for
     inputs : joint → role → what drives the other joints: where a servo holds one of a chain is where a plan takes it to be
     time : shape (N,), uniform [s]
-    estimator : makes those that controllers are told by
+    estimator : makes those that controllers read
 
     Raises
     ------

@@ -50,8 +50,8 @@ def play(
     start : joint → (q, q̇, θ₁, θ̇₁, …); rest when absent: the link hanging, or where its servo or its motion begins
     restarts : sample → joint → (q, q̇, θ₁, θ̇₁, …), what positions and velocities are set to there; bristles, loops and slip
         elements, which nobody measures, stay as they are
-    control : told sample and joint → name → truth, shape (1,), of each sample when it is over, so that it can write what is
-        held in the next one into an input that is an array
+    control : called with sample and joint → name → truth, shape (1,), of each sample when it is over, to write what is held in
+        the next one into an input that is an array
     speeds, deflecting : at which bristles and loops have to be followed, see `Machine.steps`
 
     Raises

@@ -56,8 +56,8 @@ def simulate_pneumatic(
     steps : integration steps per sample; as many as the seesaw's swinging needs when absent
     start : (ψ, ψ̇, P₁, P₂) [rad, rad/s, Pa, Pa]; when absent, rest under the first valve voltages and external torque: the
         pressures at which no air flows and the angle at which the torques cancel, friction aside
-    control : told sample and name → truth, shape (1,), of each sample when it is over, so that it can write what is held in the
-        next one into an input that is an array
+    control : called with sample and name → truth, shape (1,), of each sample when it is over, to write what is held in the next
+        one into an input that is an array
 
     Returns
     -------

@@ -122,7 +122,7 @@ def _kind(given: Input) -> str:
 
 
 def _recorded(torque_role: str, roles: Mapping[str, Array]) -> bool:
-    """Tell whether the position of the motor whose torque is meant can be told from the recording."""
+    """Tell whether the position of the motor whose torque is meant follows from the recording."""
     if torque_role == "secondary_torque":
         return "setpoint" in roles
     position = torque_role.replace("torque", "position")

@@ -105,7 +105,7 @@ class JointReplay:
 
 @dataclass(frozen=True, slots=True)
 class ReplayJob:
-    """A replay that was found possible as far as can be told before it runs.
+    """A replay that was found possible as far as is known before it runs.
 
     Attributes
     ----------
@@ -145,7 +145,7 @@ class ReplayJob:
         return {name: found[name] for name in self.signals}
 
     def recording(self, joints: Mapping[str, JointReplay]) -> Recording:
-        """Return measured beside simulated: Float64 topics in SI, on the joints' grids."""
+        """Return measured and simulated: Float64 topics in SI, on the joints' grids."""
         channels: dict[str, Channel] = {}
         for name, joint in joints.items():
             for prefix, values in ((MEASURED, joint.signals.roles), (SIMULATED, joint.simulated)):
@@ -157,7 +157,7 @@ class ReplayJob:
         return Recording(path=self.files.log, format="simulation", channels=channels, streams=streams)
 
     def write(self, recording: Recording) -> None:
-        """Write the log, and the rig beside it where the format has no place for it.
+        """Write the log, and the rig next to it where the format has no place for it.
 
         Raises
         ------
@@ -191,7 +191,7 @@ def prepare_replay(source: str | None, log: Path, options: ReplayOptions) -> Rep
 
     Parameters
     ----------
-    source : a rig file or a preset's name; the rig in or beside the log when absent
+    source : a rig file or a preset's name; the rig in or next to the log when absent
     log : to replay
     options : what is asked for
 
@@ -204,7 +204,7 @@ def prepare_replay(source: str | None, log: Path, options: ReplayOptions) -> Rep
     believed = find_rig(log, reader.rig_text, source)
     if believed is None:
         raise SimulationError(
-            f"no rig was found in or beside {shown(log.name)}: name one, 'vsalog simulate RIG --replay {shown(log.name)}'"
+            f"no rig was found in or next to {shown(log.name)}: name one, 'vsalog simulate RIG --replay {shown(log.name)}'"
         )
     believed = believed.with_settings(options.set)
     actual = believed.with_settings(options.actual, "--actual")
@@ -213,8 +213,8 @@ def prepare_replay(source: str | None, log: Path, options: ReplayOptions) -> Rep
     left_out = {name: why for name, joint in believed.joints.items() if (why := _why_not(joint))}
     movable = {name: joint for name, joint in believed.joints.items() if name not in left_out}
     if not movable:
-        told = "; ".join(f"joint '{shown(name)}' {why}" for name, why in left_out.items()) or "it has none"
-        raise SimulationError(f"{believed.where}: has no joint that can be replayed: {told}")
+        reasons = "; ".join(f"joint '{shown(name)}' {why}" for name, why in left_out.items()) or "it has none"
+        raise SimulationError(f"{believed.where}: has no joint that can be replayed: {reasons}")
     chained = () if believed.file.chain is None else tuple(link.joint for link in believed.file.chain.link)
     for name in left_out:
         if name in chained:

@@ -63,7 +63,7 @@ class Options:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A simulation that was found possible as far as can be told before it runs.
+    """A simulation that was found possible as far as is known before it runs.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class Job:
 
         Parameters
         ----------
-        estimator : makes the estimators that controllers are told by; see `simulate`
+        estimator : makes the estimators that controllers read; see `simulate`
 
         Raises
         ------
@@ -113,7 +113,7 @@ class Job:
         return experiment.recording(truth=self.options.truth)
 
     def write(self, recording: Recording) -> None:
-        """Write the log, and the rig beside it where the format has no place for it.
+        """Write the log, and the rig next to it where the format has no place for it.
 
         Raises
         ------

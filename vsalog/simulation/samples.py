@@ -86,7 +86,7 @@ def make_samples(folder: Path, desr: Path | None = None) -> None:
     Parameters
     ----------
     folder : made when it is not there
-    desr : DESR_Characterization_Data.mat, with its LICENSE beside it; no cut of it is made when absent
+    desr : DESR_Characterization_Data.mat, with its LICENSE next to it; no cut of it is made when absent
 
     Raises
     ------

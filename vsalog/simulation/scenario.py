@@ -37,7 +37,7 @@ from vsalog.simulation.scenario_schema import (
 )
 
 MOST_LINES = 2000
-"""Sines of a multisine: as many as the samples of a period in which they could be told from noise."""
+"""Sines of a multisine: as many as the samples of a period in which they could be distinguished from noise."""
 
 # The SI unit of what drives a role, by how the role's name begins or ends.
 TORQUE, ANGLE, VOLTAGE = "N*m", "rad", "V"

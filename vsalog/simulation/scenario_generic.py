@@ -297,7 +297,7 @@ def _servos(name: str, joint: Joint, rig: RigFile, place: int, period: float) ->
     inertia, _, gravity = _load(name, joint, rig)
     motors = _motors(joint)
     frequency = EXCITATION.swinging * (1.0 + 0.37 * (place % 8))
-    # What gravity pulls with at the end of a swing has to go through the springs, beside what the swing itself takes.
+    # What gravity pulls with at the end of a swing has to go through the springs, in addition to what the swing itself takes.
     borne = 0.5 * sum(_spring_torque(transmission, joint) for _, _, transmission in motors)
     reach = asin(min(1.0, borne / gravity)) if gravity > 0.0 else EXCITATION.swing
     swing = Sine(amplitude=min(EXCITATION.swing, reach), frequency=frequency)

@@ -236,7 +236,7 @@ class PiControlDrive(Base, frozen=True):
 class Drives(Base, frozen=True):
     """What drives one joint; several parts of a role are summed, what is not named is zero.
 
-    A motor gets a torque, a servo or a prescribed position, on the joint's side of the gear. A controller is told what the
+    A motor gets a torque, a servo or a prescribed position, on the joint's side of the gear. A controller receives what the
     joint's sensors say, and drives its motor or its valves.
     """
 

@@ -54,9 +54,9 @@ def simulate(
     seed : of all noise; equal seeds give equal recordings, bit for bit
     ideal : sensors without noise, steps, jitter and dropped samples; what they have wrong stays
     start : joint → initial state, (q, q̇, θ₁, θ̇₁, …) [rad, rad/s]; rest when absent
-    controllers : joint → the controller that drives it, beside or instead of inputs
+    controllers : joint → the controller that drives it, in addition to inputs or instead of them
     believed : the rig that controllers know; the machine itself when absent
-    estimator : makes the estimators that controllers are told by (`vsalog.estimation.live.LiveEstimate`); needed where one is
+    estimator : makes the estimators that controllers read (`vsalog.estimation.live.LiveEstimate`); needed where one is
     name : of the experiment
 
     Raises
@@ -118,20 +118,20 @@ def _truths(
     found: dict[str, dict[str, Array]] = {}
     if chained:
         machine = build({n: _movable(rig, n) for n in chained}, rig.chain)
-        found |= play(machine, inputs, time, steps=steps, start=start, control=_told(control, chained))
+        found |= play(machine, inputs, time, steps=steps, start=start, control=_reader(control, chained))
     for name, joint in rig.joint.items():
         if isinstance(joint, PneumaticJoint):
             own = {role: _plain(name, role, given) for role, given in inputs.get(name, {}).items()}
-            told = _told(control, [name])
-            one = None if told is None else partial(_as_one, told, name)
+            reader = _reader(control, [name])
+            one = None if reader is None else partial(_as_one, reader, name)
             found[name] = simulate_pneumatic(joint, own, time, steps, start.get(name), one)
         elif name not in chained and not isinstance(joint, RigidJoint):
             machine = build({name: joint})
-            found |= play(machine, inputs, time, steps=steps, start=start, control=_told(control, [name]))
+            found |= play(machine, inputs, time, steps=steps, start=start, control=_reader(control, [name]))
     return {name: found[name] for name in rig.joint if name in found}
 
 
-def _told(control: Controlled | None, joints: Sequence[str]) -> Controlled | None:
+def _reader(control: Controlled | None, joints: Sequence[str]) -> Controlled | None:
     """Return the controllers if one of these joints has one."""
     return control if control is not None and any(name in control.loops for name in joints) else None
 

@@ -68,7 +68,7 @@ def _end_group(ready: list[tuple[Path, Path]]) -> None:
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Give a temporary path beside `path` to write to; it becomes `path` when all went well and vanishes otherwise.
+    """Give a temporary path next to `path` to write to; it becomes `path` when all went well and vanishes otherwise.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def _remove(path: Path) -> None:
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Put Ctrl-C and a request to end off until all is done; only the main thread is told of them."""
+    """Put Ctrl-C and a request to end off until all is done; only the main thread receives them."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -22,7 +22,7 @@ FORMATS = {".mcap": MCAP, ".bag": ROSBAG1, ".csv": CSV, ".parquet": PARQUET, "":
 # Formats whose channels are fields of ROS messages.
 MESSAGE_FORMATS = (MCAP, ROSBAG1, ROSBAG2)
 
-# The first line of rig files written beside logs, by which they are known as ours to replace.
+# The first line of rig files written next to logs, by which they are known as ours to replace.
 MARK = "# Written by 'vsalog simulate' as the rig of "
 
 
@@ -34,7 +34,7 @@ class LogFiles:
     ----------
     log : file, or folder of a ROS 2 bag
     format : ``mcap``, ``rosbag1``, ``csv``, ``parquet`` or ``rosbag2``
-    rig : file beside the log; None where the log itself carries the rig
+    rig : file next to the log; None where the log itself carries the rig
     """
 
     log: Path

@@ -16,7 +16,7 @@ from vsalog.writers.recording_topics import topics_of
 def write_rosbag1(recording: Recording, path: Path | str) -> None:
     """Write a recording as a ROS 1 bag (version 2.0, bz2 chunks).
 
-    A bag has no place for a rig: write it beside the bag, as ``NAME.rig.toml``.
+    A bag has no place for a rig: write it next to the bag, as ``NAME.rig.toml``.
 
     Parameters
     ----------

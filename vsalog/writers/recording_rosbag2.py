@@ -21,7 +21,7 @@ from vsalog.writers.recording_topics import topics_of
 def write_rosbag2(recording: Recording, path: Path | str) -> None:
     """Write a recording as the folder of a ROS 2 bag: ``NAME.db3`` (sqlite3) and ``metadata.yaml``.
 
-    A bag has no place for a rig: write it beside the folder, as ``NAME.rig.toml``.
+    A bag has no place for a rig: write it next to the folder, as ``NAME.rig.toml``.
 
     Parameters
     ----------

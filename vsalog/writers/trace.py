@@ -96,7 +96,7 @@ class TraceWriter:
             self._flush()
 
     def _add(self, columns: list[str]) -> None:
-        """Begin the file, or begin it anew with what it holds so far and more columns, which are null there."""
+        """Begin the file, or begin it again with what it holds so far and more columns, which are null there."""
         self._columns += columns
         self._schema = trace_schema(self._columns, self.metadata)
         if self._writer is None:
