@@ -88,7 +88,7 @@ def bristled():
 def test_bristles_are_run_in_before_a_window(bristled, monkeypatch, lead):
     """Begun with the true positions and velocities, but with bristles that nobody measured: they follow the motion before."""
     joint, windows, states = bristled
-    monkeypatch.setattr(windows_mechanical, "RUN_IN", lead)
+    monkeypatch.setattr(windows_mechanical, "WINDOW", lead)
     off = []
     for w in range(2, len(windows.spans)):
         one = windows.part([w])

@@ -266,7 +266,7 @@ def _deflected(transmission: KnownTransmission, torque: Array, arm: Array | None
     largest = float(np.fmax.reduce(np.abs(torque)))
     elements = np.array([(e.stiffness, e.limit) for e in transmission.slip]).reshape(-1, 2)
     lever = np.zeros_like(torque) if arm is None else arm
-    near = float(np.finfo(np.float64).eps) ** 0.5 * largest
+    near = float(np.finfo(np.float64).eps) ** (2.0 / 3.0) * largest
     phi = deflection_under(coded(transmission), elements, torque, lever, time, _limit(transmission), slack, near)
     rate = slope_of(phi, time)
     return np.stack([phi, rate, slope_of(rate, time)])
