@@ -14,7 +14,7 @@ from write_logs import MS, START, McapLog, at, joint_state, joints_mcap, seriali
 
 from vsalog.core.errors import ReadError
 from vsalog.readers import open_reader, read
-from vsalog.readers.reach import FARTHEST
+from vsalog.readers.reach import Stamp
 
 
 def test_joints_by_name_with_header_stamps(tmp_path):
@@ -312,7 +312,7 @@ def test_damage_anywhere_is_no_crash(tmp_path_factory, places, seed):
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.lists(st.floats(width=64), min_size=1, max_size=50), st.integers(0, FARTHEST - 50))
+@given(st.lists(st.floats(width=64), min_size=1, max_size=50), st.integers(0, Stamp.FARTHEST - 50))
 def test_any_number_comes_back_exactly(tmp_path_factory, values, start):
     log = McapLog()
     for i, value in enumerate(values):

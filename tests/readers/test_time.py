@@ -13,7 +13,7 @@ from write_logs import MS, START, McapLog, joint_state, serialised
 from vsalog.core.errors import ReadError
 from vsalog.readers import read
 from vsalog.readers.order import put_in_order
-from vsalog.readers.time_written import DAY
+from vsalog.readers.reach import Nanoseconds
 from vsalog.readers.timing import choose_clock, implausible
 
 
@@ -32,8 +32,8 @@ def log_of(tmp_path, stamps, values=None, log_times=None):
         ([0, 0, 0, 0], "clock.stamps_zero", 4),
         ([START, 0, START + 2 * MS, START], "clock.stamps_zero", 1),
         ([10 * MS, 11 * MS, 12 * MS, 13 * MS], "clock.stamps_before_2000", None),
-        ([START - 2 * DAY + i for i in range(4)], "clock.stamps_far", 4),
-        ([START, START - 2 * DAY, START + MS, START], "clock.stamps_far", 1),
+        ([START - 2 * Nanoseconds.DAY + i for i in range(4)], "clock.stamps_far", 4),
+        ([START, START - 2 * Nanoseconds.DAY, START + MS, START], "clock.stamps_far", 1),
         ([START] * 4, "clock.stamps_all_same", None),
     ],
 )

@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 from vsalog.core.column import PART, parts
 from vsalog.core.recording import Stamps
 from vsalog.readers.clock_steps import AHEAD, NEAR
-from vsalog.readers.reach import NEVER
-from vsalog.readers.time_written import DAY
+from vsalog.readers.reach import Nanoseconds, Stamp
 
 _FAR = 4  # times farther from where it belongs than those around it
 
 
-COUNTED = 20 * 365 * DAY
+COUNTED = 20 * 365 * Nanoseconds.DAY
 """Stamps below it are counted from some start; dates that go back are those of logs that were put together in another order."""
 
 FEW = 20
@@ -66,9 +65,9 @@ def bad_stamps(header: Stamps, log: Stamps) -> NDArray[np.bool_]:
         Header stamps and log times [ns].
     """
     delay = log - header
-    if not delay.size or (delay.max() - delay.min() <= NEAR and abs(int(delay[0])) <= DAY - NEAR):
+    if not delay.size or (delay.max() - delay.min() <= NEAR and abs(int(delay[0])) <= Nanoseconds.DAY - NEAR):
         return np.zeros(delay.size, np.bool_)
-    bad: NDArray[np.bool_] = np.abs(delay) > DAY
+    bad: NDArray[np.bool_] = np.abs(delay) > Nanoseconds.DAY
     if delay.size > 2 * REACH and delay.max() - delay.min() > AHEAD:
         # At either end those beside the last are looked at twice, lest it vouch for itself.
         around = np.lib.stride_tricks.sliding_window_view(np.pad(delay, REACH, mode="reflect"), 2 * REACH + 1)
@@ -97,12 +96,12 @@ def _are_off(header: Stamps, delay: Stamps, rows: Stamps) -> NDArray[np.bool_]:
     known = ~np.isnan(usual).all(axis=1)
     usual[~known] = 0
     # From good stamp to good stamp: all have to increase, and that across the one in the middle is as long as its places.
-    last, place = np.full(rows.size, NEVER), np.zeros(rows.size, np.int64)
+    last, place = np.full(rows.size, Stamp.NEVER), np.zeros(rows.size, np.int64)
     increasing, gap, places = np.ones(rows.size, np.bool_), np.zeros(rows.size, np.int64), np.zeros(rows.size, np.int64)
     for k in range(2 * REACH + 1):
         here = good[:, k]
         increasing &= ~here | (stamps[:, k] > last)
-        crossing = here & (last > NEVER) & (place < REACH) & (k > REACH)
+        crossing = here & (last > Stamp.NEVER) & (place < REACH) & (k > REACH)
         gap, places = np.where(crossing, stamps[:, k] - last, gap), np.where(crossing, k - place, places)
         last, place = np.where(here, stamps[:, k], last), np.where(here, k, place)
     long = 2 * gap > (places + 1) * np.nanmedian(usual, axis=1)

@@ -16,8 +16,8 @@ from vsalog.readers.base import Reader
 from vsalog.readers.carried import part_stream, stray_names
 from vsalog.readers.gathered import Gathered
 from vsalog.readers.order import Order, in_order
-from vsalog.readers.reach import BEYOND, within_reach
-from vsalog.readers.timing import YEAR_2000, Clock, choose_clock, of_stream, without
+from vsalog.readers.reach import BEYOND, Stamp, within_reach
+from vsalog.readers.timing import Clock, choose_clock, of_stream, without
 
 # Beyond so many bytes of samples, a log that grows so many times is a bomb.
 FREE_BYTES, MOST_TIMES = 512 * 2**20, 60
@@ -132,7 +132,7 @@ def collect(
         streams[name] = placed.stream
         findings.add(*clock_findings(placed), *alternating(name, placed.columns))
         if len(placed.stamps):
-            dates.append(bool(placed.stamps[0] >= YEAR_2000))
+            dates.append(bool(placed.stamps[0] >= Stamp.YEAR_2000))
         if placed.stream.time_source == "column" and placed.stream.conflicts > placed.stream.count:
             # What is left would look like a log of few samples, far apart.
             reader.unread.update(dict.fromkeys(placed.columns, _coarse(placed.stream)))

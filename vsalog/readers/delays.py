@@ -15,8 +15,7 @@ import numpy as np
 
 from vsalog.core.errors import ReadError
 from vsalog.core.recording import Stamps
-from vsalog.readers.reach import FARTHEST
-from vsalog.readers.time_written import DAY
+from vsalog.readers.reach import Nanoseconds, Stamp
 
 LEAST_BYTES = 64 * 2**20
 """Of less than this all is read: that is done at once, and needs no promise."""
@@ -52,7 +51,7 @@ class Delays:
         if not stamps.size:
             return True
         delay = log - stamps
-        if delay.max() > DAY or delay.min() < -DAY:
+        if delay.max() > Nanoseconds.DAY or delay.min() < -Nanoseconds.DAY:
             return False
         self.least, self.most = min(self.least, int(delay.min())), max(self.most, int(delay.max()))
         before, self.level[stream] = self.level.get(stream), int(np.median(delay))
@@ -74,7 +73,7 @@ class Delays:
 
     def widened(self, low: int, high: int) -> tuple[int, int]:
         """Return between which log times [ns] all messages lie whose stamps are in a window."""
-        return max(low + self.least - MARGIN, -FARTHEST), min(high + self.most + MARGIN, FARTHEST)
+        return max(low + self.least - MARGIN, -Stamp.FARTHEST), min(high + self.most + MARGIN, Stamp.FARTHEST)
 
 
 class Promise:

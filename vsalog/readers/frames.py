@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import IntEnum
 
 import numpy as np
 from numba import njit
@@ -12,11 +13,11 @@ from vsalog.readers.definitions import Scalar, Struct, Text, Time
 from vsalog.readers.fields import MAX_NAME
 from vsalog.readers.packets import Bytes, Integers, Messages
 
-_FEW = 4  # frames that there is room for at first
 
-_AT = (
-    12  # behind the time stamp, and what is ahead of it: a sequence number in ROS 1, what tells the byte order in ROS 2
-)
+class Offset(IntEnum):
+    """Of a message: ahead of the FRAME are a sequence number (ROS 1) or what tells the byte order (ROS 2), and the time stamp."""
+
+    FRAME = 4 + 8
 
 
 def has_frame(root: Struct, cdr: bool) -> bool:
@@ -56,8 +57,8 @@ class Frames:
 
     def __init__(self, known: Sequence[str] = ()) -> None:
         self._pool, self._sizes, self._count = (
-            np.zeros((_FEW, MAX_NAME), np.uint8),
-            np.zeros(_FEW, np.int64),
+            np.zeros((1, MAX_NAME), np.uint8),
+            np.zeros(1, np.int64),
             len(known),
         )
         while self._count > len(self._sizes):
@@ -94,8 +95,8 @@ class Frames:
 def _places(data: Bytes, start: Integers, length: Integers, cdr: bool, place: Integers, sizes: Integers) -> None:
     """Write down where each message's frame begins and how long it is, -1 where that is not clear."""
     for k in range(start.size):
-        at, place[k], sizes[k] = start[k] + _AT, 0, -1
-        if length[k] < _AT + 4:
+        at, place[k], sizes[k] = start[k] + Offset.FRAME, 0, -1
+        if length[k] < Offset.FRAME + 4:
             continue
         size = 0
         for i in range(4):

@@ -25,7 +25,7 @@ from vsalog.readers.labels import (
 )
 from vsalog.readers.messages import Decoded
 from vsalog.readers.packets import Messages
-from vsalog.readers.reach import FARTHEST, NEVER
+from vsalog.readers.reach import Nanoseconds, Stamp
 
 if TYPE_CHECKING:
     import msgspec
@@ -220,8 +220,8 @@ def _stamp(value: Any) -> int | None:
     fraction = value.get("nanosec", value.get("nsec", value.get("nsecs")))
     if not isinstance(seconds, int) or not isinstance(fraction, int):
         return None
-    stamp = seconds * 1_000_000_000 + fraction
-    return stamp if 0 <= fraction < 1_000_000_000 and abs(stamp) < FARTHEST else NEVER
+    stamp = seconds * Nanoseconds.SECOND + fraction
+    return stamp if 0 <= fraction < Nanoseconds.SECOND and abs(stamp) < Stamp.FARTHEST else Stamp.NEVER
 
 
 def _is_stamp_member(key: str, child: Any) -> bool:

@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.readers.layout import Bytes, Field, Integers
-from vsalog.readers.reach import NEVER
+from vsalog.readers.reach import Nanoseconds, Stamp
 
 
 def values(data: Bytes, start: Integers, offsets: Integers, code: str) -> NDArray[np.float64]:
@@ -38,9 +38,9 @@ def values(data: Bytes, start: Integers, offsets: Integers, code: str) -> NDArra
 
 
 def stamps(data: Bytes, start: Integers, field: Field) -> NDArray[np.int64]:
-    """Return a header's time stamps [ns], shape (n,), `NEVER` for those with nanoseconds that no time has."""
+    """Return a header's time stamps [ns], shape (n,), `Stamp.NEVER` for those with nanoseconds that no time has."""
     found, fraction = _nanoseconds(data, start, np.array([field.offset]), field.code)
-    found[(fraction < 0) | (fraction >= 1_000_000_000)] = NEVER
+    found[(fraction < 0) | (fraction >= Nanoseconds.SECOND)] = Stamp.NEVER
     return np.asarray(found[0], np.int64)
 
 
@@ -50,7 +50,7 @@ def _nanoseconds(
     """Return times [ns], exact, and their parts of a second [ns], shapes (k, n)."""
     seconds, fraction = code.split(",")
     rest = _numbers(data, start, offsets + 4, fraction).astype(np.int64)
-    return _numbers(data, start, offsets, seconds).astype(np.int64) * 1_000_000_000 + rest, rest
+    return _numbers(data, start, offsets, seconds).astype(np.int64) * Nanoseconds.SECOND + rest, rest
 
 
 def _numbers(data: Bytes, start: Integers, offsets: Integers, code: str) -> NDArray[Any]:

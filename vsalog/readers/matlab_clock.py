@@ -10,6 +10,7 @@ import numpy as np
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
+from vsalog.readers.reach import Nanoseconds
 from vsalog.readers.time_sizes import SERIAL, SINCE, guessed_unit
 
 _NANOSECONDS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
@@ -60,8 +61,8 @@ def stamps_of(name: str, values: Values, whole: Stamps | None = None) -> tuple[S
             return whole * np.int64(_NANOSECONDS[unit]), doubts
         return np.rint(values * _NANOSECONDS[unit]).astype(np.int64), doubts
     days = np.floor(values)
-    stamps = (days - SERIAL[unit][2]).astype(np.int64) * 86_400_000_000_000
-    return stamps + np.rint((values - days) * 86_400e9).astype(np.int64), doubts
+    stamps = (days - SERIAL[unit][2]).astype(np.int64) * Nanoseconds.DAY
+    return stamps + np.rint((values - days) * Nanoseconds.DAY).astype(np.int64), doubts
 
 
 def _unit(name: str, values: Values) -> tuple[str, list[Finding]]:

@@ -31,7 +31,11 @@ class DataType(IntEnum):
     MATRIX, COMPRESSED = 14, 15
 
 
-_COMPLEX = 0x0800
+class Flag(IntEnum):
+    """Of an array (MAT-File Format, Figure 1-3)."""
+
+    COMPLEX = 0x0800
+
 
 _NUMBERS = {
     1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
@@ -84,7 +88,7 @@ def _matrix(data: memoryview, order: str, depth: int) -> tuple[str, Any]:
     if kind == Class.STRUCT:
         return name, _structures(parts, order, depth, prod(shape))
     values = _numbers(*_next(parts), order)
-    if flags & _COMPLEX:
+    if flags & Flag.COMPLEX:
         values = values + 1j * _numbers(*_next(parts), order)
     if values.size != prod(shape):
         raise ValueError(f"it holds {values.size} values where {prod(shape)} are announced")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable, Collection, Iterator
+from enum import IntEnum
 from typing import IO
 
 import numpy as np
@@ -22,8 +23,13 @@ from vsalog.readers.walk_findings import walk_findings
 
 MAGIC = b"\x89MCAP0\r\n"
 
-FIRST_PRIVATE = 128
-"""Kinds of records from here on are not of the format (mcap.dev/spec)."""
+
+class Private(IntEnum):
+    """Kinds of records that are not of the format (mcap.dev/spec)."""
+
+    FIRST = 0x80
+
+
 KEPT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA)
 """Records that are handed over if nothing else is asked for."""
 
@@ -121,7 +127,7 @@ class Walk:
                 self.cut = (position, self._size)
                 return
             self._chunked |= kind == Opcode.CHUNK
-            self.unknown += Opcode.DATA_END < kind < FIRST_PRIVATE
+            self.unknown += Opcode.DATA_END < kind < Private.FIRST
             if keep:
                 yield kind, content, position
             position += _HEAD.size + length

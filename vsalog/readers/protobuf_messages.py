@@ -18,7 +18,7 @@ from vsalog.readers.labels import ELEMENT_NAME, MAX_LABELS, best_label_field, la
 from vsalog.readers.messages import MISFIT, Decoded
 from vsalog.readers.packets import Messages
 from vsalog.readers.protobuf_types import message_class
-from vsalog.readers.reach import FARTHEST, NEVER
+from vsalog.readers.reach import Nanoseconds, Stamp
 
 
 class Kind(IntEnum):
@@ -173,7 +173,7 @@ class ProtobufDecoder:
             found[path] = float(value)
         elif kind == Kind.TIME:
             if not (depth == 1 and self._is_stamp(path)):
-                found[path] = (value.seconds * 1_000_000_000 + value.nanos) * 1e-9
+                found[path] = (value.seconds * Nanoseconds.SECOND + value.nanos) * 1e-9
         elif depth >= MAX_DEPTH:
             self._taken.leave(path, f"nested more than {MAX_DEPTH} deep")
         elif not (depth == 1 and self._is_stamp(path)):
@@ -269,5 +269,5 @@ def _stamp_of(message: Any, path: tuple[str, ...]) -> int:
     if names is None:
         return 0
     seconds, fraction = (int(getattr(message, name)) for name in names)
-    stamp = seconds * 1_000_000_000 + fraction
-    return stamp if 0 <= fraction < 1_000_000_000 and abs(stamp) < FARTHEST else NEVER
+    stamp = seconds * Nanoseconds.SECOND + fraction
+    return stamp if 0 <= fraction < Nanoseconds.SECOND and abs(stamp) < Stamp.FARTHEST else Stamp.NEVER

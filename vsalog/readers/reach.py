@@ -3,16 +3,35 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from enum import IntEnum
 
 import numpy as np
 
 from vsalog.core.recording import Stamps
 from vsalog.readers.base import Block
 
-FARTHEST = 2**62 - 1
-"""Nanoseconds before and after 1970 that a sample may lie: any two such stamps have a difference."""
-NEVER = -FARTHEST
-"""Stands for a header's stamp that is none, as with more nanoseconds than a second has: so far off it is not believed."""
+
+class Nanoseconds(IntEnum):
+    """Spans of time."""
+
+    SECOND = 10**9
+    MINUTE = 60 * SECOND
+    HOUR = 60 * MINUTE
+    DAY = 24 * HOUR
+
+
+class Stamp(IntEnum):
+    """Nanoseconds since 1970.
+
+    Stamps up to the FARTHEST before and after 1970 have a difference of 64 bits. NEVER stands for a header's stamp that is none,
+    as with more nanoseconds than a second has: so far off it is not believed. Stamps before YEAR_2000 are not dates.
+    """
+
+    FARTHEST = np.iinfo(np.int64).max // 2
+    NEVER = -FARTHEST
+    YEAR_2000 = 10_957 * Nanoseconds.DAY
+
+
 BEYOND = "lie before the year 1823 or after 2116, as no recording's can"
 
 # A recorder's own clock counts from 1970: what is ahead of that was beyond 64 bits.
@@ -37,8 +56,10 @@ def within_reach(block: Block) -> tuple[Block, int]:
     if len(clocks) > 1:
         for kind in _SECOND:
             if kind in clocks:
-                clocks[kind] = np.clip(clocks[kind], -FARTHEST, FARTHEST)
-    good = np.all([(s >= _LEAST.get(kind, -FARTHEST)) & (s <= FARTHEST) for kind, s in clocks.items()], axis=0)
+                clocks[kind] = np.clip(clocks[kind], -Stamp.FARTHEST, Stamp.FARTHEST)
+    good = np.all(
+        [(s >= _LEAST.get(kind, -Stamp.FARTHEST)) & (s <= Stamp.FARTHEST) for kind, s in clocks.items()], axis=0
+    )
     return (
         replace(
             block,
@@ -50,4 +71,6 @@ def within_reach(block: Block) -> tuple[Block, int]:
 
 
 def _near(stamps: Stamps, kind: str) -> bool:
-    return not stamps.size or (int(stamps.min()) >= _LEAST.get(kind, -FARTHEST) and int(stamps.max()) <= FARTHEST)
+    return not stamps.size or (
+        int(stamps.min()) >= _LEAST.get(kind, -Stamp.FARTHEST) and int(stamps.max()) <= Stamp.FARTHEST
+    )

@@ -6,7 +6,7 @@ import numpy as np
 
 from vsalog.core.errors import ReadError
 from vsalog.core.recording import Stamps
-from vsalog.readers.reach import FARTHEST
+from vsalog.readers.reach import Stamp
 
 
 def row_clock(first: int, count: int, rate: float | None) -> dict[str, Stamps]:
@@ -34,7 +34,7 @@ def row_clock(first: int, count: int, rate: float | None) -> dict[str, Stamps]:
         return {"none": rows}
     if rate > 1e9:
         raise ReadError(f"--rate {rate:g}: rows cannot be less than a nanosecond apart; give the sample rate in Hz")
-    if (first + count) * (1e9 / rate) > FARTHEST:
+    if (first + count) * (1e9 / rate) > Stamp.FARTHEST:
         raise ReadError(
             f"--rate {rate:g}: {first + count} rows would last longer than a century; give the sample rate in Hz"
         )

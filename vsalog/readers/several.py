@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from enum import IntEnum
 from functools import partial
 from itertools import islice
 from types import MappingProxyType
@@ -17,7 +18,11 @@ from vsalog.readers.chunk_index import Needed, Part
 from vsalog.readers.container import Connection, Container
 from vsalog.readers.packets import Packet
 
-_IDS_PER_FILE = 2**32
+
+class Ids(IntEnum):
+    """Numbers of connections that a file may use: formats count them by 32 bits."""
+
+    PER_FILE = 2**32
 
 
 class SeveralContainer:
@@ -72,7 +77,7 @@ class SeveralContainer:
         first = 0
         for container in self.parts:
             most = max((one.id for one in container.connections()), default=0)  # a file may be several itself
-            last = first + _IDS_PER_FILE * (1 + most // _IDS_PER_FILE)
+            last = first + Ids.PER_FILE * (1 + most // Ids.PER_FILE)
             yield range(first, last), container
             first = last
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from enum import IntEnum
 
 import numpy as np
 import pyarrow as pa
@@ -14,12 +15,18 @@ from vsalog.core.recording import Values
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.table_text import LIKE_NUMBERS, NUMBER
 
+
+class Float64(IntEnum):
+    """Whole numbers up to EXACT are all there."""
+
+    EXACT = 2 ** (np.finfo(np.float64).nmant + 1)
+
+
 _CELL = NUMBER.replace("^", "^(", 1)[:-1] + r"|[+-]?(?i:inf|infinity)|[+-]?(?i:nan))$"
 
 _EMPTY = arrow_texts(["", *LIKE_NUMBERS])
 _FEW = 16
 _MANY = 100
-_EXACT = 2.0**53
 _WHOLE = re.compile(r"^[+-]?\d{1,40}$")
 _NOTHING = pa.nulls(1, pa.string())[0]
 
@@ -83,9 +90,9 @@ class Cells:
 
 def _rounded(cells: pa.Array, values: Values) -> str:
     """Return a whole number that floating point cannot hold, "" where none was found."""
-    if not (np.abs(values[::_FEW]) > _EXACT).any():  # counters that are so large are so throughout
+    if not (np.abs(values[::_FEW]) > Float64.EXACT).any():  # counters that are so large are so throughout
         return ""
-    large = np.abs(values) > _EXACT
+    large = np.abs(values) > Float64.EXACT
     for at in np.flatnonzero(large & np.isfinite(values))[:_MANY].tolist():
         cell = str(cells[at].as_py()).strip()
         if _WHOLE.match(cell) and int(cell) != int(values[at]):

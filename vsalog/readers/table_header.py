@@ -10,7 +10,7 @@ from vsalog.core.finding import Finding, Findings
 from vsalog.core.units import is_known_by_heart, split_header
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.table_text import SEPARATORS, is_value, split
-from vsalog.readers.time_names import DATED, rank_of
+from vsalog.readers.time_names import Rank, rank_of
 
 NO_UNIT = ("-", "–", "1")
 _UNIT_LABEL = re.compile(r"^units?:\s*", re.IGNORECASE)
@@ -226,7 +226,7 @@ def _names_a_clock(cells: Sequence[str], decimal_comma: bool) -> bool:
 
 def is_clock(name: str) -> bool:
     """Tell whether a column is called a clock; a date alone is none."""
-    return rank_of(split_header(name)[0]) not in (None, DATED)
+    return rank_of(split_header(name)[0]) not in (None, Rank.DATED)
 
 
 def _names_columns(rows: Sequence[Sequence[str]], decimal_comma: bool) -> bool:

@@ -6,6 +6,7 @@ import codecs
 import io
 import re
 import zlib
+from enum import IntEnum
 from pathlib import Path
 from typing import IO, cast
 
@@ -24,8 +25,14 @@ _CHECKS = ("data check", "length check")
 
 _COMPRESSED_PIECE = 1 << 16
 _GZIP = b"\x1f\x8b"
-_WITH_HEAD = 16 + zlib.MAX_WBITS
-"""Tells zlib that there is gzip's header, and its checksum behind."""
+
+
+class Window(IntEnum):
+    """What zlib is told of a stream: GZIP that there is gzip's header, and its checksum behind (zlib's manual, inflateInit2)."""
+
+    GZIP = 16 + zlib.MAX_WBITS
+
+
 LONGEST_LINE = 1 << 24
 
 
@@ -58,7 +65,7 @@ class BoundedGzip(io.RawIOBase):
         super().__init__()
         self._path = path
         self._compressed = file
-        self._stream = zlib.decompressobj(_WITH_HEAD)
+        self._stream = zlib.decompressobj(Window.GZIP)
         self._left = b""
         self._size = 0
 
@@ -97,7 +104,7 @@ class BoundedGzip(io.RawIOBase):
         while self._left and not (left := self._left.lstrip(b"\0")):  # files may be filled up with zeros
             self._left = self._compressed.read(_COMPRESSED_PIECE)
         if self._left:
-            self._left, self._stream = left, zlib.decompressobj(_WITH_HEAD)
+            self._left, self._stream = left, zlib.decompressobj(Window.GZIP)
         return bool(self._left)
 
     def _some(self, most: int) -> bytes:

@@ -16,16 +16,17 @@ from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps
 from vsalog.readers.date_order import order_of, possible_orders
 from vsalog.readers.headers import printable_cell
+from vsalog.readers.reach import Nanoseconds
 from vsalog.readers.time_dates import dates, of_day, trimmed
 from vsalog.readers.time_folds import Folds, Restarts
-from vsalog.readers.time_names import DATED, STEMS, UNITS, plain, rank_of, stated_unit
+from vsalog.readers.time_names import UNITS, Rank, plain, rank_of, stated_unit
 from vsalog.readers.time_numbers import floats, is_numeric, multiplied, scaled_up
 from vsalog.readers.time_sizes import EPOCH, SERIAL, guessed_unit
-from vsalog.readers.time_written import DAY, HOUR, dates_of, without_midnight
+from vsalog.readers.time_written import dates_of, without_midnight
 
 # Decimal digits from the unit to the nanosecond.
 _DIGITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
-_NANOSECONDS = {"min": 60 * 10**9, "h": HOUR, "d": DAY}
+_NANOSECONDS = {"min": 60 * 10**9, "h": Nanoseconds.HOUR, "d": Nanoseconds.DAY}
 
 _SECONDS = re.compile(r"^(?P<stem>.*?)(?:^|[._/])(secs?)$")
 _HOURS, _MINUTES = ("hour", "hours", "hr", "hrs"), ("minute", "minutes", "min", "mins")
@@ -81,7 +82,6 @@ Whole = Callable[[int], Iterable[pa.Array]]
 """Gives all of a column, part by part."""
 _MOST_DATES = 1000
 _FEW, _LATE = 8, 10  # values that show an order, and by how many rows some may be late
-_SHORT = 3  # the rank of names such as T, which may be a temperature
 
 
 def _nothing() -> Iterable[pa.Array]:
@@ -112,10 +112,10 @@ def find_clocks(
         if parts and i in parts.columns:
             continue
         form, doubts = _form(names[i], units[i], sample[i], partial(whole, i) if whole else _nothing)
-        if form is not None and (rank != DATED or _is_moment(form, sample[i])):
+        if form is not None and (rank != Rank.DATED or _is_moment(form, sample[i])):
             clock, more = _with_date(ClockColumn((i,), form), names, sample, whole)
             clocks.append((rank, clock, (*doubts, *more)))
-    best = clocks[0][0] if clocks else len(STEMS)
+    best = clocks[0][0] if clocks else len(Rank)
     if pair and best > 0:
         return ClockPlan({"column": pair})
     if parts and best > 2:
@@ -181,7 +181,8 @@ def nanoseconds(columns: Sequence[pa.Array], form: str) -> tuple[Stamps, NDArray
         good &= also & (np.abs(seconds // 2 + fraction // 2) < 2**61)  # their sum fits into 64 bits, and is a time
         return np.where(good, seconds, 0) + np.where(good, fraction, 0), good
     if kind == "hms":
-        each = [multiplied(column, size) for column, size in zip(columns, (HOUR, HOUR / 60, 1e9), strict=True)]
+        sizes = Nanoseconds.HOUR, Nanoseconds.MINUTE, Nanoseconds.SECOND
+        each = [multiplied(column, size) for column, size in zip(columns, sizes, strict=True)]
         good = np.logical_and.reduce([also & (np.abs(part) < 2**61) for part, also in each])
         return np.where(good, sum(part for part, _ in each), 0), good
     if kind == "date+day":
@@ -193,7 +194,7 @@ def nanoseconds(columns: Sequence[pa.Array], form: str) -> tuple[Stamps, NDArray
         text = trimmed(columns[0])
         return of_day(pc.binary_join_element_wise("0:", text, "") if kind == "minutes" else text)
     if kind in SERIAL:
-        return multiplied(columns[0], DAY, SERIAL[kind][2])
+        return multiplied(columns[0], Nanoseconds.DAY, SERIAL[kind][2])
     if kind in _NANOSECONDS:
         return multiplied(columns[0], _NANOSECONDS[kind])
     return scaled_up(columns[0], _DIGITS[kind])
@@ -203,10 +204,10 @@ def folds_of(form: str) -> Folds | Restarts:
     """Return what makes a clock go on where it goes back."""
     kind = form.partition(" ")[0]
     if kind in ("day", "hms"):
-        return Folds(DAY, False)
+        return Folds(Nanoseconds.DAY, False)
     if kind == "minutes":
-        return Folds(HOUR, False)
-    return Folds(DAY, True) if kind in ("date", "date+day") else Restarts()
+        return Folds(Nanoseconds.HOUR, False)
+    return Folds(Nanoseconds.DAY, True) if kind in ("date", "date+day") else Restarts()
 
 
 def _form(name: str, unit: str | None, sample: pa.Array, rest: Rest) -> tuple[str | None, list[Finding]]:
@@ -285,7 +286,7 @@ def _rising(values: NDArray[np.float64]) -> bool:
 def _sortable(name: str, values: NDArray[np.float64]) -> bool:
     """Tell whether a column that is surely called the time has the newest row first, or rows that come a little late."""
     rank = rank_of(name)
-    if rank is None or rank >= _SHORT or len(values) < _FEW:
+    if rank is None or rank >= Rank.SHORT or len(values) < _FEW:
         return False
     order = np.argsort(values, kind="stable")
     late = np.abs(order - np.arange(len(order))).max()
@@ -331,7 +332,7 @@ def _with_date(
         return clock, []
     unread: list[Finding] = []
     for i, name in enumerate(names[: len(sample)]):
-        if rank_of(name) != DATED:
+        if rank_of(name) != Rank.DATED:
             continue
         order, doubts = _order(name, sample[i], partial(whole, i) if whole else _nothing)
         both = ClockColumn((i, clock.columns[0]), f"date+day {order}".strip())
@@ -350,10 +351,10 @@ def _no_clock(
     """Return why columns that are called clocks are none."""
     for rank, i in ranked:
         stated = stated_unit(names[i], units[i])
-        if _is_text(sample[i]) and rank != DATED:
+        if _is_text(sample[i]) and rank != Rank.DATED:
             evidence = {"first": _first(sample[i])}
             return (Finding(code="clock.times_unreadable", part=names[i], evidence=evidence),)
-        if rank < _SHORT and stated is not None and stated not in UNITS:
+        if rank < Rank.SHORT and stated is not None and stated not in UNITS:
             return (Finding(code="clock.unit_unknown", part=names[i], evidence={"stated": stated}),)
     return ()
 

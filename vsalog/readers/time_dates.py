@@ -10,7 +10,8 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vsalog.core.recording import Stamps
-from vsalog.readers.time_written import DAY, moments, times_of_day
+from vsalog.readers.reach import Nanoseconds
+from vsalog.readers.time_written import moments, times_of_day
 
 _SHAPE = r"^\d{4}-\d\d-\d\d([T ]\d\d(:?\d\d(:?\d\d([.]\d{1,9})?)?)?)?([+-]\d\d:?\d\d)?$"
 _ZONED = r":?\d\d(\.\d+)?[+-]\d\d:?\d\d$"
@@ -69,7 +70,7 @@ def in_nanoseconds(array: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
     """
     kind = array.type
     if pa.types.is_date32(kind):
-        numbers, factor = pc.cast(array, pa.int32()), DAY
+        numbers, factor = pc.cast(array, pa.int32()), int(Nanoseconds.DAY)
     elif pa.types.is_date64(kind):
         numbers, factor = pc.cast(array, pa.int64()), 10**6
     else:

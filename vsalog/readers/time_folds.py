@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps
 from vsalog.readers.bad_stamps import COUNTED
+from vsalog.readers.reach import Nanoseconds
 from vsalog.readers.time_steps import FEW
-from vsalog.readers.time_written import DAY, HOUR
 
 _FULL = tuple(2**32 * unit for unit in (1, 10**3, 10**6))
 """How far counters of nanoseconds, microseconds and milliseconds reach that have 32 bits [ns]."""
@@ -51,12 +51,12 @@ class Folds:
         back = np.cumsum(hours) + self._hours
         self._hours = int(back[-1])
         unfolded = stamps.copy()
-        unfolded[good] = times + back * HOUR + self._periods(times, before, hours > 0) * self._period
+        unfolded[good] = times + back * Nanoseconds.HOUR + self._periods(times, before, hours > 0) * self._period
         return unfolded
 
     def findings(self) -> list[Finding]:
         """Return what to tell."""
-        what = {"what": "at midnight" if self._period == DAY else "after an hour"}
+        what = {"what": "at midnight" if self._period == Nanoseconds.DAY else "after an hour"}
         begun = [Finding(code="clock.begins_anew", value=self._most, evidence=what)] if self._most else []
         return begun + [
             Finding(code="clock.set_back", value=often, evidence={"hours": hours})
@@ -70,7 +70,7 @@ class Folds:
         near = self._period // 24
         anew = steps < -self._period // 8  # no sample comes so late
         if self._dated:
-            anew &= (steps < near - self._period) & (times // DAY == before // DAY)
+            anew &= (steps < near - self._period) & (times // Nanoseconds.DAY == before // Nanoseconds.DAY)
         anew &= ~told
         # A sample from before midnight that comes after it, or a date that follows late.
         undone = np.abs(steps - self._period) < near
@@ -83,9 +83,9 @@ class Folds:
     def _hours_back(self, steps: Stamps) -> Stamps:
         """Return by how many hours the clock is set back at each sample."""
         hours = np.zeros(len(steps), np.int64)
-        near = min(FEW * self._step, HOUR // 60)
-        for size in _SET_BACK if self._period == DAY else ():
-            back = (steps > -size * HOUR) & (steps <= near - size * HOUR)
+        near = min(FEW * self._step, Nanoseconds.MINUTE)
+        for size in _SET_BACK if self._period == Nanoseconds.DAY else ():
+            back = (steps > -size * Nanoseconds.HOUR) & (steps <= near - size * Nanoseconds.HOUR)
             hours[back] = size
             self._often[size] += int(np.count_nonzero(back))
         return hours

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from enum import IntEnum
 
 UNITS = {
     "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s",
@@ -14,7 +15,14 @@ UNITS = {
     "d": "d", "day": "d", "days": "d", "tage": "d",
 }  # fmt: skip
 
-# Best first. What follows the stem may be a unit: time_ms, time [min].
+
+class Rank(IntEnum):
+    """How surely a name is a clock's, best first; SHORT ones may be others, as T is, and DATED columns lack the time of day."""
+
+    HEADER, STAMP, TIME, SHORT, DATED = range(5)
+
+
+# By rank. What follows the stem may be a unit: time_ms, time [min].
 STEMS = (
     r"(field\.)?header[._/]stamp",
     r"__time|%time|stamp|time_?stamp|unix_?time|ros_?time|gps_?time|epoch",
@@ -24,7 +32,6 @@ STEMS = (
 )
 _GLUED = re.compile(r"^time(?P<unit>us|ms|ns)$")
 """As flight controllers call it."""
-DATED = len(STEMS) - 1
 _ANY_UNIT = "|".join(UNITS)
 _NAME = [re.compile(rf"^(?:{stem})(?:_(?P<unit>{_ANY_UNIT})|_?[\[(](?P<bracket>[^\])]*)[\])])?$") for stem in STEMS]
 

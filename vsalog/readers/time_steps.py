@@ -15,7 +15,7 @@ from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.bad_stamps import COUNTED
 from vsalog.readers.clock_steps import LEAST
-from vsalog.readers.reach import FARTHEST
+from vsalog.readers.reach import Stamp
 
 FEW = 10
 """A clock that is set back goes back by more than so many of its steps; rows that are less late are sorted."""
@@ -55,7 +55,7 @@ class StepsBack:
         marks : callable
             Called only where rows may be copies of others.
         """
-        good = good & (stamps > -FARTHEST) & (stamps < FARTHEST)
+        good = good & (stamps > -Stamp.FARTHEST) & (stamps < Stamp.FARTHEST)
         times = stamps[good] + self._shift
         if not times.size:
             return stamps

@@ -16,9 +16,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vsalog.core.recording import Stamps
-
-HOUR = 3600 * 10**9
-DAY = 24 * HOUR
+from vsalog.readers.reach import Nanoseconds
 
 _TIME = (
     r"(?P<sign>[+-]?)(?P<hour>\d{1,4}):(?P<minute>[0-5]\d)"
@@ -47,9 +45,6 @@ _ZONES = {
 }  # fmt: skip
 """Hours ahead of UTC of the zones that go by a name: those of e-mail's standard, and of Central Europe and Japan."""
 
-_YEARS = (1679, 2261)
-"""All of whose nanoseconds fit into 64 bits."""
-
 
 def moments(text: pa.Array, order: str) -> tuple[Stamps, NDArray[np.bool_]]:
     """Return dates, with or without a time of day, [ns since the epoch], and which texts are dates.
@@ -68,8 +63,8 @@ def moments(text: pa.Array, order: str) -> tuple[Stamps, NDArray[np.bool_]]:
     zones, known = _each(parts["zone"], _zone)
     of_day, told = times_of_day(parts["clock"])
     without = np.asarray(pc.fill_null(pc.equal(parts["clock"], ""), True).to_numpy(zero_copy_only=False), bool)
-    good &= known & (without | (told & (of_day >= 0) & (of_day < DAY)))
-    return np.where(good, days * DAY + np.where(without, 0, of_day) - zones, 0), good
+    good &= known & (without | (told & (of_day >= 0) & (of_day < Nanoseconds.DAY)))
+    return np.where(good, days * Nanoseconds.DAY + np.where(without, 0, of_day) - zones, 0), good
 
 
 def dates_of(text: pa.Array) -> list[str]:
@@ -142,7 +137,8 @@ def _day(y: str, m: str, d: str) -> int | None:
         day = date(year, int(m), int(d)).toordinal() - date(1970, 1, 1).toordinal()
     except ValueError:
         return None
-    return day if _YEARS[0] <= year <= _YEARS[1] else None
+    in_64_bits = (abs(day) + 7) * Nanoseconds.DAY <= np.iinfo(np.int64).max  # with any time of day and zone
+    return day if in_64_bits else None
 
 
 def _zone(written: str) -> int | None:
@@ -150,8 +146,8 @@ def _zone(written: str) -> int | None:
     offset = _OFFSET.match(written)
     if offset is None:
         hours = _ZONES.get(written.lower(), None if written else 0)
-        return None if hours is None else hours * HOUR
-    size = int(offset[2]) * HOUR + int(offset[3] or 0) * HOUR // 60
+        return None if hours is None else hours * Nanoseconds.HOUR
+    size = int(offset[2]) * Nanoseconds.HOUR + int(offset[3] or 0) * Nanoseconds.HOUR // 60
     return -size if offset[1] == "-" else size
 
 

@@ -18,11 +18,8 @@ from vsalog.core.resolution import STRETCHES
 from vsalog.readers.bad_stamps import FEW, are_few, bad_rows, looked_at
 from vsalog.readers.base import BLOCK_ROWS, CLOCKS
 from vsalog.readers.clock_steps import ClockSteps
+from vsalog.readers.reach import Nanoseconds, Stamp
 from vsalog.readers.table_stamps import stamps_that_are_none
-from vsalog.readers.time_written import DAY
-
-YEAR_2000 = 946_684_800_000_000_000
-"""Nanoseconds since the epoch; stamps before it are not dates."""
 
 STANDING = Finding(code="clock.log_stands")
 """Why a stream is on another clock than the log's, which stands still."""
@@ -186,7 +183,7 @@ class HeaderStamps:
         self.zero += int(np.count_nonzero(header == 0))
         self.all_same = self.all_same and bool(np.all(header == self.first[0]))
         self.log_same = self.log_same and bool(np.all(log == self.first[1]))
-        far = np.abs(header - log) > DAY
+        far = np.abs(header - log) > Nanoseconds.DAY
         self.distant += int(np.count_nonzero(far))
         self.steps.add(header, log)
         if self.far is None and far.any():
@@ -201,7 +198,7 @@ class HeaderStamps:
             return self._stepped()
         if self.zero:
             return Finding(code="clock.stamps_zero", value=self.zero, evidence={"stamps": self.count})
-        if self.distant == self.count and self.far[0] < YEAR_2000 <= self.far[1]:
+        if self.distant == self.count and self.far[0] < Stamp.YEAR_2000 <= self.far[1]:
             return Finding(code="clock.stamps_before_2000")
         return Finding(code="clock.stamps_far", value=self.distant, evidence={"stamps": self.count})
 

@@ -18,10 +18,10 @@ from vsalog.core.errors import ReadError, UnitError
 from vsalog.core.recording import Channel, Recording, Stamps
 from vsalog.core.units import parse_quantity, shown
 from vsalog.readers.base import Reader
-from vsalog.readers.reach import FARTHEST, within_reach
+from vsalog.readers.reach import Stamp, within_reach
 from vsalog.readers.time_columns import nanoseconds
 from vsalog.readers.time_sizes import epoch_unit
-from vsalog.readers.timing import YEAR_2000, choose_clock
+from vsalog.readers.timing import choose_clock
 
 HOW = (
     "give seconds from the log's beginning, a number with a unit such as '2 min', a date such as 2026-01-31T12:00:05.5Z,"
@@ -123,7 +123,7 @@ class Window:
             raise ReadError(
                 "has no time, so there is no start and no end in it; give the sample rate with --rate", path
             )
-        if begin < YEAR_2000 and any(moment.dated for moment in moments):
+        if begin < Stamp.YEAR_2000 and any(moment.dated for moment in moments):
             raise ReadError("its times are no dates; give start and end in seconds from its beginning", path)
         low, high = (
             None if moment is None else moment.time + (0 if moment.dated else begin)
@@ -131,7 +131,7 @@ class Window:
         )
         if low is not None and high is not None and high <= low:
             raise ReadError(f"the end, {said(high)}, is not after the start, {said(low)}", path)
-        return -FARTHEST if low is None else low, FARTHEST if high is None else high
+        return -Stamp.FARTHEST if low is None else low, Stamp.FARTHEST if high is None else high
 
 
 def cut(recording: Recording, low: int, high: int, known: Collection[str] = ()) -> Recording:
@@ -180,14 +180,14 @@ def _nothing(recording: Recording, low: int, high: int) -> str:
     stamps = [c.stamps for c in recording.channels.values() if c.stamps.size]
     first, last = min((int(s[0]) for s in stamps), default=0), max((int(s[-1]) for s in stamps), default=0)
     there = f"; its samples are from {said(first)} to {said(last)}"
-    since = f" from {said(low)}" if low > -FARTHEST else ""
-    until = f" to {said(high)}" if high < FARTHEST else ""
+    since = f" from {said(low)}" if low > -Stamp.FARTHEST else ""
+    until = f" to {said(high)}" if high < Stamp.FARTHEST else ""
     return f"has no sample{since}{until}{there if stamps else ''}"
 
 
 def said(stamp: int) -> str:
     """Write a stamp in words: a date, or seconds where it cannot be one."""
-    if stamp < YEAR_2000:
+    if stamp < Stamp.YEAR_2000:
         return f"{stamp / 1e9:g} s"
     seconds, fraction = divmod(stamp, 1_000_000_000)
     try:
@@ -220,6 +220,6 @@ def _with_unit(text: str, name: str) -> Moment:
 
 
 def _whole(nanoseconds: Decimal, text: str, name: str) -> int:
-    if not nanoseconds.is_finite() or abs(nanoseconds) > FARTHEST or nanoseconds < 0:
+    if not nanoseconds.is_finite() or abs(nanoseconds) > Stamp.FARTHEST or nanoseconds < 0:
         raise ReadError(f"{name} '{shown(text)}' is no time within any log: {HOW}")
     return int(nanoseconds.to_integral_value())

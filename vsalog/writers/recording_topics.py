@@ -5,17 +5,25 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 
 from vsalog.core.errors import WriteError
 from vsalog.core.recording import Channel, Recording, Stamps, Values
+from vsalog.readers.reach import Nanoseconds
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 FLOAT64 = "std_msgs/msg/Float64"
 JOINT_FIELDS = ("position", "velocity", "effort")
 
 _JOINT_CHANNEL = re.compile(r"^(?P<topic>.+)\.(?P<field>position|velocity|effort)\[(?P<name>[^\[\]]+)\]$")
+
+
+class RosTime(IntEnum):
+    """The first number of seconds that a stamp cannot have: they are signed and have 32 bits in ROS 2."""
+
+    END = 2**31
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +46,7 @@ class Topic:
     columns: Mapping[tuple[str, str], Values]
 
     def __post_init__(self) -> None:
-        # The seconds of a stamp are a signed 32-bit number in ROS 2.
-        if self.stamps.size and (int(self.stamps[0]) < 0 or int(self.stamps[-1]) // 10**9 > np.iinfo(np.int32).max):
+        if self.stamps.size and (int(self.stamps[0]) < 0 or int(self.stamps[-1]) >= RosTime.END * Nanoseconds.SECOND):
             raise WriteError(f"topic {self.name}: its stamps are outside of what ROS can hold (0 to 2³¹ s)")
         if any(values.shape != self.stamps.shape for values in self.columns.values()):
             raise WriteError(f"topic {self.name}: its columns differ in length")
