@@ -12,9 +12,9 @@ from rosbags import rosbag1
 from write_logs import JOINT_STATE, MS, START, McapLog, joint_state, serialised
 
 from vsalog.readers import open_reader, read, streams
-from vsalog.readers.base import MOST_PARTS
 from vsalog.readers.frames import Frames, header_frames
 from vsalog.readers.json_messages import JsonDecoder
+from vsalog.readers.limits import MOST_PARTS
 from vsalog.readers.packets import Messages
 
 COUNT = 40
@@ -106,7 +106,7 @@ def of_two(frames, shift):
 )
 def test_two_frames_at_a_time_in_one_channel_are_two_streams(tmp_path, monkeypatch, frames, names, ros1, large):
     if large:
-        monkeypatch.setattr(streams, "WHOLE_BYTES", 0)
+        monkeypatch.setattr(streams, "PACKED_BYTES", 0)
     path = framed(tmp_path / "log.bag", of_two(frames, 0.5), ros1)
     for recording in (read(path), read(path, room=0), read(path, start=0)):
         assert set(recording.streams) == {f"/j@{name}" for name in names}
@@ -244,8 +244,8 @@ def test_a_frame_that_changes_for_a_moment_or_for_good_is_one_publishers(tmp_pat
 
 def test_frames_that_were_not_seen_in_time_are_told(tmp_path, monkeypatch):
     """Of a large log without an index, only the beginning is looked at beforehand."""
-    monkeypatch.setattr(streams, "WHOLE_BYTES", 0)
-    monkeypatch.setattr(streams, "FIRST_PACKETS", 0)
+    monkeypatch.setattr(streams, "PACKED_BYTES", 0)
+    monkeypatch.setattr(streams, "ENOUGH", 0)
     monkeypatch.setattr("vsalog.readers.mcap_file.McapContainer.glimpses", lambda container, ids: iter(()))
     recording = read(framed(tmp_path / "log", of_two(("left", "right"), 0.5)))
     assert set(recording.streams) == {"/j"}

@@ -151,7 +151,6 @@ def test_texts_of_two_bytes_a_character(tmp_path):
 
 def test_large_messages_among_small_ones(tmp_path, by_range, monkeypatch):
     monkeypatch.setattr(sqlite_ranges, "PACKED_BYTES", 2**16)
-    monkeypatch.setattr(sqlite_ranges, "MOST_BYTES", 2**17)
     rows = sound(2000)
     for at in (900, 905, 1200):
         rows[at] = (*rows[at][:3], bytes(2**16))

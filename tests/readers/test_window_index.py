@@ -61,8 +61,8 @@ KINDS = pytest.mark.parametrize("kind", ["mcap", "rosbag1", "sqlite3"])
 def small(monkeypatch):
     """Small logs are read like large ones."""
     monkeypatch.setattr("vsalog.readers.bag.LEAST_BYTES", 0)
-    monkeypatch.setattr("vsalog.readers.streams.WHOLE_BYTES", 0)
-    monkeypatch.setattr(delays, "MARGIN", 2 * S)
+    monkeypatch.setattr("vsalog.readers.streams.PACKED_BYTES", 0)
+    monkeypatch.setattr(delays, "AHEAD", 2 * S)
 
 
 @pytest.fixture

@@ -46,7 +46,7 @@ def inspect(
     Step is the least significant step of a channel, noise the standard deviation of its white noise. Roles are guesses
     from names, units and the numbers; `vsalog init` turns them into a rig file. What was damaged or odd stands in notes.
 
-    Of logs above 128 MB a sample is read: stretches from the begin to the end, some 32 MB. --full reads all; so do
+    Of logs above 64 MB a sample is read: stretches from the begin to the end, some 32 MB. --full reads all; so do
     --start and --end, since a part may be too short for a sample.
 
     Of several logs, one that cannot be read is reported on stderr, in JSON under "unreadable"; the others are shown, and

@@ -14,23 +14,21 @@ import numpy as np
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Values
 from vsalog.core.resolution import STRETCHES
+from vsalog.readers.limits import ENOUGH
 
 LENGTH = 512
 """Samples of a stretch that is looked at."""
 
-_CHANNELS = 16  # of a stream that are looked at, of more these are spread over it
-LEAST = 64  # samples of a stretch that tell anything
-MOST_TURNS = 6  # samples after which it is the same one's turn
-_FEW = 8  # different values that a switch may have, which goes back and forth by itself
-_TIMES = 5  # so many times smaller is a step over all turns than one over one
-_PART = 0.2  # of the range is a step at least: an encoder's last digit goes back and forth by itself, too
-_LEAST_PART = 0.05  # of the range where no step over all turns is as large, as steps of an encoder are
-_PARTS, _CHANGE = 8, 0.5  # how much publishers are apart differs so much among the parts of a stretch
+MOST_TURNS = 6
+"""Samples after which it is the same publisher's turn, at most."""
+APART = 5.0
+"""So many times larger is a step from one publisher to another than one's own steps; and where two go by turns, the range is no
+more than so many such steps: an encoder's last digit goes back and forth by itself, too."""
 
 
 def alternating(stream: str, columns: Mapping[str, Values]) -> list[Finding]:
     """Return that most channels of a stream that vary go back and forth; nothing where they do not."""
-    looked_at = list(columns.values())[:: max(1, len(columns) // _CHANNELS)]
+    looked_at = list(columns.values())[:: max(1, len(columns) // STRETCHES)]
     varying = [found for column in looked_at if (found := _goes_back_and_forth(column)) is not None]
     if not varying or 2 * sum(varying) <= len(varying):
         return []
@@ -47,7 +45,7 @@ def _goes_back_and_forth(column: Values) -> bool | None:
 
 def _alternates(values: Values) -> bool | None:
     values = values[np.isfinite(values)]
-    if values.size < LEAST or np.unique(values).size <= _FEW:
+    if values.size < ENOUGH * MOST_TURNS or np.unique(values).size <= ENOUGH:
         return None
     values = values / np.abs(values).max()  # whose differences are finite
     if float(np.ptp(values)) == 0:
@@ -60,7 +58,7 @@ def _alternates(values: Values) -> bool | None:
 
 def _by_two(values: Values) -> bool:
     one, two = (float(np.median(np.abs(values[k:] - values[:-k]))) for k in (1, 2))
-    return _TIMES * two < one and one > _PART * float(np.ptp(values))
+    return APART * two < one and APART * one > float(np.ptp(values))
 
 
 def _by_more(values: Values, turns: int) -> bool | None:
@@ -70,14 +68,10 @@ def _by_more(values: Values, turns: int) -> bool | None:
     """
     one, all_turns = (np.abs(values[k:] - values[:-k]) for k in (1, turns))
     step = float(one.mean())
-    if (
-        _TIMES * float(all_turns.mean()) >= step
-        or step <= _LEAST_PART * float(np.ptp(values))
-        or all_turns.max() > step
-    ):
+    if APART * float(all_turns.mean()) >= step or APART**2 * step <= float(np.ptp(values)) or all_turns.max() > step:
         return False
     rounds = values[: values.size // turns * turns].reshape(-1, turns)
-    apart = [float(part.mean()) for part in np.array_split(rounds.var(axis=1), _PARTS)]
-    if max(apart) - min(apart) <= _CHANGE * float(np.mean(apart)):
+    apart = [float(part.mean()) for part in np.array_split(rounds.var(axis=1), ENOUGH)]
+    if 2 * (max(apart) - min(apart)) <= float(np.mean(apart)):
         return False
     return True if any(np.diff(apart) > 0) else None

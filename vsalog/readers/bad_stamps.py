@@ -15,11 +15,8 @@ from numpy.typing import NDArray
 
 from vsalog.core.column import PART, parts
 from vsalog.core.recording import Stamps
-from vsalog.readers.clock_steps import AHEAD, NEAR
+from vsalog.readers.clock_steps import AHEAD, FAR, NEAR
 from vsalog.readers.reach import Nanoseconds, Stamp
-
-_FAR = 4  # times farther from where it belongs than those around it
-
 
 COUNTED = 20 * 365 * Nanoseconds.DAY
 """Stamps below it are counted from some start; dates that go back are those of logs that were put together in another order."""
@@ -91,7 +88,7 @@ def _are_off(header: Stamps, delay: Stamps, rows: Stamps) -> NDArray[np.bool_]:
     around = rows[:, None] + np.arange(-REACH, REACH + 1)
     stamps, delays = header[around], delay[around]
     off = np.abs(delays - np.median(delays, axis=1)[:, None])
-    good = off <= off[:, REACH : REACH + 1] / _FAR
+    good = off <= off[:, REACH : REACH + 1] / FAR
     usual = np.where(good[:, 1:] & good[:, :-1], np.diff(stamps), np.nan)
     known = ~np.isnan(usual).all(axis=1)
     usual[~known] = 0

@@ -12,27 +12,23 @@ from vsalog.core.errors import ReadError
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps, Values
-from vsalog.readers.base import BLOCK_ROWS, Block, Catalogue, ChannelInfo
+from vsalog.readers.base import Block, Catalogue, ChannelInfo
 from vsalog.readers.chunk_index import IndexContradictsError, Part
 from vsalog.readers.container import CATALOGUE_MESSAGES, Connection, Container
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError, normal_type
 from vsalog.readers.delays import LEAST_BYTES, Delays, Promise
+from vsalog.readers.fields import MAX_FIELDS
 from vsalog.readers.frames import Frames
+from vsalog.readers.limits import BLOCK_ROWS, MOST_STEPS, PACKED_BYTES
 from vsalog.readers.messages import Decoder
-from vsalog.readers.packets import PACKED_BYTES, Integers, Messages, Packet
+from vsalog.readers.packets import Integers, Messages, Packet
 from vsalog.readers.plain_messages import plain, plain_packets
 from vsalog.readers.publishers import FrameWatch, mixed_up, publisher_stream
 from vsalog.readers.streams import Named, Streams
 
-# Of wide streams, fewer messages make a block; how wide a stream is, its first block tells.
-BLOCK_VALUES, FIRST_ROWS, LEAST_ROWS = 2**20, 512, 64
-# So many messages of a stream that lie together in the file are decoded where they lie; fewer wait for others.
-MANY = 512
-# So many connections are looked for one by one; of more, those that are there are found first.
 FEW = 16
-# What is beyond is no recording, and would take minutes and memory to prepare for.
-MOST_CHANNELS = 2**18
+"""So many connections are looked for one by one; of more, those that are there are found first."""
 
 
 @dataclass(slots=True)
@@ -52,7 +48,7 @@ class _Batch:
     messages: list[Messages] = field(default_factory=list)
     count: int = 0
     size: int = 0
-    rows: int = FIRST_ROWS
+    rows: int = PACKED_BYTES // (8 * MAX_FIELDS)  # how wide the stream is, its first block tells
     expected: int = 0
     apart: Sequence[_Batch] = ()
     frames: Frames = field(default_factory=Frames)
@@ -165,7 +161,7 @@ class BagReader:
         packets = self._first_of(batches.keys()) if first_only else self._container.packets(batches.keys())
         for packet in plain_packets(packets):
             for batch, rows in _shared_out(packet, batches):
-                if rows.size >= MANY:
+                if rows.size >= BLOCK_ROWS // FEW:  # are decoded where they lie; fewer wait for others
                     if batch.messages:
                         yield self._flush(batch, total, damaged)
                     while rows.size:
@@ -260,7 +256,7 @@ class BagReader:
         decoded = batch.decoder.decode(messages)
         if batch.watch is not None:
             batch.watch.add(batch.connection, messages, log)
-        batch.rows = max(LEAST_ROWS, min(BLOCK_ROWS, BLOCK_VALUES // max(1, len(decoded.columns))))
+        batch.rows = min(BLOCK_ROWS, PACKED_BYTES // (8 * max(1, len(decoded.columns))))
         total[batch.stream] += rows.size
         damaged[batch.stream] += int(len(decoded.good) - decoded.good.sum())
         clocks: dict[str, Stamps] = {"log": log}
@@ -281,9 +277,9 @@ class BagReader:
         for name, reason in batch.decoder.unread.items():
             self.unread.setdefault(name, reason)
         self._channels.update(columns)
-        if max(len(self._channels), len(self.unread)) > MOST_CHANNELS:
+        if max(len(self._channels), len(self.unread)) > MOST_STEPS:
             raise ReadError(
-                f"the log has more than {MOST_CHANNELS} channels, as no recording has; only some channels of it can be read, by"
+                f"the log has more than {MOST_STEPS} channels, as no recording has; only some channels of it can be read, by"
                 " their names"
             )
         units = {**decoded.units, **_stated_units(batch, columns)}

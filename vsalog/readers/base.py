@@ -9,24 +9,6 @@ from typing import Protocol
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.recording import Stamps, Values
 
-BLOCK_ROWS = 8192
-"""Samples a block has at most: large enough for NumPy, small enough that a log never sits in memory."""
-
-PIECE_BYTES = 2**20
-"""Bytes of a file that are read at once: enough that calls cost nothing, few enough for memory and the processor's cache."""
-
-MAX_DEPTH = 32
-"""Structures within structures that are followed; messages of robots have fewer than ten, and damage has no end."""
-
-SAMPLE_ROWS = 200
-"""Rows of a table that tell what its columns are."""
-
-MOST_PARTS = 256
-"""Parts of a stream or table (devices, frames, patterns of blanks) that are told apart; more are a counter's values."""
-
-MAX_ARRAY = 64
-"""Arrays with more values than this are images, clouds or maps, not signals."""
-
 DOUBTFUL = frozenset(
     (
         "recording.values_doubtful",

@@ -15,8 +15,6 @@ class IndexContradictsError(ReadError):
     """A log's index says two things of what is in a chunk: all of the log has to be read."""
 
 
-GLIMPSE_BYTES = 128 * 1024
-"""Of a chunk, so much is decompressed for a look at its first messages."""
 GLIMPSES = 512
 """Of so many chunks, evenly spread, the first messages are looked at to learn what is common in a log."""
 

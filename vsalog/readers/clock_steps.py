@@ -13,6 +13,7 @@ import numpy as np
 
 from vsalog.core.column import PART
 from vsalog.core.recording import Stamps
+from vsalog.readers.limits import MOST_PARTS, TELLING
 
 AHEAD = 60_000_000_000
 """A clock that leaps farther ahead of the log's time [ns] was set; less may be messages that were lost on the way."""
@@ -23,12 +24,10 @@ NEAR = 1_000_000_000
 
 LEAST = 4
 """Samples that a step moves among others; fewer are jitter."""
-_LEVEL = 64  # samples that tell how far stamps are from the log's times
-_SPREAD = (10, 50, 90)  # percentiles of that: steps are beyond what it varies
-
-_KEPT = 4 * _LEVEL  # samples of a piece that are seen again with the next one, for steps at its end
-_EVEN, _GAP = 2, 4  # intervals differ by such a factor at most, and one of the log's may be so many times longer
-_JUDGED = 64  # places in a piece that are looked at, the largest steps first
+_LEVEL = 64
+"""Samples that tell how far stamps are from the log's times."""
+FAR = 4
+"""So many times longer than usual is an interval, or farther off a stamp, that is one for itself."""
 
 
 @dataclass(slots=True)
@@ -50,10 +49,11 @@ class ClockSteps:
         if self._waiting <= PART:
             return
         header, log = np.concatenate(self._headers), np.concatenate(self._logs)
+        new = PART - FAR * _LEVEL  # the others are seen again with the next piece, for steps at its end
         while header.size > PART:
             self._look(header[:PART], log[:PART], 2 * _LEVEL)
-            self._lowest = self._lowest_before(log[:PART] - header[:PART], PART - _KEPT)
-            header, log = header[PART - _KEPT :], log[PART - _KEPT :]
+            self._lowest = self._lowest_before(log[:PART] - header[:PART], new)
+            header, log = header[new:], log[new:]
         self._headers, self._logs, self._waiting = [header], [log], header.size
 
     def end(self) -> None:
@@ -70,7 +70,7 @@ class ClockSteps:
             self._look_back(header, log, header.size - waiting)
         leads = steps - np.diff(log)
         places = np.flatnonzero((steps > NEAR) & (leads > NEAR))
-        for k in places[np.argsort(-leads[places], kind="stable")[:_JUDGED]].tolist():
+        for k in places[np.argsort(-leads[places], kind="stable")[:MOST_PARTS]].tolist():
             size = _moved(log - header, k, slice(k + 1, k + 1 + _LEVEL))
             if header.size - k <= max(waiting, LEAST) or -size <= leads[k] // 2:
                 continue
@@ -99,7 +99,7 @@ class ClockSteps:
         long = (ends - begins >= LEAST) & (begins < until)
         long &= (log[lasts] - log[begins - 1] > depths // 2) | (ends == header.size)
         places = np.flatnonzero(long)
-        for k in places[np.argsort(-depths[places], kind="stable")[:_JUDGED]].tolist():
+        for k in places[np.argsort(-depths[places], kind="stable")[:MOST_PARTS]].tolist():
             begin, end = int(begins[k]), int(ends[k])
             after = slice(max(begin, end - _LEVEL) if end == header.size else end, end + _LEVEL)
             size = _moved(log - header, begin - 1, after)
@@ -109,9 +109,15 @@ class ClockSteps:
 
 def _moved(delay: Stamps, last: int, after: slice) -> int:
     """Return how much more delay [ns] samples have than those up to the `last` before them, 0 where that may be jitter."""
-    low, level, high = np.percentile(delay[max(0, last + 1 - _LEVEL) : last + 1], _SPREAD)
-    new_low, new_level, new_high = np.percentile(delay[after], _SPREAD)
+    low, level, high = _spread(delay[max(0, last + 1 - _LEVEL) : last + 1])
+    new_low, new_level, new_high = _spread(delay[after])
     return int(new_level - level) if new_low > high or new_high < low else 0
+
+
+def _spread(delay: Stamps) -> tuple[float, float, float]:
+    """Return between what delays vary, and their median."""
+    low, level, high = np.quantile(delay, (1 - TELLING, 0.5, TELLING)).tolist()
+    return low, level, high
 
 
 def _goes_on_evenly(header: Stamps, log: Stamps, last: int) -> bool:
@@ -121,4 +127,4 @@ def _goes_on_evenly(header: Stamps, log: Stamps, last: int) -> bool:
         return False
     usual = [float(np.median(np.diff(stamps[part]))) for stamps in (header, log) for part in (before, after)]
     leap = header[last + 1] - header[last]
-    return 0 < max(usual) <= _EVEN * min(usual) and log[last + 1] - log[last] <= max(_GAP * max(usual), leap // _GAP)
+    return 0 < max(usual) <= 2 * min(usual) and log[last + 1] - log[last] <= max(FAR * max(usual), leap // FAR)

@@ -5,14 +5,16 @@ from __future__ import annotations
 import bz2
 from typing import Any
 
+from vsalog.readers.limits import PACKED_BYTES
+
 MAX_BYTES = 256 * 2**20
 """Largest chunk that is read: recorders write a few megabytes, and a chunk has to fit in memory whole."""
 
 FILE_RATIO = 200
 """Tables and MATLAB files become ten times smaller; what becomes so much smaller, and is large, is no recording but a bomb."""
 
-FREE_BYTES, MAX_RATIO = 16 * 2**20, 1000
-"""Beyond so many bytes, what grows more than so many times is no recording but a bomb."""
+MAX_RATIO = 1000
+"""What grows more than so many times is no recording but a bomb."""
 
 
 class DamagedDataError(Exception):
@@ -80,7 +82,7 @@ def refuse_bomb(compressed: int, size: int) -> None:
     """Raise DamagedDataError where data announce more bytes than any recording has."""
     if size > MAX_BYTES:
         raise DamagedDataError(f"it announces {size} bytes; more than {MAX_BYTES} are not read at once")
-    if size > FREE_BYTES and size > MAX_RATIO * compressed:
+    if size > PACKED_BYTES and size > MAX_RATIO * compressed:
         raise DamagedDataError(f"it announces {size} bytes out of {compressed}: no recording is compressed so much")
 
 
@@ -116,7 +118,7 @@ def unfolded_size(data: bytes) -> int:
 
 
 def _most(data: bytes) -> int:
-    return max(FREE_BYTES, min(MAX_BYTES, MAX_RATIO * len(data)))
+    return max(PACKED_BYTES, min(MAX_BYTES, MAX_RATIO * len(data)))
 
 
 def _zstd(data: bytes, size: int) -> bytes:

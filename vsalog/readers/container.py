@@ -12,8 +12,8 @@ from vsalog.readers.packets import Packet
 
 CATALOGUE_MESSAGES = 20
 """So many messages of a connection tell its channels."""
-MOST_CONNECTIONS = 2**16
-"""Connections that a bag has at most; more would take minutes and memory to prepare for."""
+MOST_CONNECTIONS = 2**14
+"""Connections or topics that a log has at most; more would take minutes and memory to prepare for."""
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 """How messages and files begin that ROS 2 has compressed."""
 

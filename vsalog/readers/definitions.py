@@ -12,6 +12,7 @@ from functools import cache, lru_cache
 from typing import Any
 
 from vsalog.readers.fields import LONG_NAMES, MAX_NAME
+from vsalog.readers.limits import MAX_DEPTH
 
 # Seconds and nanoseconds in ROS 1, where a date is unsigned and a duration signed, and in ROS 2.
 TIMES = {
@@ -44,7 +45,6 @@ class Kind(IntEnum):
 
 
 _LONGEST = 2**17  # characters of a definition: the longest that ROS ships have a tenth of it
-_DEEPEST = 50  # messages within messages: a definition is followed further down than a message
 
 
 # What the parser passes over or misunderstands, and what it means nothing in.
@@ -231,7 +231,7 @@ class _Builder:
             return self.built[name]
         if name in outer:
             raise DefinitionError(f"{name} contains itself")
-        if len(outer) > _DEEPEST:
+        if len(outer) > MAX_DEPTH:
             raise DefinitionError(f"{outer[0]} is nested too deeply")
         if name not in self.table:
             raise DefinitionError(f"the log does not hold the definition of {name or 'its messages'}")

@@ -15,19 +15,12 @@ import numpy as np
 
 from vsalog.core.errors import ReadError
 from vsalog.core.recording import Stamps
+from vsalog.readers.clock_steps import AHEAD, NEAR
+from vsalog.readers.limits import ENOUGH
 from vsalog.readers.reach import Nanoseconds, Stamp
 
 LEAST_BYTES = 64 * 2**20
 """Of less than this all is read: that is done at once, and needs no promise."""
-
-MARGIN = 10_000_000_000
-"""So much farther than in the samples may stamps be from the log's times [ns]."""
-
-STEP = 100_000_000
-"""Where samples that follow one another are so much farther from the log's times [ns], a clock may have been set between them."""
-
-LEAST_SEEN = 8
-"""Streams that are in fewer samples are read throughout."""
 
 
 @dataclass(slots=True)
@@ -55,7 +48,7 @@ class Delays:
             return False
         self.least, self.most = min(self.least, int(delay.min())), max(self.most, int(delay.max()))
         before, self.level[stream] = self.level.get(stream), int(np.median(delay))
-        if before is not None and abs(self.level[stream] - before) > STEP:
+        if before is not None and abs(self.level[stream] - before) > NEAR:  # a clock may have been set between them
             self.stepping.add(stream)
         self.seen[stream] += 1
         self.rows[stream] += stamps.size
@@ -69,11 +62,11 @@ class Delays:
 
     def rare(self, streams: Iterable[str]) -> set[str]:
         """Return those of some streams that are in too few samples to know them by."""
-        return {stream for stream in streams if self.seen[stream] < LEAST_SEEN}
+        return {stream for stream in streams if self.seen[stream] < ENOUGH}
 
     def widened(self, low: int, high: int) -> tuple[int, int]:
         """Return between which log times [ns] all messages lie whose stamps are in a window."""
-        return max(low + self.least - MARGIN, -Stamp.FARTHEST), min(high + self.most + MARGIN, Stamp.FARTHEST)
+        return max(low + self.least - AHEAD, -Stamp.FARTHEST), min(high + self.most + AHEAD, Stamp.FARTHEST)
 
 
 class Promise:
@@ -103,7 +96,7 @@ class Promise:
             return
         limits, read = self._delays, self._read
         sound = read.add(stream, stamps, log)
-        if not sound or read.least < limits.least - MARGIN or read.most > limits.most + MARGIN:
+        if not sound or read.least < limits.least - AHEAD or read.most > limits.most + AHEAD:
             raise ReadError(f"{stream}: its header stamps are far from the log's times")
 
     def end(self) -> None:

@@ -8,9 +8,9 @@ from enum import IntEnum
 import numpy as np
 from numba import njit
 
-from vsalog.readers.base import MOST_PARTS
 from vsalog.readers.definitions import Scalar, Struct, Text, Time
 from vsalog.readers.fields import MAX_NAME
+from vsalog.readers.limits import MOST_PARTS
 from vsalog.readers.packets import Bytes, Integers, Messages
 
 

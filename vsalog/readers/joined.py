@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import IO
 
 from vsalog.core.finding import Finding, Findings
-from vsalog.readers.base import PIECE_BYTES
 from vsalog.readers.container import Container
+from vsalog.readers.limits import PIECE_BYTES
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.mcap_walk import MAGIC
 from vsalog.readers.rosbag1 import Rosbag1Container, begins_bag

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsalog.core.printable import printable
-from vsalog.readers.base import MAX_ARRAY, MAX_DEPTH
 from vsalog.readers.fields import LARGE_MESSAGES, LONG_NAMES, MAX_BYTES, MAX_FIELDS, MAX_NAME, Fields
 from vsalog.readers.frames import stated_frames
 from vsalog.readers.labels import (
@@ -23,6 +22,7 @@ from vsalog.readers.labels import (
     labels_of,
     naming_texts,
 )
+from vsalog.readers.limits import MAX_ARRAY, MAX_DEPTH
 from vsalog.readers.messages import Decoded
 from vsalog.readers.packets import Messages
 from vsalog.readers.reach import Nanoseconds, Stamp
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
 
 _FRAME = b"frame_id"
-MAX_PARTS = 4 * MAX_FIELDS
-"""Members and elements of a message that are looked at."""
 
 
 class JsonDecoder:
@@ -87,10 +85,12 @@ class JsonDecoder:
                 result.stamps = np.zeros(count, dtype=np.int64)
             result.stamps[row] = stamp
         found: dict[str, float] = {}
-        self._left = MAX_PARTS
+        self._left = 2 * MAX_FIELDS  # as many numbers as there may be, each in a structure of its own
         self._flatten(message, self.prefix, found, 0)
         if self._left <= 0:
-            self._fields.leave(self.prefix, f"more than {MAX_PARTS} parts in a message; those beyond were left out")
+            self._fields.leave(
+                self.prefix, f"more than {2 * MAX_FIELDS} parts in a message; those beyond were left out"
+            )
         result.put(row, found, self._fields)
 
     def _flatten(self, value: Any, path: str, found: dict[str, float], depth: int) -> None:

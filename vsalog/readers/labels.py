@@ -9,13 +9,14 @@ from itertools import islice
 from vsalog.core.printable import printable
 from vsalog.readers.definitions import Node, Struct, Text
 from vsalog.readers.fields import MAX_NAME
+from vsalog.readers.limits import MAX_ARRAY
 
 LABEL_FIELDS = ("name", "names", "joint_names", "interface_names")
 BAD_NAMES = "text; some of its names are empty or there twice: what they name goes by its index"
 ELEMENT_NAME = "name"
 """The field by which a message that is an element of an array tells which one it is."""
-MAX_LABELS, MAX_ARRAYS = 1024, 64
-"""Texts of an array that may name elements, and arrays of texts of one message that are looked at for that."""
+MAX_LABELS = 1024
+"""Texts of an array that may name elements."""
 
 
 def usable_labels(labels: list[str]) -> bool:
@@ -28,7 +29,7 @@ def usable_labels(labels: list[str]) -> bool:
 def naming_texts(arrays: Iterable[tuple[str, Collection[str]]]) -> dict[str, list[str]]:
     """Return those arrays of texts, by name, that may name elements of others: not too many, none too long."""
     short = ((name, texts) for name, texts in arrays if len(texts) <= MAX_LABELS)
-    return {name: [printable(text) for text in texts] for name, texts in islice(short, MAX_ARRAYS)}
+    return {name: [printable(text) for text in texts] for name, texts in islice(short, MAX_ARRAY)}
 
 
 def tells_its_name(node: Node) -> bool:

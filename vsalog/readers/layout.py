@@ -18,17 +18,16 @@ from numpy.typing import NDArray
 
 from vsalog.core.printable import printable
 from vsalog.readers import labels as naming
-from vsalog.readers.base import MAX_ARRAY
 from vsalog.readers.definitions import Array, Node, Scalar, Struct, Text, Time, is_placeholder
 from vsalog.readers.fields import MAX_FIELDS
 from vsalog.readers.known_units import unit_of
+from vsalog.readers.limits import MAX_ARRAY, MOST_STEPS
 
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
 
-MAX_STEPS = 250_000
-# Of the header of a CDR message, by its second byte.
-_ENCODINGS = ("CDR",) * 2 + ("PL_CDR",) * 2 + ("XML",) * 2 + ("XCDR2",) * 2 + ("D_CDR2",) * 2 + ("PL_CDR2",) * 2
+_ENCODINGS = tuple(name for name in ("CDR", "PL_CDR", "XML", "XCDR2", "D_CDR2", "PL_CDR2") for _ in "><")
+"""By the second byte of a CDR message, for either byte order (DDS-XTypes 1.3, 7.6.3.1.2)."""
 
 
 class DamagedMessageError(Exception):
@@ -186,7 +185,7 @@ class _Walk:
 
     def _step(self) -> None:
         self.steps += 1
-        if self.steps > MAX_STEPS:
+        if self.steps > MOST_STEPS:
             raise TooManyPartsError("it has too many parts")
 
     def _label_arrays(self, node: Struct) -> tuple[dict[str, list[str]], set[int]]:
@@ -200,7 +199,7 @@ class _Walk:
                 self._node(child, "", None)
             elif isinstance(child.element, Text):
                 found = self._texts(self._count(child))
-                texts |= naming.naming_texts([(field, found)] if len(texts) < naming.MAX_ARRAYS else [])
+                texts |= naming.naming_texts([(field, found)] if len(texts) < MAX_ARRAY else [])
             else:
                 start = self.pos
                 counts.add(self._count(child))

@@ -13,12 +13,12 @@ from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers import matlab_v4, matlab_v5, matlab_v73
-from vsalog.readers.base import MAX_ARRAY, MAX_DEPTH, Block, Catalogue, ChannelInfo, first_of_each
+from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each
 from vsalog.readers.collect import FREE_BYTES, MOST_TIMES
+from vsalog.readers.limits import GLANCE_BYTES, MAX_ARRAY, MAX_DEPTH
 from vsalog.readers.matlab_clock import find_clock, is_called_time, stamps_of
 from vsalog.readers.matlab_v4 import is_v4
 from vsalog.readers.row_clock import row_clock
-from vsalog.readers.sniff import HEAD_BYTES
 
 V73 = b"MATLAB 7.3 MAT-file"
 """How files begin that are HDF5 within."""
@@ -91,7 +91,7 @@ class MatlabReader:
 
     def _load(self) -> dict[str, Any]:
         with self.path.open("rb") as file:
-            head = file.read(HEAD_BYTES)
+            head = file.read(GLANCE_BYTES)
             # All of it is in memory at once, as it is stored too.
             self._room = max(FREE_BYTES // 2, MOST_TIMES * file.seek(0, 2))
         if head.startswith(V73):

@@ -10,6 +10,7 @@ import numpy as np
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
+from vsalog.readers.limits import TELLING
 from vsalog.readers.reach import Nanoseconds
 from vsalog.readers.time_sizes import SERIAL, SINCE, guessed_unit
 
@@ -17,8 +18,6 @@ _NANOSECONDS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
 _STATED = re.compile(r"_(s|ms|us|ns)$", re.IGNORECASE)
 _WRITTEN = "{}_{}"
 
-_RISING = 0.9
-"""Fraction of the steps that are above zero; the others may be zero, where samples share a stamp."""
 
 # Days since the year 0, as MATLAB's datenum and now give them, from 1900 to 2100. In seconds, steps as short as
 # such days have would be of 10 kHz and more, a little over eight days after the clock began.
@@ -86,7 +85,7 @@ def _trouble(name: str, values: Values, strictly: bool) -> Finding | None:
     if rows.size < min(2, values.size):
         return Finding(code="clock.no_times", part=name)
     steps = np.diff(values[rows])
-    falls = np.flatnonzero(steps <= 0 if strictly or np.mean(steps > 0) < _RISING else steps < 0)
+    falls = np.flatnonzero(steps <= 0 if strictly or np.mean(steps > 0) < TELLING else steps < 0)
     if falls.size:
         return Finding(code="clock.not_rising", part=name, value=int(rows[falls[0] + 1]) + 1)
     # In nanoseconds, too, it has to fit into 64 bits.

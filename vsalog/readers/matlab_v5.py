@@ -14,6 +14,7 @@ from typing import Any
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
 from vsalog.readers.compression import FILE_RATIO, MAX_BYTES
+from vsalog.readers.limits import MOST_PARTS
 from vsalog.readers.matlab_v5_parts import DataType, variable
 
 
@@ -25,7 +26,6 @@ class Size(IntEnum):
 
 
 Content = mmap.mmap
-_MOST_SEARCHES = 30
 
 
 def load(path: Path, findings: Findings) -> dict[str, Any]:
@@ -99,8 +99,8 @@ def _elements(content: Content, order: str, damage: dict[int, str]) -> Iterator[
 
 def _places(content: Content, order: str, damage: dict[int, str]) -> Iterator[tuple[int, int]]:
     """Yield where each variable begins, and where it ends, by what it says; behind one that is wrong, the next are looked for."""
-    begin, searches = Size.HEADER.value, 0
-    while begin < len(content) and searches <= _MOST_SEARCHES:
+    begin = Size.HEADER.value
+    while begin < len(content) and len(damage) <= MOST_PARTS:
         end = begin + Size.TAG + _tag(content, begin, order)[1]
         yield begin, end
         if _begins(content, end, order):
@@ -109,7 +109,6 @@ def _places(content: Content, order: str, damage: dict[int, str]) -> Iterator[tu
         words = "it is cut off" if end > len(content) else f"there is no other at byte {end}, where it ends"
         damage.setdefault(begin, words)
         begin = _next_begin(content, begin + 1, order)
-        searches += 1
 
 
 def _tag(content: Content, at: int, order: str) -> tuple[int, int]:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from vsalog.readers.base import MAX_ARRAY, MAX_DEPTH
+from vsalog.readers.limits import MAX_ARRAY, MAX_DEPTH
 
 
 class Class(IntEnum):

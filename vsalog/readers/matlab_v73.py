@@ -14,10 +14,8 @@ import numpy as np
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
-from vsalog.readers.base import MAX_ARRAY, MAX_DEPTH
 from vsalog.readers.compression import FILE_RATIO, MAX_BYTES
-
-_MOST_OBJECTS = 100_000
+from vsalog.readers.limits import MAX_ARRAY, MAX_DEPTH, MOST_STEPS
 
 _TYPES = {
     b"double": "IEEE_F64LE",
@@ -104,7 +102,7 @@ class _Walk:
 
     def _value(self, node: Any, depth: int) -> Any:
         self._objects += 1
-        if depth > MAX_DEPTH or self._objects > _MOST_OBJECTS:
+        if depth > MAX_DEPTH or self._objects > MOST_STEPS:
             raise ValueError("it is nested too deeply, or has too many parts")
         kind = node.attrs.get("MATLAB_class", b"")
         if isinstance(node, self._h5py.Group):

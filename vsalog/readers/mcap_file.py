@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Evidence, Finding, Findings
-from vsalog.readers.base import BLOCK_ROWS
-from vsalog.readers.chunk_index import GLIMPSE_BYTES, Chunk, Needed, Part, some_of
-from vsalog.readers.compression import DamagedDataError, beginning, decompress
+from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
+from vsalog.readers.compression import MAX_BYTES, DamagedDataError, beginning, decompress
 from vsalog.readers.container import Connection
+from vsalog.readers.limits import BLOCK_ROWS, GLANCE_BYTES
 from vsalog.readers.mcap_scan import ends_whole, messages_in, others_in
 from vsalog.readers.mcap_summary import chunk_in, states_checksum, summary_records, vouched
 from vsalog.readers.mcap_walk import MAGIC, Walk
@@ -37,7 +37,6 @@ RIG_KEY = "toml"
 
 
 _LANGUAGES = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl", "protobuf": "protobuf"}
-_MOST_TEXT = 64 * 2**20
 _HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")
@@ -142,9 +141,9 @@ class McapContainer:
         with self.open() as file:
             for position in some_of(self._chunks, ids):
                 file.seek(position + _HEAD.size)
-                head = _chunk_head(file.read(GLIMPSE_BYTES))
+                head = _chunk_head(file.read(GLANCE_BYTES))
                 if head is not None:
-                    yield messages_in(np.frombuffer(beginning(*head, GLIMPSE_BYTES), np.uint8), wanted)
+                    yield messages_in(np.frombuffer(beginning(*head, GLANCE_BYTES), np.uint8), wanted)
 
     def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
         """Yield the messages of some channels in the order of the file; what is damaged is skipped and noted."""
@@ -244,8 +243,8 @@ class McapContainer:
                 schema = Schema.read(stream)
                 self.schemas[schema.id] = schema
                 self._text += len(schema.data)
-                if self._text > _MOST_TEXT:
-                    raise ReadError(f"has more than {_MOST_TEXT} bytes of message definitions", self.path)
+                if self._text > MAX_BYTES:
+                    raise ReadError(f"has more than {MAX_BYTES} bytes of message definitions", self.path)
             elif record == Opcode.CHANNEL:
                 channel = Channel.read(stream)
                 self.channels[channel.id] = channel

@@ -16,9 +16,9 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from vsalog.core.finding import Finding
-from vsalog.readers.base import PIECE_BYTES
 from vsalog.readers.compression import MAX_BYTES
-from vsalog.readers.mcap_scan import next_sure_record
+from vsalog.readers.limits import GLANCE_BYTES, PIECE_BYTES
+from vsalog.readers.mcap_scan import Size, next_sure_record
 from vsalog.readers.walk_findings import walk_findings
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -47,10 +47,6 @@ _PARTS: dict[int, tuple[int, ...]] = {
     Opcode.DATA_END: (4,),
 }
 _HEAD = struct.Struct("<BQ")
-_MOST_SPARE = 1024  # records may have grown by parts that are not known yet
-_BEGINNING = 4096  # of a record's content, to look at its parts
-
-_OVERLAP = 2**16
 
 
 class Walk:
@@ -146,10 +142,11 @@ class Walk:
         kind, length = self._head(position)
         if kind < 0:
             return -1, 0
-        least = _least_length(kind, self._file.read(min(length, _BEGINNING)) if kind != Opcode.MESSAGE else b"")
+        least = _least_length(kind, self._file.read(min(length, GLANCE_BYTES)) if kind != Opcode.MESSAGE else b"")
         if least == length and kind != Opcode.MESSAGE:
             return kind, length
-        if least > length or (kind == Opcode.CHUNK and length - least > _MOST_SPARE):
+        # Records may have grown by parts that are not known yet, but hardly to twice their head.
+        if least > length or (kind == Opcode.CHUNK and length - least > Size.CHUNK):
             return -1, 0
         end = position + _HEAD.size + length
         return (kind, length) if end == self._size or self._head(end)[0] > 0 else (-1, 0)
@@ -157,7 +154,7 @@ class Walk:
     def _resembles_chunk(self, position: int) -> bool:
         """Tell whether a damaged record was a chunk: by its kind, or by its lengths."""
         self._file.seek(position)
-        head = self._file.read(_HEAD.size + _BEGINNING)
+        head = self._file.read(_HEAD.size + GLANCE_BYTES)
         if len(head) < _HEAD.size:
             return False
         kind, length = _HEAD.unpack_from(head)
@@ -204,7 +201,7 @@ class Walk:
         start = position + 1
         while start < self._size:
             self._file.seek(start)
-            data = np.frombuffer(self._file.read(PIECE_BYTES + _OVERLAP), np.uint8)
+            data = np.frombuffer(self._file.read(PIECE_BYTES + GLANCE_BYTES), np.uint8)
             found = next_sure_record(data, self._size - start, not self._chunked)
             if found >= 0:
                 return start + found

@@ -23,9 +23,6 @@ RawMessage = tuple[int, int, int, bytes]
 SWITCH = 2e-4
 """How long a thread may keep Python to itself while another makes the next item [s]."""
 
-PACKED_BYTES = 16 * 2**20
-"""Messages of so many bytes, or `BLOCK_ROWS` of them, that come one by one make a packet or a block."""
-
 
 @dataclass(frozen=True, slots=True)
 class Messages:

@@ -9,8 +9,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from vsalog.core.finding import Finding
-from vsalog.readers.base import MAX_ARRAY
 from vsalog.readers.headers import printable_cell
+from vsalog.readers.limits import MAX_ARRAY
 from vsalog.readers.parquet_cells import is_number, plain_cells, plain_type
 from vsalog.readers.parquet_rows import ParquetRows
 

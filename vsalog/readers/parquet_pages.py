@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from enum import IntEnum
 from typing import IO, NamedTuple
 
-from vsalog.readers.base import PIECE_BYTES
 from vsalog.readers.compression import MAX_BYTES, MAX_RATIO
+from vsalog.readers.limits import GLANCE_BYTES, PIECE_BYTES
 from vsalog.readers.parquet_footer import Chunk
 from vsalog.readers.thrift import Compact, Fields, integer, structure
 
@@ -29,8 +29,6 @@ class DataPageHeader(IntEnum):
 
 _OF_DATA = {0: 5, 3: 8}
 """Which field of a header is that of a page of data, by the type of the page; its first field is the number of values."""
-
-_HEADER = 512
 
 
 class Page(NamedTuple):
@@ -75,7 +73,7 @@ def pages(file: IO[bytes], chunk: Chunk) -> Iterator[Page]:
 
 def _header(file: IO[bytes], at: int) -> tuple[int, Page] | None:
     """Return how long a page's header is, and what it says; None where there is none."""
-    size = _HEADER
+    size = GLANCE_BYTES
     while size <= PIECE_BYTES:
         file.seek(at)
         raw = file.read(size)

@@ -14,6 +14,7 @@ from vsalog.core.printable import plural, printable
 from vsalog.readers.base import BLOCK_ROWS, SAMPLE_ROWS
 from vsalog.readers.compression import MAX_BYTES, MAX_RATIO
 from vsalog.readers.headers import printable_cell
+from vsalog.readers.limits import BLOCK_ROWS, SAMPLE_ROWS
 from vsalog.readers.parquet_footer import row_groups
 from vsalog.readers.parquet_opened import open_parquet
 from vsalog.readers.parquet_pages import trouble_with_pages

@@ -9,7 +9,8 @@ import numpy as np
 
 from vsalog.readers.compression import DamagedDataError, decompress_message, unfolded_size
 from vsalog.readers.container import ZSTD_MAGIC
-from vsalog.readers.packets import PACKED_BYTES, Messages, Packet
+from vsalog.readers.limits import PACKED_BYTES
+from vsalog.readers.packets import Messages, Packet
 
 
 def plain(packet: Packet) -> Packet:

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from vsalog.core.printable import printable
-from vsalog.readers.base import MAX_ARRAY, MAX_DEPTH
 from vsalog.readers.fields import LARGE_MESSAGES, LONG_NAMES, MAX_BYTES, MAX_FIELDS, MAX_NAME, Fields
 from vsalog.readers.frames import stated_frames
 from vsalog.readers.labels import ELEMENT_NAME, MAX_LABELS, best_label_field, labels_of, naming_texts
+from vsalog.readers.limits import MAX_ARRAY, MAX_DEPTH
 from vsalog.readers.messages import MISFIT, Decoded
 from vsalog.readers.packets import Messages
 from vsalog.readers.protobuf_types import message_class

@@ -9,9 +9,7 @@ from typing import Any
 
 from vsalog.core.printable import printable
 from vsalog.readers.definitions import DefinitionError
-
-MOST_BYTES = 2**20
-"""Of a set of descriptors: the largest that are in use, with all they import, have a fifth of it."""
+from vsalog.readers.limits import PIECE_BYTES
 
 
 def message_class(name: str, descriptors: bytes) -> Any:
@@ -37,7 +35,7 @@ def message_class(name: str, descriptors: bytes) -> Any:
             "its messages are protobuf, for which the package of that name is needed: pip install 'vsalog[protobuf]'"
         ) from None
     shown = printable(name[:200])
-    if len(descriptors) > MOST_BYTES:
+    if len(descriptors) > PIECE_BYTES:
         raise DefinitionError(f"the descriptors of {shown} have {len(descriptors)} bytes; so many are not read")
     try:
         files = descriptor_pb2.FileDescriptorSet.FromString(descriptors).file

@@ -19,14 +19,15 @@ from vsalog.readers.container import CATALOGUE_MESSAGES, Connection
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError
 from vsalog.readers.frames import Frames
+from vsalog.readers.limits import BLOCK_ROWS
 from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages, Packet
 
 # What comes by turns is of two publishers. A publisher that is set up anew changes its frame fewer times, and a frame that is so
 # many times rarer than another may be its slip: then it stands where one of the other would have been.
 _LEAST_RUNS, _RARE = 3, 20
-# So much longer than usual [times] the other's interval is then, if it is regular; and so many intervals tell.
-_LONGER, _INTERVALS = 1.5, 4096
+# So much longer than usual [times] the other's interval is then, if it is regular.
+_LONGER = 1.5
 _UNNAMED = "unnamed"  # what publishers without a name are called
 
 
@@ -53,8 +54,8 @@ class _Publisher:
     def go_on(self, log: Stamps) -> None:
         """Take note of log times [ns] of messages that have none of others in between."""
         self.add(log)
-        if len(self.usual) < _INTERVALS:
-            self.usual += np.diff(log[: _INTERVALS - len(self.usual) + 1]).tolist()
+        if len(self.usual) < BLOCK_ROWS:
+            self.usual += np.diff(log[: BLOCK_ROWS - len(self.usual) + 1]).tolist()
 
     def clashes(self, other: _Publisher) -> bool:
         """Tell whether both give the same values for a good part of the time; the end of one may overlap the other's begin."""
@@ -65,11 +66,11 @@ class _Publisher:
     def note_intervals(self, log: Stamps, rows: Integers) -> None:
         """Take note of how far log times [ns] are apart that are in some rows of a packet, shape (n,)."""
         alone = int(rows[-1] - rows[0]) + 1 == rows.size
-        if len(self.usual) == _INTERVALS and (alone or len(self.across) == _INTERVALS):
+        if len(self.usual) == BLOCK_ROWS and (alone or len(self.across) == BLOCK_ROWS):
             return
         steps, lone = np.diff(log), np.diff(rows) == 1
         for known, found in (self.usual, steps[lone]), (self.across, steps[~lone]):
-            known += found[: _INTERVALS - len(known)].tolist()
+            known += found[: BLOCK_ROWS - len(known)].tolist()
 
     def gives_way(self) -> bool | None:
         """Tell whether messages of others stand where its own would have been; None where that is not clear."""

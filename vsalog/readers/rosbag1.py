@@ -15,11 +15,11 @@ from rosbags.rosbag1.reader import RecordType
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import printable
-from vsalog.readers.base import BLOCK_ROWS
-from vsalog.readers.chunk_index import GLIMPSE_BYTES, Chunk, Needed, Part, some_of
+from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
 from vsalog.readers.compression import beginning
 from vsalog.readers.container import CATALOGUE_MESSAGES, MOST_CONNECTIONS, Connection
 from vsalog.readers.definitions import DefinitionError, ros1_checksum
+from vsalog.readers.limits import BLOCK_ROWS, GLANCE_BYTES
 from vsalog.readers.opened import FilePart
 from vsalog.readers.packets import Packet, RawMessage, ahead, packet_of
 from vsalog.readers.rosbag1_index import IndexCheck, chunk_told
@@ -109,9 +109,9 @@ class Rosbag1Container:
         with self._open() as file:
             walk = Walk(file)
             for position in some_of(self._chunks, ids):
-                found = walk.beginning(position, GLIMPSE_BYTES)
+                found = walk.beginning(position, GLANCE_BYTES)
                 if found is not None:
-                    yield messages_in(np.frombuffer(beginning(*found, GLIMPSE_BYTES), np.uint8), wanted)[0]
+                    yield messages_in(np.frombuffer(beginning(*found, GLANCE_BYTES), np.uint8), wanted)[0]
 
     def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
         """Yield the messages of some connections in the order of the file; what is damaged is skipped and noted.

@@ -22,7 +22,6 @@ class Least(IntEnum):
     MESSAGE = 4 + 4 + HEADER
 
 
-_MOST_HEADER = 1024  # those that recorders write are hardly longer than need be
 _OP, _CONN, _TIME = (np.frombuffer(name, np.uint8) for name in (b"op=", b"conn=", b"time="))
 
 
@@ -122,7 +121,7 @@ def _record(data: Bytes, at: int) -> tuple[int, int, int, int, int]:
 def _resume(data: Bytes, at: int) -> int:
     """Return where the next message surely begins, which is followed by another record or the chunk's end; the end for none."""
     for place in range(at, data.size - Least.MESSAGE + 1):
-        if not Least.HEADER <= _word(data, place) <= _MOST_HEADER:
+        if not Least.HEADER <= _word(data, place) <= 2 * Least.HEADER:  # hardly longer than need be
             continue
         _, end, op, _, _ = _record(data, place)
         if end >= 0 and op == RecordType.MSGDATA and (end == data.size or _record(data, end)[1] >= 0):

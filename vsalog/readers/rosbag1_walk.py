@@ -14,8 +14,8 @@ from typing import IO, NamedTuple
 
 from rosbags.rosbag1.reader import RecordType
 
-from vsalog.readers.base import PIECE_BYTES
 from vsalog.readers.compression import MAX_BYTES, DamagedDataError, decompress
+from vsalog.readers.limits import GLANCE_BYTES, PIECE_BYTES
 
 VERSION = b"#ROSBAG V2.0\n"
 Header = dict[bytes, bytes]
@@ -31,9 +31,6 @@ _FIELDS: dict[int, dict[bytes, int]] = {
 }
 # How many bytes each counted item takes in the data.
 _ITEM: dict[int, int] = {RecordType.IDXDATA: 12, RecordType.CHUNK_INFO: 8}
-MAX_HEADER = 2**20
-
-_OVERLAP = 2**12
 _LENGTH = struct.Struct("<I")
 _CHUNK_MARK = re.compile(rb"\x04\0\0\0op=\x05")
 
@@ -162,7 +159,7 @@ class Walk:
         """Return the header at a position, where its data start and how long they are; None where there is none."""
         self._file.seek(position)
         head = self._file.read(4)
-        if len(head) < 4 or _LENGTH.unpack(head)[0] > MAX_HEADER:
+        if len(head) < 4 or _LENGTH.unpack(head)[0] > PIECE_BYTES:
             return None
         length = _LENGTH.unpack(head)[0]
         header = fields(self._file.read(length))
@@ -181,7 +178,7 @@ class Walk:
         """Return where the next chunk begins, -1 where there is none."""
         while position < self._size:
             self._file.seek(position)
-            data = self._file.read(PIECE_BYTES + _OVERLAP)
+            data = self._file.read(PIECE_BYTES + GLANCE_BYTES)
             for mark in _CHUNK_MARK.finditer(data):
                 # The header's length lies ahead of the field op, or of others before it.
                 for start in range(mark.start() - 4, max(mark.start() - 80, -1), -1):

@@ -11,9 +11,10 @@ from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.finding_texts import sentence
 from vsalog.readers.chunk_index import Needed, Part
-from vsalog.readers.compression import FREE_BYTES, MAX_RATIO
+from vsalog.readers.compression import MAX_RATIO
 from vsalog.readers.container import ZSTD_MAGIC, Connection, Container
 from vsalog.readers.joined import opened_mcap
+from vsalog.readers.limits import PACKED_BYTES
 from vsalog.readers.mcap_walk import MAGIC as MCAP_MAGIC
 from vsalog.readers.packets import Packet
 from vsalog.readers.rosbag2_sqlite import SQLITE_MAGIC, SqliteContainer
@@ -45,7 +46,7 @@ class CompressedContainer:
 
         self._folder = tempfile.TemporaryDirectory(prefix="vsalog-")
         plain = Path(self._folder.name) / "bag"
-        size, most, damage = 0, FREE_BYTES + MAX_RATIO * path.stat().st_size, ""
+        size, most, damage = 0, PACKED_BYTES + MAX_RATIO * path.stat().st_size, ""
         try:
             with path.open("rb") as source, plain.open("wb") as target:
                 for piece in zstandard.ZstdDecompressor().read_to_iter(source):

@@ -15,14 +15,15 @@ import numpy as np
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import printable
-from vsalog.readers.base import BLOCK_ROWS
 from vsalog.readers.chunk_index import GLIMPSES, Needed, Part
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.container import CATALOGUE_MESSAGES, MOST_CONNECTIONS, Connection
-from vsalog.readers.packets import PACKED_BYTES, Messages, Packet
+from vsalog.readers.limits import BLOCK_ROWS, PACKED_BYTES
+from vsalog.readers.packets import Messages, Packet
+from vsalog.readers.reach import Stamp
 from vsalog.readers.sqlite_cut import cut_row
 from vsalog.readers.sqlite_opened import connect, left_log
-from vsalog.readers.sqlite_ranges import bounded, ranges
+from vsalog.readers.sqlite_ranges import FIRST_ROWS, bounded, most_steps, ranges
 from vsalog.readers.sqlite_whole import damaged_changes, missing_bytes
 
 SQLITE_MAGIC = b"SQLite format 3\0"
@@ -32,13 +33,7 @@ _DAMAGE = (sqlite3.DatabaseError, UnicodeDecodeError)
 _LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl"}
 _COLUMNS = {"topic_id", "timestamp", "data"}
 
-# Behind a stretch of rows that cannot be read, the next is looked for this part of the stretch farther on.
-_STEP = 200
-_LAST_ROW = 2**62
-# To read a row takes SQLite some thirty steps, and a row takes more than ten bytes.
-_STEPS_PER_BYTE = 30
-# Rows that are read at once, to begin with and at most.
-_FIRST_AT_ONCE, _MOST_AT_ONCE = 16, 256
+_LAST_ROW = Stamp.FARTHEST  # of 64 bits, with as many more behind it
 
 _Rows = tuple[tuple[Any, ...], tuple[int, ...], tuple[bytes, ...]]
 """Topics, times and messages."""
@@ -145,7 +140,7 @@ class SqliteContainer:
             yield packet
         if within:
             only += f" AND rowid BETWEEN {first} AND {last}"
-        with bounded(self._database, _STEPS_PER_BYTE * self.size()):
+        with bounded(self._database, most_steps(self.size())):
             yield from _together(self._rows(only, first, done))
 
     def _rows(self, only: str, first: int, start: int) -> Iterator[_Rows]:
@@ -161,7 +156,7 @@ class SqliteContainer:
         query = f"SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid > ? {only} ORDER BY rowid"
         last, lost, stretch = start, 0, 0
         count = 0 if start < 0 else start - first + 1
-        nonsense, at_once = 0, _FIRST_AT_ONCE
+        nonsense, at_once = 0, FIRST_ROWS
         most = self.size()  # more rows than bytes come only of pages that are there several times
         while start < _LAST_ROW and count < most:
             try:
@@ -190,7 +185,7 @@ class SqliteContainer:
                 elif last > start:
                     start, stretch = last, 0
                 else:
-                    step = 1 + stretch // _STEP
+                    step = 1 + stretch // FIRST_ROWS
                     start, lost, stretch = start + step, lost + step, stretch + step
         if nonsense:
             self.findings.add(Finding(code="recording.rows_without_message", value=nonsense))
@@ -249,7 +244,7 @@ class SqliteContainer:
             plan = self._database.execute(f"EXPLAIN QUERY PLAN {query}").fetchall()
             if not any("INDEX" in str(step[-1]) for step in plan):
                 return None
-            with bounded(self._database, _STEPS_PER_BYTE * self.size()):
+            with bounded(self._database, most_steps(self.size())):
                 first, last = self._database.execute(query).fetchone()
         except _DAMAGE:
             return None
@@ -353,7 +348,7 @@ def _listed(ids: Collection[int]) -> str:
 def _at_once(messages: Sequence[bytes]) -> int:
     """Return how many rows to read at once, of the size of those that were: there may be images among them."""
     size = sum(map(len, messages)) // len(messages)
-    return max(2, min(_MOST_AT_ONCE, PACKED_BYTES // (size + 1)))
+    return max(2, min(FIRST_ROWS, PACKED_BYTES // (size + 1)))
 
 
 def _tables(database: sqlite3.Connection) -> set[str]:

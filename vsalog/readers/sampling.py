@@ -25,8 +25,6 @@ from vsalog.readers.sniff import sniff
 
 SAMPLE_BYTES = 32 * 2**20
 """What is read of a large log."""
-WORTHWHILE = 4
-"""A log has to be so many times larger than the sample."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +102,7 @@ def _cut(path: Path, kind: str) -> Iterator[tuple[Path, Sample | None, tuple[Fin
     """Give the path of a sample of a log, or of the log itself, and what was noticed."""
     size = _size(path)
     cutter = CUTTERS.get(kind)
-    if cutter is None or size < WORTHWHILE * SAMPLE_BYTES:
+    if cutter is None or size < 2 * SAMPLE_BYTES:
         yield path, None, ()
         return
     with tempfile.TemporaryDirectory(prefix="vsalog-") as folder:

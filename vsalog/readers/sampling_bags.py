@@ -18,12 +18,12 @@ from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import printable
 from vsalog.core.resolution import STRETCHES
 from vsalog.readers.joined import opened_rosbag1
+from vsalog.readers.limits import MOST_STEPS, PIECE_BYTES
 from vsalog.readers.opened import for_sqlite
-from vsalog.readers.rosbag1_walk import MAX_HEADER
 from vsalog.readers.rosbag2 import METADATA
 from vsalog.readers.sampling_mcap import MAGIC as MCAP_MAGIC
 from vsalog.readers.sampling_mcap import cut_mcap
-from vsalog.readers.sampling_pieces import MOST_RECORDS, Cut, Piece, chosen_pieces, copy_pieces
+from vsalog.readers.sampling_pieces import Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.several import SeveralContainer
 from vsalog.readers.sqlite_opened import attach
 
@@ -42,9 +42,7 @@ def cut_rosbag1(source: Path, target: Path, budget: int) -> Cut | None:
         return None
     with source.open("rb") as file:
         index = _index(file)
-        walked = index or [
-            record for record, _ in zip(_records(file, len(_VERSION)), range(MOST_RECORDS), strict=False)
-        ]
+        walked = index or [record for record, _ in zip(_records(file, len(_VERSION)), range(MOST_STEPS), strict=False)]
         chunks = sorted(
             _chunks(file, index) if index else (p for header, p in walked if _op(header) == RecordType.CHUNK)
         )
@@ -176,7 +174,7 @@ def _records(file: BinaryIO, position: int) -> Iterator[Record]:
     while position + 8 <= size:
         file.seek(position)
         length = _LENGTH.unpack(file.read(4))[0]
-        if length > min(MAX_HEADER, size - position - 8):
+        if length > min(PIECE_BYTES, size - position - 8):
             return
         file.seek(position)
         try:

@@ -14,7 +14,8 @@ from mcap.opcode import Opcode
 from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
 from vsalog.readers.joined import opened_mcap
-from vsalog.readers.sampling_pieces import MOST_RECORDS, Cut, Piece, chosen_pieces, copy_pieces
+from vsalog.readers.limits import MOST_STEPS
+from vsalog.readers.sampling_pieces import Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.several import SeveralContainer
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -112,7 +113,7 @@ def _totals(summary: Any) -> dict[str, int]:
 def _by_walk(file: IO[bytes]) -> _Plan:
     """Plan by the heads of the records, as far as they are sound."""
     plan = _Plan([], [], b"", {})
-    for _, (kind, piece) in zip(range(MOST_RECORDS), record_heads(file), strict=False):
+    for _, (kind, piece) in zip(range(MOST_STEPS), record_heads(file), strict=False):
         if kind == Opcode.CHUNK:
             plan.chunks.append(piece)
         elif piece.position == len(MAGIC) or kind in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA):

@@ -10,10 +10,7 @@ import numpy as np
 
 from vsalog.core.finding import Finding
 from vsalog.core.resolution import STRETCHES
-from vsalog.readers.base import PIECE_BYTES
-
-MOST_RECORDS = 500_000
-"""A file without an index is walked so far, which takes a second or a few."""
+from vsalog.readers.limits import PIECE_BYTES
 
 
 class Piece(NamedTuple):

@@ -11,11 +11,12 @@ import pyarrow.parquet as pq
 
 from vsalog.core.finding import Finding
 from vsalog.core.resolution import STRETCHES
+from vsalog.readers.limits import PACKED_BYTES
 from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.sampling_pieces import Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.table import TableReader
 from vsalog.readers.table_between import last_header
-from vsalog.readers.text_source import LONGEST_LINE, open_text, read_beginning
+from vsalog.readers.text_source import open_text, read_beginning
 
 _SEARCHED = 2**32
 """To look for headers in a larger table would take longer than anybody waits for a glance at it."""
@@ -71,4 +72,4 @@ def _next_line(file: IO[bytes], position: int) -> int:
     if position == 0:
         return 0
     file.seek(position)
-    return position + len(file.readline(LONGEST_LINE))
+    return position + len(file.readline(PACKED_BYTES))

@@ -6,11 +6,10 @@ import re
 from pathlib import Path
 
 from vsalog.core.errors import ReadError
+from vsalog.readers.limits import GLANCE_BYTES
 from vsalog.readers.matlab_v4 import is_v4
 from vsalog.readers.rosbag2 import is_bag_folder
 from vsalog.readers.text_source import DAMAGE, open_text, read_beginning
-
-HEAD_BYTES = 4096
 
 _FEW = 1000
 """One of so many bytes of a text may have become a zero."""
@@ -54,7 +53,7 @@ def sniff(path: Path) -> str:
         if path.exists() and not path.is_file():  # to open a pipe would wait for whoever writes into it
             raise ReadError("is a pipe or a device, no file; write what comes out of it to a file first", path)
         with path.open("rb") as file:
-            head = file.read(HEAD_BYTES)
+            head = file.read(GLANCE_BYTES)
     except FileNotFoundError:
         raise ReadError("there is no such file", path) from None
     except PermissionError:
@@ -101,7 +100,7 @@ def _sniff_head(path: Path, head: bytes) -> str:
 def _gzip_head(path: Path) -> bytes:
     try:
         with open_text(path) as file:
-            head = read_beginning(file, HEAD_BYTES)
+            head = read_beginning(file, GLANCE_BYTES)
             if not head and not file.read(1):
                 raise ReadError("is empty: it is compressed with gzip, and nothing is in it", path)
     except DAMAGE:

@@ -10,13 +10,8 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
-from vsalog.readers.base import SAMPLE_ROWS
-
-MOSTLY_BLANK = 0.25
-"""From this fraction of blank cells on, columns are taken as a log of their own."""
-
-_MOST = 16
-"""So many such places are looked at."""
+from vsalog.readers.carried import MOSTLY
+from vsalog.readers.limits import ENOUGH, SAMPLE_ROWS
 
 Whole = Callable[[Sequence[int]], Iterable[Sequence[pa.Array]]]
 """Gives some columns from their first row to the last, part by part."""
@@ -37,7 +32,7 @@ def stretches(sample: Stretch, columns: Sequence[int], whole: Whole) -> list[Str
         Is asked for columns that are blank in the first rows, and for all channels only where these begin.
     """
     late = [i for i in columns if len(sample[i]) and blank(sample[i]).all()]
-    begins = sorted(set(_begins(late, whole)))[:_MOST] if 0 < len(late) < len(columns) else []
+    begins = sorted(set(_begins(late, whole)))[:ENOUGH] if 0 < len(late) < len(columns) else []
     found = [sample]
     for rows in _rows_from(begins, columns, whole):
         stretch = [rows.get(i, pa.nulls(len(rows[columns[0]]), cells.type)) for i, cells in enumerate(sample)]
@@ -65,7 +60,7 @@ def group_by_blanks(stretches: Sequence[Stretch], columns: Sequence[int]) -> lis
     sparse: dict[bytes, list[int]] = {}
     for i in columns:
         blanks = [blank(rows[i]) for rows in stretches]
-        if max(one.mean() for one in blanks) < MOSTLY_BLANK or all(one.all() for one in blanks):
+        if max(one.mean() for one in blanks) < 1 - MOSTLY or all(one.all() for one in blanks):
             full.append(i)
         else:
             sparse.setdefault(np.concatenate(blanks).tobytes(), []).append(i)

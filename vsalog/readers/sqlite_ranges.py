@@ -11,15 +11,13 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from vsalog.readers.base import BLOCK_ROWS
-from vsalog.readers.packets import PACKED_BYTES, Bytes, Integers, Messages, Packet
+from vsalog.readers.limits import BLOCK_ROWS, MOST_STEPS, PACKED_BYTES
+from vsalog.readers.packets import Bytes, Integers, Messages, Packet
 
 FIRST_ROWS = 64
 """So many rows are asked for at first, more when it is known how large they are."""
-MOST_BYTES = 2 * PACKED_BYTES
-# A row takes SQLite some thirty steps.
-_STEPS = 1000
-_LOOK = 10**6
+STEPS_PER_ROW = 1000
+"""Steps in which SQLite reads a row: it takes some thirty."""
 
 # In SQLite's order numbers come before texts, texts before blobs. What is of another type has no length here, so that lengths
 # are missing or do not fit. Aggregates see rows as they are stored, in the order of their numbers, without an index.
@@ -67,19 +65,24 @@ def ranges(database: sqlite3.Connection, first: int, last: int, only: str) -> It
 
 def _asked(database: sqlite3.Connection, query: str, first: int, end: int) -> tuple[Any, ...]:
     """Return what a query finds in a range of rows, within bounds of size and time."""
-    usual = database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
+    usual = database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, 2 * PACKED_BYTES)
     try:
-        with bounded(database, _STEPS * (end - first + 1)):
+        with bounded(database, STEPS_PER_ROW * (end - first + 1)):
             found: tuple[Any, ...] = database.execute(query, (first, end)).fetchone()
             return found
     finally:
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, usual)
 
 
+def most_steps(size: int) -> int:
+    """Return in how many steps SQLite reads a file of so many bytes: a row has thirty, with its place in an index."""
+    return STEPS_PER_ROW * size // 30
+
+
 @contextmanager
 def bounded(database: sqlite3.Connection, steps: int) -> Iterator[None]:
     """Let a query fail that takes many more steps than some: pages that contain others several times may seem endless."""
-    every = min(steps, _LOOK)
+    every = min(steps, MOST_STEPS)
     calls = count()  # the first may come early: SQLite counts on from the last time that the query ran
     database.set_progress_handler(lambda: next(calls) >= steps // every, every)
     try:

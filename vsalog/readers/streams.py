@@ -10,22 +10,18 @@ import numpy as np
 
 from vsalog.core.errors import ReadError
 from vsalog.core.printable import printable
-from vsalog.readers.container import Connection, Container
+from vsalog.readers.container import MOST_CONNECTIONS, Connection, Container
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError, normal_type
 from vsalog.readers.delays import LEAST_BYTES
+from vsalog.readers.fields import MAX_NAME
+from vsalog.readers.limits import ENOUGH, PACKED_BYTES
 from vsalog.readers.packets import Packet
 from vsalog.readers.plain_messages import plain
 from vsalog.readers.publishers import FrameWatch, clashing, publisher_stream, told_apart
 
-LONGEST_NAME = 1024
-"""Characters of a topic or type; memory would not last for names of megabytes ahead of thousands of fields."""
-
-MOST_STREAMS, MOST_TEXT = 2**14, 2 * 2**20
-"""Topics, and characters of definitions, beyond which a log is no recording, and would take minutes to prepare for."""
-
-WHOLE_BYTES, FIRST_PACKETS = 8 * 2**20, 8
-"""Of less than this all is looked at for frames; of more, glimpses from all over, or so many packets where there is no index."""
+MOST_TEXT = 2 * 2**20
+"""Characters of definitions, beyond which a log is no recording, and would take minutes to prepare for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +82,7 @@ class Streams:
 
     def seen_wholly(self) -> bool:
         """Tell whether all messages were looked at for frames."""
-        return self._container.size() < WHOLE_BYTES
+        return self._container.size() < PACKED_BYTES
 
     def _by_topic(self) -> list[tuple[Connection, str]]:
         """Return each connection with its topic, and the type where a topic has several."""
@@ -104,10 +100,10 @@ class Streams:
 
     def _is_named(self, connection: Connection) -> bool:
         """Tell whether names in a connection are no longer than those of any recording; of others it is noted."""
-        if max(len(connection.topic), len(connection.type), len(connection.publisher)) <= LONGEST_NAME:
+        if max(len(connection.topic), len(connection.type), len(connection.publisher)) <= MAX_NAME:
             return True
-        shown = printable(connection.topic[:LONGEST_NAME])
-        self._unread.setdefault(shown, f"its name, type or publisher has more than {LONGEST_NAME} characters")
+        shown = printable(connection.topic[:MAX_NAME])
+        self._unread.setdefault(shown, f"its name, type or publisher has more than {MAX_NAME} characters")
         return False
 
     def _tell_publishers(self, named: list[tuple[Connection, str]]) -> None:
@@ -150,15 +146,15 @@ class Streams:
         if first is not None:
             return chain([first], glimpses)
         packets = self._container.packets(ids)
-        return packets if self.seen_wholly() else islice(packets, FIRST_PACKETS)
+        return packets if self.seen_wholly() else islice(packets, ENOUGH)
 
 
 def _refuse_absurd(named: list[tuple[Connection, str]]) -> None:
     several = {(stream, connection.encoding, connection.definition) for connection, stream in named}
     text = sum(map(len, {definition for _, _, definition in several}))
-    if len(several) > MOST_STREAMS or text > MOST_TEXT:
+    if len(several) > MOST_CONNECTIONS or text > MOST_TEXT:
         raise ReadError(
-            f"the log has more than {MOST_STREAMS} topics, or more than {MOST_TEXT} characters of message definitions, as no"
+            f"the log has more than {MOST_CONNECTIONS} topics, or more than {MOST_TEXT} characters of message definitions, as no"
             " recording has; only some channels of it can be read, by their names"
         )
 

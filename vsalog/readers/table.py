@@ -16,6 +16,7 @@ from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import plural
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each
+from vsalog.readers.limits import PIECE_BYTES, SAMPLE_ROWS
 from vsalog.readers.row_clock import row_clock
 from vsalog.readers.row_times import RowTimes
 from vsalog.readers.sparse import Layers, columns_apart, group_by_blanks, stretches
@@ -33,8 +34,6 @@ from vsalog.readers.time_columns import ClockColumn, ClockPlan, find_clocks, loo
 from vsalog.readers.time_names import UNITS
 from vsalog.readers.time_steps import row_marks
 
-HEAD_BYTES = 256 * 1024
-FEW_LINES = 50
 MAX_COLUMNS = 10_000
 
 
@@ -228,12 +227,12 @@ class TableReader:
         try:
             with open_text(self.path) as source:
                 self._compressed = isinstance(source, BoundedGzip)
-                head = read_beginning(source, HEAD_BYTES)
-                if head.count(b"\n") < FEW_LINES:  # a header of thousands of columns
+                head = read_beginning(source, PIECE_BYTES)
+                if head.count(b"\n") < SAMPLE_ROWS:  # a header of thousands of columns
                     head += read_beginning(source, BLOCK_BYTES - len(head))
                     whole = len(head) < BLOCK_BYTES
                 else:
-                    whole = len(head) < HEAD_BYTES
+                    whole = len(head) < PIECE_BYTES
         except OSError as error:
             raise ReadError(f"cannot be read: {error.strerror or error}", self.path) from error
         if columns := _too_many_columns(head):
@@ -345,7 +344,7 @@ def _chosen(
 def _too_many_columns(head: bytes) -> str:
     """Return how many columns the first lines have, "" where they are not too many: to look at all of them takes long."""
     *lines, last = head.split(b"\n")
-    lines = [line for line in lines[:FEW_LINES] if line.strip() and not line.lstrip().startswith((b"#", b"%"))]
+    lines = [line for line in lines[:SAMPLE_ROWS] if line.strip() and not line.lstrip().startswith((b"#", b"%"))]
     fewest = min(lines, key=len, default=last)
     count = max(len(fewest.split()), *(fewest.count(mark) + 1 for mark in (b",", b";", b"\t", b"|")))
     quotes = 10 if b'"' in fewest else 1  # which may hold such marks

@@ -14,6 +14,7 @@ from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
 from vsalog.core.units import parse_unit, split_header
 from vsalog.readers.headers import printable_cell, unique_names
+from vsalog.readers.limits import SHOWN
 from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_header import LABVIEW_CLOCK, NO_UNIT, is_clock, named, split_names
 from vsalog.readers.table_notation import Notation
@@ -28,16 +29,8 @@ _GLUED = re.compile(r"^[+-]?[\d.,]*\d(?:[eE][+-]?\d+)?\W*?((?:[#%]|\W?[^\W\d]).*
 _REMARK_BEHIND = re.compile(r"^([^#%]+)([#%].*)$")
 _OF_LABVIEW = {LABVIEW_CLOCK: "time [s]", "Comment": ""}
 """What it calls the clock, and remarks behind the rows."""
-_TELLING_ROWS = 50
-"""So many rows say which columns hold values."""
 _LONGEST_PAUSE = 1000
 """Steps of a clock for which a log may pause."""
-_SHOWN = 4
-"""Columns that are named where they are many."""
-_FEW = 3
-"""Columns of which words in all say that the line is a header, whatever they are."""
-MOST_LINES = 32
-"""A header has at most so many lines."""
 
 
 class Line(NamedTuple):
@@ -108,7 +101,7 @@ class FirstHeader:
         self._units = dialect.units
         self._notations = dialect.notations
         self._separator = dialect.separator
-        columns = [[cell for cell in cells if cell] for cells in zip(*dialect.rows[:_TELLING_ROWS], strict=True)]
+        columns = [[cell for cell in cells if cell] for cells in zip(*dialect.rows, strict=True)]
         filled = [
             sum(is_value(cell, notation.decimal_comma) for cell in cells)
             for notation, cells in zip(dialect.notations, columns, strict=False)
@@ -225,7 +218,7 @@ class FirstHeader:
         most = 2 * len(names & {_bare(name) for name in self._names}) >= len(cells)
         if line.remark:  # whose words may be those of a sentence
             return clock and (most or not line.blanks or goes_on is False)
-        return clock or most or (not goes_on if len(cells) >= _FEW else goes_on is False)
+        return clock or most or (not goes_on if len(cells) > 2 else goes_on is False)
 
     def _order(self, line: Line, below: Sequence[list[str]]) -> Order | None:
         names, own_units, _ = named([*line.cells.values()], below, len(self._columns))
@@ -318,7 +311,7 @@ def own_rows(dialect: Dialect, lines: Sequence[str]) -> list[int]:
 def listed_columns(names: Iterable[str]) -> str:
     """Return the first names of columns, in quotes."""
     quoted = [f"'{name}'" for name in names]
-    return ", ".join(quoted[:_SHOWN]) + ", …" * (len(quoted) > _SHOWN)
+    return ", ".join(quoted[:SHOWN]) + ", …" * (len(quoted) > SHOWN)
 
 
 def goes_on(earlier: str, before: str, after: str) -> bool:

@@ -8,13 +8,10 @@ from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 
-from vsalog.readers.table_again import MOST_LINES, FirstHeader, Line
+from vsalog.readers.limits import GLANCE_BYTES, MOST_LINES, MOST_STEPS
+from vsalog.readers.table_again import FirstHeader, Line
 from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_text import WHITESPACE
-
-_MOST_FOUND = 100_000
-"""Where more lines begin with words, they are no headers."""
-_LONGEST = 1 << 16
 
 
 def last_header(path: Path, dialect: Dialect, begin: int, end: int) -> bytes:
@@ -39,7 +36,7 @@ def last_header(path: Path, dialect: Dialect, begin: int, end: int) -> bytes:
             if at != last or len(run) == MOST_LINES:
                 header = _header(first, run, lines) or header
                 run, lines = [], []
-            stop = text.find(b"\n", at, at + _LONGEST) + 1 or at + _LONGEST
+            stop = text.find(b"\n", at, at + GLANCE_BYTES) + 1 or at + GLANCE_BYTES
             raw, last = text[at:stop], stop
             line = first.line(raw.decode(dialect.encoding, "replace").strip("\r\n"))
             if line is not None:
@@ -65,5 +62,5 @@ def _beginnings(text: mmap.mmap, first: FirstHeader, dialect: Dialect, begin: in
     wordy = re.compile(
         rb"\n(?:" + remark + rb"|(?:" + cell + rb"){%d}" % ahead + word + rb")" if ahead else rb"\n" + word
     )
-    for match in islice(wordy.finditer(text, begin, end), _MOST_FOUND):
+    for match in islice(wordy.finditer(text, begin, end), MOST_STEPS):
         yield match.start() + 1

@@ -13,6 +13,7 @@ from vsalog.core.arrow import arrow_texts
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.recording import Values
 from vsalog.readers.headers import printable_cell
+from vsalog.readers.limits import SAMPLE_ROWS
 from vsalog.readers.table_text import LIKE_NUMBERS, NUMBER
 
 
@@ -25,8 +26,6 @@ class Float64(IntEnum):
 _CELL = NUMBER.replace("^", "^(", 1)[:-1] + r"|[+-]?(?i:inf|infinity)|[+-]?(?i:nan))$"
 
 _EMPTY = arrow_texts(["", *LIKE_NUMBERS])
-_FEW = 16
-_MANY = 100
 _WHOLE = re.compile(r"^[+-]?\d{1,40}$")
 _NOTHING = pa.nulls(1, pa.string())[0]
 
@@ -90,10 +89,8 @@ class Cells:
 
 def _rounded(cells: pa.Array, values: Values) -> str:
     """Return a whole number that floating point cannot hold, "" where none was found."""
-    if not (np.abs(values[::_FEW]) > Float64.EXACT).any():  # counters that are so large are so throughout
-        return ""
     large = np.abs(values) > Float64.EXACT
-    for at in np.flatnonzero(large & np.isfinite(values))[:_MANY].tolist():
+    for at in np.flatnonzero(large & np.isfinite(values))[:SAMPLE_ROWS].tolist():
         cell = str(cells[at].as_py()).strip()
         if _WHOLE.match(cell) and int(cell) != int(values[at]):
             return cell
@@ -103,7 +100,7 @@ def _rounded(cells: pa.Array, values: Values) -> str:
 def _all_numbers(cells: pa.Array) -> pa.Array | None:
     """Return cells as numbers; None where one of them is none."""
     try:
-        pc.cast(cells[:_FEW], pa.float64())  # to tell of each cell that it is no number takes long
+        pc.cast(cells[:SAMPLE_ROWS], pa.float64())  # to tell of each cell that it is no number takes long
         return pc.cast(cells, pa.float64())
     except pa.ArrowInvalid:
         return None

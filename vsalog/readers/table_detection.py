@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from vsalog.core.finding import Finding
-from vsalog.readers.base import SAMPLE_ROWS
 from vsalog.readers.headers import printable_cell, unique_names
+from vsalog.readers.limits import SAMPLE_ROWS
 from vsalog.readers.sniff import without_holes
 from vsalog.readers.table_again import own_rows
 from vsalog.readers.table_dialect import Dialect, has_quotes

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.units import is_known_by_heart, split_header
 from vsalog.readers.headers import printable_cell
+from vsalog.readers.limits import MOST_LINES
 from vsalog.readers.table_text import SEPARATORS, is_value, split
 from vsalog.readers.time_names import Rank, rank_of
 
@@ -18,10 +19,6 @@ _UNIT_LABEL = re.compile(r"^units?:\s*", re.IGNORECASE)
 _NUMBERED = re.compile(r"^(.*)(\.\d+)$", re.DOTALL)
 LABVIEW_CLOCK = "X_Value"
 _LABVIEW_END = "***End_of_Header***"
-_MOST_SETTINGS = 50
-_MOST_EARLY = 5
-_MOST_ROWS = 6
-"""Rows that a header has at most below its first."""
 
 Table = Sequence[tuple[int, list[str]]]
 """Line numbers, from 0, and cells."""
@@ -65,8 +62,7 @@ def find_header(lines: Sequence[str], table: Table, width: int, decimal_comma: b
         How numbers are written.
     """
     findings = Findings()
-    head = [(i, _without_end(cells, width, decimal_comma)) for i, cells in table[:_MOST_SETTINGS]]
-    table = [*head, *table[_MOST_SETTINGS:]]
+    table = [(i, _without_end(cells, width, decimal_comma)) for i, cells in table]
     start = next((k for k, (_, cells) in enumerate(table) if len(cells) in (width, width - 1)), 0)
     start = _skip_preamble(table, start, width, decimal_comma)
     first, start = start, _skip_settings(table, start, width, decimal_comma)
@@ -168,10 +164,10 @@ def _with_units(head: Sequence[str], header: str) -> str:
 
 def join_torn_names(lines: list[str]) -> None:
     """Put names in quotes together that go on in the next line; the lines that they go on in become blank."""
-    for i, line in enumerate(lines[:_MOST_SETTINGS]):
+    for i, line in enumerate(lines):
         if line.count('"') % 2 == 0:
             continue
-        for end in range(i + 2, min(i + 2 + _MOST_ROWS, len(lines) + 1)):
+        for end in range(i + 2, min(i + 2 + MOST_LINES, len(lines) + 1)):
             joined = " ".join(lines[i:end])
             if joined.count('"') % 2 == 0:
                 if _are_names(joined):
@@ -210,10 +206,10 @@ def _skip_settings(table: Table, start: int, width: int, decimal_comma: bool) ->
     for k, (_, cells) in enumerate(table[start:], start=start):
         if len(cells) == width and _names_a_clock(cells, decimal_comma):
             return k
-        if all(is_value(cell, decimal_comma) for cell in cells) and rows < _MOST_EARLY:
+        if all(is_value(cell, decimal_comma) for cell in cells) and rows < MOST_LINES:
             rows += 1
             continue
-        if len(cells) > width or "" in cells or len(set(cells)) < len(cells) or k - start > _MOST_SETTINGS:
+        if len(cells) > width or "" in cells or len(set(cells)) < len(cells):
             return start
         if all(is_value(cell, decimal_comma) for cell in cells):
             return start
@@ -258,7 +254,7 @@ def _aligned(header: list[str], rows: Sequence[Sequence[str]], width: int, findi
 
 def _rows_of_words(rows: Sequence[Sequence[str]], width: int, decimal_comma: bool) -> int:
     """Return how many rows below the first of a header belong to it: of words, with values below."""
-    for count, row in enumerate(rows[: _MOST_ROWS + 1]):
+    for count, row in enumerate(rows[: MOST_LINES + 1]):
         texts = [cell for cell in row if cell]
         values = sum(is_value(cell, decimal_comma) for cell in texts)
         if len(row) != width or values:

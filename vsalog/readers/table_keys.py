@@ -13,27 +13,21 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vsalog.core.recording import Stamps, Values
+from vsalog.readers.alternating import APART
 from vsalog.readers.bad_stamps import COUNTED
-from vsalog.readers.base import MOST_PARTS
+from vsalog.readers.limits import ENOUGH, MAX_ARRAY, MOST_PARTS, TELLING
 from vsalog.readers.table_cells import numbers_and_words
 from vsalog.readers.time_columns import ClockColumn, ClockPlan, nanoseconds
 from vsalog.readers.time_dates import trimmed
 from vsalog.readers.time_names import plain
 from vsalog.readers.time_numbers import floats
 
-MOST = 64
-"""A column with more values than this in its first rows does not name parts of a machine."""
-
 _MOST_KEYS = 3
-_MOST_CANDIDATES = 8
+"""Columns that together name a part: a robot, its arm and a joint."""
 _NAMED = re.compile(
     r"(^|[_.])(robot|joint|motor|axis|actuator|sensor|device|node|link|part|channel|topic|source|signal|variable|quantity|id|name)"
     r"(_?(id|name|no|nr|index))?$"
 )
-TELLING = 0.9
-"""Fraction of rows for which a rule must hold."""
-_APART = 3.0
-"""Values of two that take turns differ so many times as much from row to row as each one's own do."""
 _BACK = 0.4
 """Fraction of the changes of the speaker at which the clock goes back, where rows come in blocks: of two speakers, half."""
 
@@ -128,8 +122,8 @@ class _FirstRows:
         """Return the fewest columns that tell the rows of each time apart, none where rows do not share their times."""
         if not self.repeat:
             return ()
-        few = [one for one in candidates if 2 <= len(np.unique(one.who)) <= min(MOST, len(one.who) // 3)]
-        few = sorted(few, key=lambda one: not one.called)[:_MOST_CANDIDATES]
+        few = [one for one in candidates if 2 <= len(np.unique(one.who)) <= min(MAX_ARRAY, len(one.who) // 3)]
+        few = sorted(few, key=lambda one: not one.called)[:ENOUGH]
         for size in range(1, _MOST_KEYS + 1):
             for some in combinations(few, size):
                 who = _together([one.who for one in some])
@@ -156,7 +150,7 @@ class _FirstRows:
     def _alternate(self, candidate: _Candidate, rows: Numbers) -> bool:
         who, times = candidate.who[rows], self._times[rows]
         count = len(np.unique(who))
-        if not 2 <= count <= min(MOST, len(who) // 3) or np.mean(np.diff(times) == 0) > 1 / (2 * count):
+        if not 2 <= count <= min(MAX_ARRAY, len(who) // 3) or np.mean(np.diff(times) == 0) > 1 / (2 * count):
             return False
         changes = np.mean(np.diff(who) != 0)
         if candidate.called and changes > 0.5:
@@ -184,7 +178,7 @@ def _jump(values: Values, who: Numbers) -> bool:
     own, across = own[np.isfinite(own)], across[np.isfinite(across)]
     if not own.size or not across.size or not own.any():  # what stays the same says no more than the words do
         return False
-    return bool(np.median(across) > _APART * np.median(own))
+    return bool(np.median(across) > APART * np.median(own))
 
 
 def _in_blocks(candidate: _Candidate, first: pa.Array, keys: Sequence[int], clock: ClockColumn, whole: Whole) -> bool:
@@ -194,7 +188,7 @@ def _in_blocks(candidate: _Candidate, first: pa.Array, keys: Sequence[int], cloc
     log, say that blocks are of the same time. Where other columns are known to say whose values rows hold, the rows of each are
     looked at by themselves.
     """
-    if not 1 <= len(pc.unique(first)) <= min(MOST, len(first) // 3):
+    if not 1 <= len(pc.unique(first)) <= min(MAX_ARRAY, len(first) // 3):
         return False
     changes = falls = both = rows = 0
     last: dict[str, tuple[str, int]] = {}

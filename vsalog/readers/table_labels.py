@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from vsalog.readers.table_keys import TELLING
+from vsalog.readers.limits import TELLING
 
 _LABELLED = re.compile(r"^\s*([A-Za-z_][^:=\"{}]*?)\s*[:=]\s*(.*)$")
 

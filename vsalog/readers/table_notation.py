@@ -11,10 +11,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from vsalog.core.finding import Finding
+from vsalog.readers.limits import ENOUGH, TELLING
 from vsalog.readers.table_text import quantity_of
-
-_CERTAIN = 9
-"""One notation has to be so many times as frequent as another: a damaged cell is no other notation."""
 
 _NUMBER = re.compile(r"^[+-]?\d*([.,])\d+(?:[eE][+-]?\d+)?$")
 _BOTH = re.compile(r"^[+-]?\d{1,3}(?:(?:\.\d{3})+(,)|(?:,\d{3})+(\.))\d+$")
@@ -129,7 +127,7 @@ def find_notations(rows: Sequence[Sequence[str]], width: int, separator: str) ->
         found.append(Finding(code="table.mixed_decimal_marks"))
     elif not commas and not points:
         count = {mark: sum(column.groups[mark] for column in columns) for mark in ".,"}
-        default = separator != "," and count[","] > _CERTAIN * count["."]
+        default = separator != "," and count[","] > TELLING * sum(count.values())
         if default:
             found.append(Finding(code="table.decimal_commas"))
     return [column.notation(default) for column in columns], found
@@ -142,7 +140,7 @@ class _Column:
         self._hexadecimal = _are_hexadecimal(cells)
         quantities = [quantity for cell in cells if (quantity := quantity_of(cell))]
         units = Counter(unit for _, unit in quantities).most_common()
-        sure = bool(units) and units[0][1] > _CERTAIN * (len(quantities) - units[0][1])
+        sure = bool(units) and units[0][1] > TELLING * len(quantities)
         self._unit = units[0][0] if sure else ""
         self._mixed = "" if sure else ", ".join(f"'{unit}'" for unit, _ in units if unit)
         numbers = [number.replace("−", "-") for number, _ in quantities]
@@ -156,9 +154,9 @@ class _Column:
         for number in numbers:
             self._count(re.sub(_BLANKS, "", number) if self._blanks else number)
         self.mark = ""
-        if self.commas > _CERTAIN * self.points:
+        if self.commas > TELLING * (self.commas + self.points):
             self.mark = ","
-        elif self.points > _CERTAIN * self.commas:
+        elif self.points > TELLING * (self.commas + self.points):
             self.mark = "."
 
     def _count(self, number: str) -> None:
@@ -185,7 +183,7 @@ class _Column:
             self._unit,
             self._mixed,
             self._hexadecimal,
-            comma and self.commas + self.groups[","] == self._numbers > _CERTAIN,
+            comma and self.commas + self.groups[","] == self._numbers > ENOUGH,
         )
 
 

@@ -7,12 +7,11 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
-from vsalog.readers.base import PIECE_BYTES
+from vsalog.readers.limits import PIECE_BYTES, SAMPLE_ROWS
 from vsalog.readers.table_dialect import Dialect, has_quotes
 from vsalog.readers.table_notation import Notation
 from vsalog.readers.table_text import split
 
-_LINES = 20
 _WHOLE = re.compile(r"^[+-]?\d+$")
 
 
@@ -43,7 +42,7 @@ def _lines_with_quotes(path: Path, skipped: int) -> list[bytes]:
             return []
         file.seek(position + max(piece.rfind(b"\n", 0, piece.index(b'"')), 0))
         text = file.read(PIECE_BYTES)
-    return [line for line in text.splitlines() if b'"' in line][:_LINES]
+    return [line for line in text.splitlines() if b'"' in line][:SAMPLE_ROWS]
 
 
 def _with_thousands(dialect: Dialect) -> tuple[Notation, ...]:

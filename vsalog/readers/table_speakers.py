@@ -10,8 +10,8 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
-from vsalog.readers.base import MOST_PARTS
 from vsalog.readers.headers import printable_cell
+from vsalog.readers.limits import MOST_PARTS
 from vsalog.readers.table_keys import BETWEEN, Whole, find_keys, joined
 from vsalog.readers.time_columns import ClockPlan
 

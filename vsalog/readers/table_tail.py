@@ -6,11 +6,9 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from vsalog.readers.limits import ENOUGH, GLANCE_BYTES
 from vsalog.readers.table_text import WHITESPACE, is_comment, split
 
-TAIL = 1 << 16
-"""So much of a file's end is looked at [bytes]."""
-_ENOUGH = 10
 _NEGLIGIBLE = 1e-6
 """Of the range of a column: digits that are missing behind it make no other number."""
 _NUMBER = re.compile(r"^[+-]?(\d*)(?:[.,](\d*))?$")
@@ -20,10 +18,10 @@ def cut_off(path: Path, separator: str) -> bytes:
     """Return the last line of a file where it has no end and its last cell may have been longer, else b""."""
     with path.open("rb") as file:
         size = file.seek(0, 2)
-        file.seek(max(size - TAIL, 0))
+        file.seek(max(size - GLANCE_BYTES, 0))
         lines = file.read().replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
     last = lines.pop()
-    ahead = [line.decode("latin-1") for line in lines[size > TAIL :]]
+    ahead = [line.decode("latin-1") for line in lines[size > GLANCE_BYTES :]]
     return last if may_be_cut(ahead, last.decode("latin-1"), separator) else b""
 
 
@@ -43,12 +41,12 @@ def may_be_cut(lines: Sequence[str], last: str, separator: str) -> bool:
         What separates cells.
     """
     rows = [line for line in lines if line.strip() and not is_comment(line)]
-    if not last.strip() or is_comment(last) or last.endswith('"') or len(rows) < _ENOUGH:
+    if not last.strip() or is_comment(last) or last.endswith('"') or len(rows) < ENOUGH:
         return False
     width = len(_cells(last, separator))
     above = [cells[-1] for line in rows if len(cells := _cells(line, separator)) == width]
     cell = _cells(last, separator)[-1]
-    if len(above) < _ENOUGH:
+    if len(above) < ENOUGH:
         return False
     if not cell:
         return "" not in above

@@ -12,7 +12,8 @@ import pyarrow.compute as pc
 
 from vsalog.core.finding import Finding, Findings
 from vsalog.readers.headers import printable_cell
-from vsalog.readers.table_again import MOST_LINES, FirstHeader, Line, Order, goes_on, listed_columns, rescaled
+from vsalog.readers.limits import BLOCK_ROWS, MOST_LINES
+from vsalog.readers.table_again import FirstHeader, Line, Order, goes_on, listed_columns, rescaled
 from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_header import is_clock
 
@@ -21,7 +22,6 @@ _NO_NUMBER = r"^\s*(?i:nan|inf|infinity)\s*$"
 _DIGITS = b"0123456789.+-"
 _NO_TIME = re.compile(r"\D*$")
 _COMMENT = r"^\s*(#|%)"
-_MOST_HEADERS = 10_000
 
 
 class OtherOrderError(Exception):
@@ -86,7 +86,7 @@ class WordLines:
     def odd_line(self, text: str, parsed: int) -> None:
         """Heed a line that has not as many cells as a row, behind so many rows parsed."""
         line = self._first.line(text)
-        if line is not None and len(self._odd) <= _MOST_HEADERS:
+        if line is not None and len(self._odd) <= BLOCK_ROWS:
             self._odd.append((parsed, line))
 
     def without(self, batch: pa.RecordBatch) -> pa.RecordBatch:
@@ -181,7 +181,7 @@ class WordLines:
         self.odd += sum(not one.remark for one in odd)
         self.odd_remarks += sum(one.remark for one in odd)
         self._lines += len(run)
-        self.ended = self._lines > _MOST_HEADERS
+        self.ended = self._lines > BLOCK_ROWS
         self._go_by(None if self.ended else again, lines)
         return []
 

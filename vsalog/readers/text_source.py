@@ -12,9 +12,9 @@ from typing import IO, cast
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding
-from vsalog.readers.base import PIECE_BYTES
-from vsalog.readers.compression import FILE_RATIO, FREE_BYTES
-from vsalog.readers.table_tail import TAIL, may_be_cut
+from vsalog.readers.compression import FILE_RATIO
+from vsalog.readers.limits import GLANCE_BYTES, PACKED_BYTES, PIECE_BYTES
+from vsalog.readers.table_tail import may_be_cut
 from vsalog.readers.table_text import WHITESPACE
 
 DAMAGE = (EOFError, zlib.error)
@@ -23,7 +23,6 @@ DAMAGE = (EOFError, zlib.error)
 _CHECKS = ("data check", "length check")
 """What zlib, which has one kind of error, calls the checksum and the length at the end."""
 
-_COMPRESSED_PIECE = 1 << 16
 _GZIP = b"\x1f\x8b"
 
 
@@ -31,9 +30,6 @@ class Window(IntEnum):
     """What zlib is told of a stream: GZIP that there is gzip's header, and its checksum behind (zlib's manual, inflateInit2)."""
 
     GZIP = 16 + zlib.MAX_WBITS
-
-
-LONGEST_LINE = 1 << 24
 
 
 def open_text(path: Path) -> IO[bytes]:
@@ -87,7 +83,7 @@ class BoundedGzip(io.RawIOBase):
         while not data and self._more():
             data = self._some(len(buffer))
         self._size += len(data)
-        if self._size > max(FREE_BYTES, FILE_RATIO * self._compressed.tell()):
+        if self._size > max(PACKED_BYTES, FILE_RATIO * self._compressed.tell()):
             raise ReadError(
                 f"becomes more than {FILE_RATIO} times larger when it is decompressed, as no recording does;"
                 " if it is one, decompress it first",
@@ -98,11 +94,11 @@ class BoundedGzip(io.RawIOBase):
 
     def _more(self) -> bool:
         """Tell whether more is to come, and have some of it at hand."""
-        self._left = self._left or self._compressed.read(_COMPRESSED_PIECE)
+        self._left = self._left or self._compressed.read(GLANCE_BYTES)
         if not self._stream.eof:
             return True
         while self._left and not (left := self._left.lstrip(b"\0")):  # files may be filled up with zeros
-            self._left = self._compressed.read(_COMPRESSED_PIECE)
+            self._left = self._compressed.read(GLANCE_BYTES)
         if self._left:
             self._left, self._stream = left, zlib.decompressobj(Window.GZIP)
         return bool(self._left)
@@ -237,13 +233,13 @@ class TextSource(io.RawIOBase):
         end = text.rfind("\n") if self._squeeze else max(text.rfind("\n"), text.rfind("\r"))
         # A line that is not whole waits for its end, which never comes where the file is damaged: half a number is another one.
         whole = self._ended and not self.damage
-        cut = len(text) if whole or len(text) > LONGEST_LINE else end + 1
+        cut = len(text) if whole or len(text) > PACKED_BYTES else end + 1
         if whole and may_be_cut(
             re.split(r"\r\n|\n|\r", self._tail + text[: end + 1]), text[end + 1 :], self._separator
         ):
             cut, self.cut = end + 1, text[end + 1 :]
         text, self._line = text[:cut], text[cut:]
-        self._tail = text[-TAIL:] or self._tail
+        self._tail = text[-GLANCE_BYTES:] or self._tail
         self._ready = (_squeezed(text) if self._squeeze else text).encode("utf-8")
 
 

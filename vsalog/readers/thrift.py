@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Any
 
-from vsalog.readers.base import MAX_DEPTH
+from vsalog.readers.limits import MAX_DEPTH
 
 
 class Type(IntEnum):

@@ -16,6 +16,7 @@ from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps
 from vsalog.readers.date_order import order_of, possible_orders
 from vsalog.readers.headers import printable_cell
+from vsalog.readers.limits import ENOUGH, SAMPLE_ROWS, TELLING
 from vsalog.readers.reach import Nanoseconds
 from vsalog.readers.time_dates import dates, of_day, trimmed
 from vsalog.readers.time_folds import Folds, Restarts
@@ -80,8 +81,6 @@ class ClockPlan:
 Rest = Callable[[], Iterable[pa.Array]]
 Whole = Callable[[int], Iterable[pa.Array]]
 """Gives all of a column, part by part."""
-_MOST_DATES = 1000
-_FEW, _LATE = 8, 10  # values that show an order, and by how many rows some may be late
 
 
 def _nothing() -> Iterable[pa.Array]:
@@ -235,7 +234,7 @@ def _once_set(rest: Rest) -> NDArray[np.float64]:
         values = floats(cells)
         values = values[np.isfinite(values) & (values != 0)]
         if len(values):
-            return np.asarray(values[:_MOST_DATES], np.float64)
+            return np.asarray(values[:SAMPLE_ROWS], np.float64)
     return np.zeros(1)
 
 
@@ -260,7 +259,7 @@ def _written_form(name: str, sample: pa.Array, rest: Rest) -> tuple[str | None, 
 def _reads(sample: pa.Array, form: str) -> bool:
     """Tell whether nearly all cells are times in a form."""
     _, good = nanoseconds([sample], form)
-    return bool(good.any() and good.mean() > 0.9)
+    return bool(good.any() and good.mean() > TELLING)
 
 
 def _order(name: str, sample: pa.Array, rest: Rest) -> tuple[str, list[Finding]]:
@@ -269,7 +268,7 @@ def _order(name: str, sample: pa.Array, rest: Rest) -> tuple[str, list[Finding]]
     if len(possible_orders(list(dates))) > 1:
         for cells in rest():
             dates |= dict.fromkeys(dates_of(without_midnight(trimmed(cells))))
-            if len(dates) > _MOST_DATES or len(possible_orders(list(dates))) < 2:
+            if len(dates) > SAMPLE_ROWS or len(possible_orders(list(dates))) < 2:
                 break
     return order_of(name, list(dates))
 
@@ -280,17 +279,17 @@ def _rising(values: NDArray[np.float64]) -> bool:
         return True
     steps = np.diff(values)
     grows = values[-1] > values[0] or values[0] > EPOCH[0]  # nanoseconds of today are too large to differ as floats
-    return bool(np.count_nonzero(steps >= 0) >= 0.9 * len(steps) and grows)
+    return bool(np.count_nonzero(steps >= 0) >= TELLING * len(steps) and grows)
 
 
 def _sortable(name: str, values: NDArray[np.float64]) -> bool:
     """Tell whether a column that is surely called the time has the newest row first, or rows that come a little late."""
     rank = rank_of(name)
-    if rank is None or rank >= Rank.SHORT or len(values) < _FEW:
+    if rank is None or rank >= Rank.SHORT or len(values) < ENOUGH:
         return False
     order = np.argsort(values, kind="stable")
     late = np.abs(order - np.arange(len(order))).max()
-    return bool((np.diff(values) < 0).all() or late <= _LATE)
+    return bool((np.diff(values) < 0).all() or late <= ENOUGH)
 
 
 def _backwards(sample: pa.Array) -> int | None:

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps
 from vsalog.readers.bad_stamps import COUNTED
+from vsalog.readers.limits import ENOUGH
 from vsalog.readers.reach import Nanoseconds
-from vsalog.readers.time_steps import FEW
 
 _FULL = tuple(2**32 * unit for unit in (1, 10**3, 10**6))
 """How far counters of nanoseconds, microseconds and milliseconds reach that have 32 bits [ns]."""
-_SET_BACK = (1, 12)
-"""Hours by which clocks go back: where summer time ends, and those without AM and PM."""
+
+
+class SetBack(IntEnum):
+    """Hours by which clocks go back: where summer time ends, and those without AM and PM."""
+
+    SUMMER_TIME = 1
+    HALF_A_DAY = 12
 
 
 class Folds:
@@ -34,7 +41,7 @@ class Folds:
         self._step = 0
         self._turns = self._lowest = self._hours = 0
         self._most = 0
-        self._often = dict.fromkeys(_SET_BACK, 0)
+        self._often = dict.fromkeys(map(int, SetBack), 0)
 
     def unfold(self, stamps: Stamps, good: NDArray[np.bool_]) -> Stamps:
         """Return a block's stamps [ns], shape (n,); those that are not `good` stay as they are."""
@@ -83,8 +90,8 @@ class Folds:
     def _hours_back(self, steps: Stamps) -> Stamps:
         """Return by how many hours the clock is set back at each sample."""
         hours = np.zeros(len(steps), np.int64)
-        near = min(FEW * self._step, Nanoseconds.MINUTE)
-        for size in _SET_BACK if self._period == Nanoseconds.DAY else ():
+        near = min(ENOUGH * self._step, Nanoseconds.MINUTE)
+        for size in map(int, SetBack) if self._period == Nanoseconds.DAY else ():
             back = (steps > -size * Nanoseconds.HOUR) & (steps <= near - size * Nanoseconds.HOUR)
             hours[back] = size
             self._often[size] += int(np.count_nonzero(back))
@@ -128,7 +135,7 @@ class Restarts:
         """Return by how much each sample is put later."""
         assert self._first is not None
         steps = np.clip(times - before, -COUNTED, COUNTED)
-        few = FEW * int(np.median(steps[steps > 0])) if (steps > 0).any() else 0
+        few = ENOUGH * int(np.median(steps[steps > 0])) if (steps > 0).any() else 0
         earlier, later = np.append(self._step, steps[:-1]), np.append(steps[1:], 0)
         # The clock goes on from the first stamps; a single stamp that is wrong, before or here, is left where it is.
         anew = falls & (-steps > few) & (times <= self._first + few) & (np.maximum(earlier, later) < -steps // 2)

@@ -14,17 +14,14 @@ from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps
+from vsalog.readers.limits import ENOUGH, TELLING
 from vsalog.readers.time_dates import trimmed
 
 Read = Callable[[Sequence[pa.Array]], tuple[Stamps, NDArray[np.bool_]]]
 """Reads a clock's columns."""
 
 _PARTS = r"^(?P<whole>.*\d[.,])(?P<fraction>\d{1,9})(?P<rest>(?:\s*[AaPp]\.?[Mm]\.?)?(?:\s*(?:[zZ]|UTC|GMT|[+-]\d\d:?\d\d))?)$"
-_DIGITS = (3, 6, 9)
-_LEAST = 20
-"""So many fractions tell how they are written."""
-_FEWER = 10
-"""So many times fewer rows come out of order if it is so."""
+_UNITS = {3: "milliseconds", 6: "microseconds", 9: "nanoseconds"}
 
 
 class Fractions:
@@ -49,7 +46,7 @@ class Fractions:
         if digits:
             padded, also = read([*others, _padded(last, digits)])
             falls, fewer = (int(np.count_nonzero(np.diff(one) < 0)) for one in (stamps[good], padded[also]))
-            if (sure and fewer <= falls) or _FEWER * fewer < falls:
+            if (sure and fewer <= falls) or fewer < (1 - TELLING) * falls:
                 self._digits = digits
                 return padded, also
         return stamps, good
@@ -58,7 +55,7 @@ class Fractions:
         """Return what to tell."""
         if not self._digits:
             return []
-        unit = {3: "milliseconds", 6: "microseconds", 9: "nanoseconds"}[self._digits]
+        unit = _UNITS[self._digits]
         evidence = {"read_as": unit, "example": f"12.{'7':0>{self._digits}}"}
         return [Finding(code="clock.fractions_unpadded", evidence=evidence)]
 
@@ -70,7 +67,7 @@ def _whole_numbers(cells: pa.Array) -> tuple[int, bool]:
     """
     fractions = pc.struct_field(pc.extract_regex(trimmed(cells), _PARTS), "fraction").drop_null()
     lengths = np.asarray(pc.utf8_length(fractions).to_numpy(zero_copy_only=False))
-    if lengths.size < _LEAST or lengths.min() == lengths.max() or lengths.max() not in _DIGITS:
+    if lengths.size < ENOUGH or lengths.min() == lengths.max() or lengths.max() not in _UNITS:
         return 0, False
     if pc.any(pc.match_substring_regex(fractions, r"^0\d")).as_py():
         return 0, False

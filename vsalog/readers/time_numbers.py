@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 from vsalog.core.recording import Stamps
 from vsalog.readers.time_dates import in_nanoseconds, integers, scaled, trimmed
 
-_SMALL, _NEAR = 1e14, 0.25
-"""Numbers below the first are off by less than 0.03 after they were read and multiplied as floating point."""
-
 
 def is_numeric(sample: pa.Array) -> bool:
     """Tell whether most cells of a column that are not blank are numbers."""
@@ -82,7 +79,8 @@ def _surely(array: pa.Array, digits: int) -> tuple[Stamps, NDArray[np.bool_]] | 
     with np.errstate(invalid="ignore", over="ignore"):
         values = np.asarray(pc.fill_null(numbers, 0.0).to_numpy(zero_copy_only=False), np.float64) * 10.0**digits
         whole = np.rint(values)
-        if not (np.abs(values) < _SMALL).all() or (np.abs(values - whole) > _NEAR).any():
+        # They were rounded twice: when they were read, and multiplied.
+        if not (np.abs(values - whole) + 2 * np.spacing(np.abs(values)) < 0.5).all():
             return None
     return whole.astype(np.int64), good
 

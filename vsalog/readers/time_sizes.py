@@ -16,8 +16,8 @@ _USUAL, _LONGEST = 0.5, 10.0
 """Samples of a log are so far apart at most [s]: of nearly all, and of one whose clock is called no date."""
 _QUICK = 0.15
 """So far apart at most [s] in a unit that suits short steps: 500 are rather microseconds at 2 kHz than milliseconds at 2 Hz."""
-_SHORT, _SHORTEST = 5e-5, 1e-5
-"""So far apart they are at least [s]: of nearly all, and of any."""
+SHORTEST = 2e-5
+"""So far apart they are at least [s]: no log of a machine has more than 50 kHz."""
 _UP = 10 * 86_400.0
 """Machines are seldom on for longer [s]."""
 _SAYS_EPOCH = re.compile("epoch|unix")
@@ -27,7 +27,6 @@ SINCE = {
     "serial": "1899-12-30, as spreadsheets count",
     "datenum": "the year 0, as MATLAB counts",
 }
-_SERIAL_STEP = 2e-5  # days; as seconds they would be samples of more than 50 kHz
 
 # Epoch seconds between 2000 and 2100; in other units by powers of a thousand.
 EPOCH = tuple(int(datetime(year, 1, 1, tzinfo=UTC).timestamp()) for year in (2000, 2100))
@@ -78,7 +77,7 @@ def guessed_unit(name: str, values: NDArray[np.float64], written: str = "{} [{}]
         if apart <= _LONGEST:
             return unit, _in_doubt(name, unit, apart, written)
     for form, (first, last, _) in SERIAL.items():
-        if first <= values.min() and values.max() <= last and 0 < step < _SERIAL_STEP:
+        if first <= values.min() and values.max() <= last and 0 < step < SHORTEST:
             evidence = {"since": SINCE[form], "otherwise": written.format(name, "s")}
             return form, [Finding(code="clock.counts_days", part=name, value=step, unit="d", evidence=evidence)]
     return _counted(name, step, size, written)
@@ -88,9 +87,9 @@ def _counted(name: str, step: float, size: float, written: str) -> tuple[str, li
     """Guess the unit of a clock that counts from some start, in the coarsest whose steps a log may have."""
     limits = {unit: _USUAL if unit == "s" else _QUICK for unit in _SECONDS}
     likely = [unit for unit, second in _SECONDS.items() if step * second <= limits[unit]] or ["ns"]
-    recent = [unit for unit in likely if size * _SECONDS[unit] <= _UP and step * _SECONDS[unit] >= _SHORT]
+    recent = [unit for unit in likely if size * _SECONDS[unit] <= _UP and step * _SECONDS[unit] >= SHORTEST]
     unit = (recent or likely)[0]
-    if unit == "s" and (step >= _SHORTEST or not step):
+    if unit == "s" and (step >= SHORTEST or not step):
         return unit, []
     evidence = {"read_as": _WORDS[unit], "otherwise": written.format(name, "ms" if unit == "s" else "s")}
     return unit, [Finding(code="clock.unit_by_steps", part=name, value=step, evidence=evidence)]

@@ -15,13 +15,8 @@ from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.bad_stamps import COUNTED
 from vsalog.readers.clock_steps import LEAST
+from vsalog.readers.limits import BLOCK_ROWS, ENOUGH, MOST_PARTS
 from vsalog.readers.reach import Stamp
-
-FEW = 10
-"""A clock that is set back goes back by more than so many of its steps; rows that are less late are sorted."""
-_MOST_STEPS, _MOST_GAPS = 16, 4096
-"""So many steps of a block are looked at, and so many gaps remembered."""
-
 
 Marks = Callable[[], Values]
 """Gives a number for each row of a block that other values would change."""
@@ -63,12 +58,12 @@ class StepsBack:
             self._first = self._last = self._latest = int(times[0])
         steps = np.diff(times, prepend=self._last)
         forward = steps[steps > 0]
-        few = FEW * int(np.median(forward)) if forward.size else 0
-        for k in np.flatnonzero(steps < -few)[:_MOST_STEPS].tolist() if few else ():
+        few = ENOUGH * int(np.median(forward)) if forward.size else 0
+        for k in np.flatnonzero(steps < -few)[:MOST_PARTS].tolist() if few else ():
             if self._shift - steps[k] > COUNTED:
                 break
             if self._is_set_back(times, steps, k, few) and not self._are_copies(times, k, good, marks):
-                size = few // FEW - int(steps[k])
+                size = few // ENOUGH - int(steps[k])
                 times[k:] += size
                 self._shift += size
                 self.sizes.append(size)
@@ -111,7 +106,7 @@ class StepsBack:
         return bool(2 * np.count_nonzero(same) > later.size)
 
     def _remember(self, times: Stamps, few: int) -> None:
-        self._gaps = np.concatenate([self._gaps, _gaps(times, self._last, few)])[-_MOST_GAPS:]
+        self._gaps = np.concatenate([self._gaps, _gaps(times, self._last, few)])[-BLOCK_ROWS:]
         self._last, self._latest = int(times[-1]), max(self._latest, int(times.max()))
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from vsalog.core.finding import Finding
-
-_TOLD = 3
+from vsalog.readers.limits import SHOWN
 
 
 def walk_findings(skipped: Sequence[tuple[int, int]], cut: tuple[int, int] | None) -> list[Finding]:
@@ -19,7 +18,7 @@ def walk_findings(skipped: Sequence[tuple[int, int]], cut: tuple[int, int] | Non
     """
     found = []
     if skipped:
-        where = ", ".join(str(start) for start, _ in skipped[:_TOLD]) + (", …" if len(skipped) > _TOLD else "")
+        where = ", ".join(str(start) for start, _ in skipped[:SHOWN]) + (", …" if len(skipped) > SHOWN else "")
         count = sum(end - start for start, end in skipped)
         found.append(Finding(code="recording.bytes_skipped", value=count, unit="B", evidence={"where": where}))
     if cut:

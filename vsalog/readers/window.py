@@ -28,7 +28,6 @@ HOW = (
     " or a time since the epoch"
 )
 
-_MOST_DIGITS = 100
 NO_SAMPLE = "no sample lies between the start and the end that were given"
 
 
@@ -69,7 +68,7 @@ class Moment:
             number = Decimal(text)
         except InvalidOperation:
             return _dated(text) or _with_unit(text, name)
-        if abs(number.adjusted()) > _MOST_DIGITS:
+        if abs(number.adjusted()) > len(str(Stamp.FARTHEST.value)):
             number = Decimal("inf") if number.adjusted() > 0 else Decimal(0)
         if number.is_snan():
             number = Decimal("nan")  # the other kind refuses to be multiplied

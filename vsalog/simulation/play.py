@@ -15,7 +15,7 @@ from vsalog.effects.backlash import engaged
 from vsalog.effects.drive import delivered
 from vsalog.effects.quantisation import rounded
 from vsalog.mechanics import flexibility_torque, reaction_torque, stiffness
-from vsalog.readers.base import BLOCK_ROWS
+from vsalog.readers.limits import BLOCK_ROWS
 from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Contact, SerialJoint
 from vsalog.simulation._integrate import integrate
 from vsalog.simulation.inputs import Input, Motion, Servo, TorqueInput, at_samples

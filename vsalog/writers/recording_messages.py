@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.recording import Stamps, Values
-from vsalog.readers.base import BLOCK_ROWS
+from vsalog.readers.limits import BLOCK_ROWS
 from vsalog.writers.recording_topics import FLOAT64, JOINT_FIELDS, JOINT_STATE, Topic
 
 Bytes = NDArray[np.uint8]
