@@ -241,6 +241,6 @@ def test_a_header_between_the_stretches_of_a_table_is_heeded(tmp_path, again, at
 
 
 def test_that_headers_were_not_looked_for_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(sampling_tables, "_SEARCHED", 1000)
+    monkeypatch.setattr(sampling_tables, "SEARCHED_BYTES", 1000)
     part, _ = sampling.read_sample(csv(tmp_path / "log"))
     assert "table.headers_not_sought" in codes(part)

@@ -16,7 +16,7 @@ from vsalog.core.recording import Values
 from vsalog.core.resolution import STRETCHES
 from vsalog.readers.limits import ENOUGH
 
-LENGTH = 512
+STRETCH_SAMPLES = 512
 """Samples of a stretch that is looked at."""
 
 MOST_TURNS = 6
@@ -37,8 +37,8 @@ def alternating(stream: str, columns: Mapping[str, Values]) -> list[Finding]:
 
 def _goes_back_and_forth(column: Values) -> bool | None:
     """Tell whether a channel does so in most of its stretches, None where it hardly varies."""
-    begins = np.unique(np.linspace(0, max(0, len(column) - LENGTH), STRETCHES).astype(np.int64)).tolist()
-    found = [_alternates(column[begin : begin + LENGTH]) for begin in begins]
+    begins = np.unique(np.linspace(0, max(0, len(column) - STRETCH_SAMPLES), STRETCHES).astype(np.int64)).tolist()
+    found = [_alternates(column[begin : begin + STRETCH_SAMPLES]) for begin in begins]
     known = [one for one in found if one is not None]
     return 2 * sum(known) > len(known) if known else None
 

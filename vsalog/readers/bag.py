@@ -27,7 +27,7 @@ from vsalog.readers.plain_messages import plain, plain_packets
 from vsalog.readers.publishers import FrameWatch, mixed_up, publisher_stream
 from vsalog.readers.streams import Named, Streams
 
-FEW = 16
+FEW_CONNECTIONS = 16
 """So many connections are looked for one by one; of more, those that are there are found first."""
 
 
@@ -161,7 +161,7 @@ class BagReader:
         packets = self._first_of(batches.keys()) if first_only else self._container.packets(batches.keys())
         for packet in plain_packets(packets):
             for batch, rows in _shared_out(packet, batches):
-                if rows.size >= BLOCK_ROWS // FEW:  # are decoded where they lie; fewer wait for others
+                if rows.size >= BLOCK_ROWS // FEW_CONNECTIONS:  # are decoded where they lie; fewer wait for others
                     if batch.messages:
                         yield self._flush(batch, total, damaged)
                     while rows.size:
@@ -318,7 +318,7 @@ def _all(batches: Mapping[int, _Batch]) -> list[_Batch]:
 
 def _shared_out(packet: Packet, batches: Mapping[int, _Batch]) -> Iterator[tuple[_Batch, Integers]]:
     """Yield each batch with the rows of a packet that belong to it."""
-    numbers = list(batches) if len(batches) <= FEW else np.unique(packet.connection).tolist()
+    numbers = list(batches) if len(batches) <= FEW_CONNECTIONS else np.unique(packet.connection).tolist()
     shared: dict[int, list[int]] = {}
     for number in numbers:
         shared.setdefault(id(batches[number]), []).append(number)

@@ -24,7 +24,7 @@ NEAR = 1_000_000_000
 
 LEAST = 4
 """Samples that a step moves among others; fewer are jitter."""
-_LEVEL = 64
+LEVEL = 64
 """Samples that tell how far stamps are from the log's times."""
 FAR = 4
 """So many times longer than usual is an interval, or farther off a stamp, that is one for itself."""
@@ -49,9 +49,9 @@ class ClockSteps:
         if self._waiting <= PART:
             return
         header, log = np.concatenate(self._headers), np.concatenate(self._logs)
-        new = PART - FAR * _LEVEL  # the others are seen again with the next piece, for steps at its end
+        new = PART - FAR * LEVEL  # the others are seen again with the next piece, for steps at its end
         while header.size > PART:
-            self._look(header[:PART], log[:PART], 2 * _LEVEL)
+            self._look(header[:PART], log[:PART], 2 * LEVEL)
             self._lowest = self._lowest_before(log[:PART] - header[:PART], new)
             header, log = header[new:], log[new:]
         self._headers, self._logs, self._waiting = [header], [log], header.size
@@ -71,7 +71,7 @@ class ClockSteps:
         leads = steps - np.diff(log)
         places = np.flatnonzero((steps > NEAR) & (leads > NEAR))
         for k in places[np.argsort(-leads[places], kind="stable")[:MOST_PARTS]].tolist():
-            size = _moved(log - header, k, slice(k + 1, k + 1 + _LEVEL))
+            size = _moved(log - header, k, slice(k + 1, k + 1 + LEVEL))
             if header.size - k <= max(waiting, LEAST) or -size <= leads[k] // 2:
                 continue
             if leads[k] > AHEAD or (_goes_on_evenly(header, log, k) and self._is_new(log - header, k)):
@@ -79,12 +79,12 @@ class ClockSteps:
 
     def _is_new(self, delay: Stamps, last: int) -> bool:
         """Tell whether samples behind the `last` have less delay than any before, not what it was before they had to wait."""
-        before, after = delay[max(0, last + 1 - _LEVEL) : last + 1], delay[last + 1 : last + 1 + _LEVEL]
+        before, after = delay[max(0, last + 1 - LEVEL) : last + 1], delay[last + 1 : last + 1 + LEVEL]
         return bool(2 * self._lowest_before(delay, last + 1) > np.median(before) + np.median(after))
 
     def _lowest_before(self, delay: Stamps, end: int) -> int:
         """Return the least delay [ns] that samples had for a while, up to one."""
-        whole = delay[: end // _LEVEL * _LEVEL].reshape(-1, _LEVEL) if end >= _LEVEL else delay[None, :end]
+        whole = delay[: end // LEVEL * LEVEL].reshape(-1, LEVEL) if end >= LEVEL else delay[None, :end]
         return min(self._lowest, int(np.median(whole, axis=1).min()))
 
     def _look_back(self, header: Stamps, log: Stamps, until: int) -> None:
@@ -101,7 +101,7 @@ class ClockSteps:
         places = np.flatnonzero(long)
         for k in places[np.argsort(-depths[places], kind="stable")[:MOST_PARTS]].tolist():
             begin, end = int(begins[k]), int(ends[k])
-            after = slice(max(begin, end - _LEVEL) if end == header.size else end, end + _LEVEL)
+            after = slice(max(begin, end - LEVEL) if end == header.size else end, end + LEVEL)
             size = _moved(log - header, begin - 1, after)
             if size > depths[k] // 2:
                 self.back = max(self.back, size)
@@ -109,7 +109,7 @@ class ClockSteps:
 
 def _moved(delay: Stamps, last: int, after: slice) -> int:
     """Return how much more delay [ns] samples have than those up to the `last` before them, 0 where that may be jitter."""
-    low, level, high = _spread(delay[max(0, last + 1 - _LEVEL) : last + 1])
+    low, level, high = _spread(delay[max(0, last + 1 - LEVEL) : last + 1])
     new_low, new_level, new_high = _spread(delay[after])
     return int(new_level - level) if new_low > high or new_high < low else 0
 
@@ -122,7 +122,7 @@ def _spread(delay: Stamps) -> tuple[float, float, float]:
 
 def _goes_on_evenly(header: Stamps, log: Stamps, last: int) -> bool:
     """Tell whether stamps and log times follow one another as before behind the `last` sample ahead of a step."""
-    before, after = slice(max(0, last + 1 - _LEVEL), last + 1), slice(last + 1, last + 1 + _LEVEL)
+    before, after = slice(max(0, last + 1 - LEVEL), last + 1), slice(last + 1, last + 1 + LEVEL)
     if last < LEAST or header[after].size <= LEAST:
         return False
     usual = [float(np.median(np.diff(stamps[part]))) for stamps in (header, log) for part in (before, after)]

@@ -44,7 +44,8 @@ class Kind(IntEnum):
     BASIC, MESSAGE, FIXED_ARRAY = range(1, 4)
 
 
-_LONGEST = 2**17  # characters of a definition: the longest that ROS ships have a tenth of it
+LONGEST_DEFINITION = 2**17
+"""Characters of a definition: the longest that ROS ships have a tenth of it."""
 
 
 # What the parser passes over or misunderstands, and what it means nothing in.
@@ -175,7 +176,7 @@ def ros1_checksum(name: str, text: str) -> str:
 def _parse_text(name: str, text: str, language: str) -> dict[str, Any]:
     from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
-    if len(text) > _LONGEST:
+    if len(text) > LONGEST_DEFINITION:
         raise DefinitionError(f"the definition of {name} has {len(text)} characters; so many are not read")
     code = _REMARK[language].sub("", text)
     if wide := _WIDE[language].search(code):

@@ -12,17 +12,15 @@ from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.limits import TELLING
 from vsalog.readers.reach import Nanoseconds
-from vsalog.readers.time_sizes import SERIAL, SINCE, guessed_unit
+from vsalog.readers.time_sizes import SERIAL, SHORTEST_STEP, SINCE, guessed_unit
 
 _NANOSECONDS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
 _STATED = re.compile(r"_(s|ms|us|ns)$", re.IGNORECASE)
 _WRITTEN = "{}_{}"
 
 
-# Days since the year 0, as MATLAB's datenum and now give them, from 1900 to 2100. In seconds, steps as short as
-# such days have would be of 10 kHz and more, a little over eight days after the clock began.
+# Days since the year 0, as MATLAB's datenum and now give them, from 1900 to 2100.
 _DAYS = [date(year, 1, 1).toordinal() + 366 for year in (1900, 2100)]
-_SHORT = 1e-4
 
 
 def find_clock(vectors: Mapping[str, Values]) -> tuple[str | None, Finding | None]:
@@ -67,7 +65,7 @@ def stamps_of(name: str, values: Values, whole: Stamps | None = None) -> tuple[S
 def _unit(name: str, values: Values) -> tuple[str, list[Finding]]:
     """Return the unit of a clock, or how it counts days, and what to tell of it."""
     step = float(np.median(np.diff(values))) if values.size > 1 else 0.0
-    if _DAYS[0] <= values[0] and values[-1] <= _DAYS[1] and step < _SHORT:
+    if _DAYS[0] <= values[0] and values[-1] <= _DAYS[1] and step < SHORTEST_STEP:
         evidence = {"since": SINCE["datenum"], "otherwise": _WRITTEN.format(name, "s")}
         return "datenum", [Finding(code="clock.counts_days", part=name, value=step, unit="d", evidence=evidence)]
     stated = _STATED.search(name)

@@ -15,6 +15,7 @@ import numpy as np
 from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps
+from vsalog.readers.bad_stamps import FEW
 from vsalog.readers.container import CATALOGUE_MESSAGES, Connection
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError
@@ -23,11 +24,11 @@ from vsalog.readers.limits import BLOCK_ROWS
 from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages, Packet
 
-# What comes by turns is of two publishers. A publisher that is set up anew changes its frame fewer times, and a frame that is so
-# many times rarer than another may be its slip: then it stands where one of the other would have been.
-_LEAST_RUNS, _RARE = 3, 20
-# So much longer than usual [times] the other's interval is then, if it is regular.
-_LONGER = 1.5
+LEAST_RUNS = 3
+"""Runs of messages that are by turns of two publishers; one that is set up anew changes its frame fewer times. A frame that is
+`FEW` times rarer than another may be its slip: then it stands where one of the other would have been."""
+LONGER = 1.5
+"""So much longer than usual [times] the other's interval is then, if it is regular."""
 _UNNAMED = "unnamed"  # what publishers without a name are called
 
 
@@ -77,13 +78,13 @@ class _Publisher:
         if not self.usual or not self.across:
             return None
         usual, late = np.percentile(self.usual, (50, 90))
-        return bool(np.median(self.across) > _LONGER * usual) if late <= _LONGER * usual else None
+        return bool(np.median(self.across) > LONGER * usual) if late <= LONGER * usual else None
 
     def alternates(self, other: _Publisher) -> bool:
         """Tell whether messages of both come by turns, and neither is a slip of the other or what it became."""
         rarer, more = sorted((self, other), key=lambda one: one.count)
-        if rarer.runs >= _LEAST_RUNS:
-            return rarer.count * _RARE > more.count or not more.gives_way()
+        if rarer.runs >= LEAST_RUNS:
+            return rarer.count * FEW > more.count or not more.gives_way()
         # All of one and then all of the other, though at the same time: they were put together later.
         return more.runs == 1 or more.gives_way() is False
 

@@ -18,7 +18,7 @@ from vsalog.readers.table import TableReader
 from vsalog.readers.table_between import last_header
 from vsalog.readers.text_source import open_text, read_beginning
 
-_SEARCHED = 2**32
+SEARCHED_BYTES = 2**32
 """To look for headers in a larger table would take longer than anybody waits for a glance at it."""
 
 
@@ -58,7 +58,7 @@ def cut_text(source: Path, target: Path, budget: int) -> Cut | None:
         share = budget // STRETCHES
         begins = [_next_line(file, int(at)) for at in np.linspace(0, size - share, STRETCHES)]
         pieces = [Piece(begin, _next_line(file, begin + share) - begin) for begin in begins]
-        end, searched = 0, size <= _SEARCHED
+        end, searched = 0, size <= SEARCHED_BYTES
         for piece in pieces:
             if end and searched:
                 out.write(last_header(source, reader.dialect, end, piece.position))

@@ -16,6 +16,7 @@ from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import plural
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each
+from vsalog.readers.fields import MAX_FIELDS
 from vsalog.readers.limits import PIECE_BYTES, SAMPLE_ROWS
 from vsalog.readers.row_clock import row_clock
 from vsalog.readers.row_times import RowTimes
@@ -33,8 +34,6 @@ from vsalog.readers.text_source import BoundedGzip, open_text, read_beginning
 from vsalog.readers.time_columns import ClockColumn, ClockPlan, find_clocks, looks_like_clock, runs_backwards
 from vsalog.readers.time_names import UNITS
 from vsalog.readers.time_steps import row_marks
-
-MAX_COLUMNS = 10_000
 
 
 class TableReader:
@@ -236,7 +235,7 @@ class TableReader:
         except OSError as error:
             raise ReadError(f"cannot be read: {error.strerror or error}", self.path) from error
         if columns := _too_many_columns(head):
-            raise ReadError(f"has {columns} columns; more than {MAX_COLUMNS} are no log of a machine", self.path)
+            raise ReadError(f"has {columns} columns; more than {MAX_FIELDS} are no log of a machine", self.path)
         dialect = detect(head, whole)
         if not dialect.names or not dialect.rows:
             raise ReadError("holds text, but no table: no row of values was found", self.path)
@@ -247,9 +246,9 @@ class TableReader:
                 " between columns, or with decimal points",
                 self.path,
             )
-        if len(dialect.names) > MAX_COLUMNS:
+        if len(dialect.names) > MAX_FIELDS:
             raise ReadError(
-                f"has {len(dialect.names)} columns; more than {MAX_COLUMNS} are no log of a machine", self.path
+                f"has {len(dialect.names)} columns; more than {MAX_FIELDS} are no log of a machine", self.path
             )
         return dialect
 
@@ -348,7 +347,7 @@ def _too_many_columns(head: bytes) -> str:
     fewest = min(lines, key=len, default=last)
     count = max(len(fewest.split()), *(fewest.count(mark) + 1 for mark in (b",", b";", b"\t", b"|")))
     quotes = 10 if b'"' in fewest else 1  # which may hold such marks
-    return "" if count <= quotes * MAX_COLUMNS else f"{count}" if lines else f"more than {count}"
+    return "" if count <= quotes * MAX_FIELDS else f"{count}" if lines else f"more than {count}"
 
 
 def _with_unit_of_time(dialect: Dialect, plan: ClockPlan) -> Dialect:

@@ -29,7 +29,7 @@ _GLUED = re.compile(r"^[+-]?[\d.,]*\d(?:[eE][+-]?\d+)?\W*?((?:[#%]|\W?[^\W\d]).*
 _REMARK_BEHIND = re.compile(r"^([^#%]+)([#%].*)$")
 _OF_LABVIEW = {LABVIEW_CLOCK: "time [s]", "Comment": ""}
 """What it calls the clock, and remarks behind the rows."""
-_LONGEST_PAUSE = 1000
+LONGEST_PAUSE = 1000
 """Steps of a clock for which a log may pause."""
 
 
@@ -320,7 +320,7 @@ def goes_on(earlier: str, before: str, after: str) -> bool:
         a, b, c = (float(cell.replace(",", ".")) for cell in (earlier, before, after))
     except ValueError:  # a date looks like the others
         return re.sub(r"\d", "0", before) == re.sub(r"\d", "0", after)
-    return 0 <= c - b <= _LONGEST_PAUSE * max(b - a, 0.0) or c == b
+    return 0 <= c - b <= LONGEST_PAUSE * max(b - a, 0.0) or c == b
 
 
 def rescaled(cells: pa.Array, factor: Decimal, notation: Notation) -> pa.Array:

@@ -22,17 +22,14 @@ from vsalog.readers.time_dates import trimmed
 from vsalog.readers.time_names import plain
 from vsalog.readers.time_numbers import floats
 
-_MOST_KEYS = 3
+MOST_KEYS = 3
 """Columns that together name a part: a robot, its arm and a joint."""
 _NAMED = re.compile(
     r"(^|[_.])(robot|joint|motor|axis|actuator|sensor|device|node|link|part|channel|topic|source|signal|variable|quantity|id|name)"
     r"(_?(id|name|no|nr|index))?$"
 )
-_BACK = 0.4
+TURNS_BACK = 0.4
 """Fraction of the changes of the speaker at which the clock goes back, where rows come in blocks: of two speakers, half."""
-
-_LATE = 1e-3
-"""Fraction of rows whose time may be damaged or late, so that the clock goes back within a block."""
 
 Whole = Callable[[Sequence[int]], Iterable[Sequence[pa.Array]]]
 """Gives some columns from their first row to the last, part by part."""
@@ -78,7 +75,7 @@ def find_keys(
     rows = _FirstRows(names, sample, plan, stamps, good)
     named = [*rows.candidates(False)]
     keys = rows.sharing(named)
-    while len(keys) < _MOST_KEYS:
+    while len(keys) < MOST_KEYS:
         others = [one for one in named if one.column not in keys]
         more = next((one for one in others if rows.take_turns(one, keys)), None) or next(
             (one for one in others if _in_blocks(one, sample[one.column], keys, clock, whole)), None
@@ -124,7 +121,7 @@ class _FirstRows:
             return ()
         few = [one for one in candidates if 2 <= len(np.unique(one.who)) <= min(MAX_ARRAY, len(one.who) // 3)]
         few = sorted(few, key=lambda one: not one.called)[:ENOUGH]
-        for size in range(1, _MOST_KEYS + 1):
+        for size in range(1, MOST_KEYS + 1):
             for some in combinations(few, size):
                 who = _together([one.who for one in some])
                 count = len(np.unique(who))
@@ -190,7 +187,7 @@ def _in_blocks(candidate: _Candidate, first: pa.Array, keys: Sequence[int], cloc
     """
     if not 1 <= len(pc.unique(first)) <= min(MAX_ARRAY, len(first) // 3):
         return False
-    changes = falls = both = rows = 0
+    changes = falls = both = 0
     last: dict[str, tuple[str, int]] = {}
     for cells in whole([candidate.column, *keys, *clock.columns]):
         stamps, good = nanoseconds(cells[1 + len(keys) :], clock.form)
@@ -207,8 +204,8 @@ def _in_blocks(candidate: _Candidate, first: pa.Array, keys: Sequence[int], cloc
             return False
         changed, fell = _steps(names, stamps, others.filter(kept) if others is not None else None, last)
         changes, falls = changes + int(changed.sum()), falls + int(fell.sum())
-        both, rows = both + int((changed & fell).sum()), rows + len(names)
-    return both > 0 and both >= _BACK * changes and falls - both <= max(both, _LATE * rows)
+        both += int((changed & fell).sum())
+    return both > 0 and both >= TURNS_BACK * changes and falls <= 2 * both
 
 
 def _steps(

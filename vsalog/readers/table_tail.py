@@ -6,11 +6,11 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from vsalog.readers.limits import ENOUGH, GLANCE_BYTES
 from vsalog.readers.table_text import WHITESPACE, is_comment, split
 
-_NEGLIGIBLE = 1e-6
-"""Of the range of a column: digits that are missing behind it make no other number."""
 _NUMBER = re.compile(r"^[+-]?(\d*)(?:[.,](\d*))?$")
 
 
@@ -70,7 +70,8 @@ def _lacks_digits(cell: str, above: Sequence[str]) -> bool:
     if _digits(number) >= max(_digits(part) for part in parts):
         return False
     values = [_value(part) for part in parts]
-    return not decimals or 10.0**-decimals > _NEGLIGIBLE * (max(values) - min(values))
+    # Digits that single precision would not have make no other number.
+    return not decimals or 10.0**-decimals > float(np.finfo(np.float32).resolution) * (max(values) - min(values))
 
 
 def _digits(number: re.Match[str]) -> int:

@@ -12,13 +12,13 @@ from vsalog.core.finding import Finding
 
 _WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_USUAL, _LONGEST = 0.5, 10.0
+USUAL_STEP, LONGEST_STEP = 0.5, 10.0
 """Samples of a log are so far apart at most [s]: of nearly all, and of one whose clock is called no date."""
-_QUICK = 0.15
+QUICK_STEP = 0.15
 """So far apart at most [s] in a unit that suits short steps: 500 are rather microseconds at 2 kHz than milliseconds at 2 Hz."""
-SHORTEST = 2e-5
+SHORTEST_STEP = 2e-5
 """So far apart they are at least [s]: no log of a machine has more than 50 kHz."""
-_UP = 10 * 86_400.0
+LONGEST_RUN = 10 * 86_400.0
 """Machines are seldom on for longer [s]."""
 _SAYS_EPOCH = re.compile("epoch|unix")
 # Days that spreadsheets and MATLAB count: those between 2000 and 2050, and the number of 1970-01-01.
@@ -72,12 +72,12 @@ def guessed_unit(name: str, values: NDArray[np.float64], written: str = "{} [{}]
     unit = epoch_unit(size)
     if unit is not None:
         apart = step * _SECONDS[unit]
-        if apart <= _USUAL or _SAYS_EPOCH.search(name.lower()):
+        if apart <= USUAL_STEP or _SAYS_EPOCH.search(name.lower()):
             return unit, _on_labview(name, float(values.min())) if unit == "s" else []
-        if apart <= _LONGEST:
+        if apart <= LONGEST_STEP:
             return unit, _in_doubt(name, unit, apart, written)
     for form, (first, last, _) in SERIAL.items():
-        if first <= values.min() and values.max() <= last and 0 < step < SHORTEST:
+        if first <= values.min() and values.max() <= last and 0 < step < SHORTEST_STEP:
             evidence = {"since": SINCE[form], "otherwise": written.format(name, "s")}
             return form, [Finding(code="clock.counts_days", part=name, value=step, unit="d", evidence=evidence)]
     return _counted(name, step, size, written)
@@ -85,11 +85,13 @@ def guessed_unit(name: str, values: NDArray[np.float64], written: str = "{} [{}]
 
 def _counted(name: str, step: float, size: float, written: str) -> tuple[str, list[Finding]]:
     """Guess the unit of a clock that counts from some start, in the coarsest whose steps a log may have."""
-    limits = {unit: _USUAL if unit == "s" else _QUICK for unit in _SECONDS}
+    limits = {unit: USUAL_STEP if unit == "s" else QUICK_STEP for unit in _SECONDS}
     likely = [unit for unit, second in _SECONDS.items() if step * second <= limits[unit]] or ["ns"]
-    recent = [unit for unit in likely if size * _SECONDS[unit] <= _UP and step * _SECONDS[unit] >= SHORTEST]
+    recent = [
+        unit for unit in likely if size * _SECONDS[unit] <= LONGEST_RUN and step * _SECONDS[unit] >= SHORTEST_STEP
+    ]
     unit = (recent or likely)[0]
-    if unit == "s" and (step >= SHORTEST or not step):
+    if unit == "s" and (step >= SHORTEST_STEP or not step):
         return unit, []
     evidence = {"read_as": _WORDS[unit], "otherwise": written.format(name, "ms" if unit == "s" else "s")}
     return unit, [Finding(code="clock.unit_by_steps", part=name, value=step, evidence=evidence)]
