@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 from numba import njit
-from vsalog.core.spool import EXTENT
 
 from benchmarks.measure import Time, compiler, machine, side_by_side
 from vsalog.estimators.equation import EquationRows
+from vsalog.estimators.folding import BLOCK
 from vsalog.estimators.qr import QrState, qr_solve, qr_update
 from vsalog.estimators.rls import RlsState, rls_update
 from vsalog.estimators.solvers import QrSolver, RlsSolver
@@ -52,8 +52,8 @@ def drive_qr(F, y, forgetting, Rp, row, xi):
 def drive_solver(solver: RlsSolver | QrSolver, F, y, E, spread) -> None:
     """Go through all samples as `vsalog estimate` does: with functionals, variances and noise, block by block."""
     state = solver.start(F.shape[1])
-    for k in range(0, SAMPLES, EXTENT):
-        part = slice(k, k + EXTENT)
+    for k in range(0, SAMPLES, BLOCK):
+        part = slice(k, k + BLOCK)
         use = np.ones(len(y[part]), dtype=bool)
         state, *_ = solver.block(state, EquationRows(F[part], y[part], use, ~use, {}, {}), use, E[part], spread)
 

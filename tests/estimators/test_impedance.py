@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
 from vsalog.cli import cli
-from vsalog.filters.link_ekf import LinkNoise, anew, estimate_link, link_start
+from vsalog.filters.link_ekf import LinkNoise, estimate_link, link_start, restarted
 from vsalog.filters.stiffness_observer import observe_stiffness, observer_start
 from vsalog.reproduce.measure import Study
 from vsalog.reproduce.serio2011 import simulated
@@ -106,7 +106,7 @@ def test_another_run_begins_elsewhere_with_the_same_link():
     u, noise = np.sin(12.0 * t), LinkNoise(1e-6, 1e-3, 5.0, 100.0, 100.0, 0.0)
     q = -np.sin(12.0 * t) / (0.05 * 144.0) + t / (0.05 * 12.0)
     _, _, _, state = estimate_link(link_start(noise), q, u, T, noise, 1e4)
-    x, _, _, _ = estimate_link(anew(state), q[:50] + 7.0, u[:50], T, noise, 1e4)
+    x, _, _, _ = estimate_link(restarted(state), q[:50] + 7.0, u[:50], T, noise, 1e4)
     assert x[0, 0] == pytest.approx(q[0] + 7.0)
     assert 1.0 / x[-1, 2] == pytest.approx(0.05, rel=1e-2)
     missing = np.full(20, np.nan)

@@ -13,7 +13,6 @@ from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import Block
 from vsalog.readers.carried import Together, carried, lacks_any, together
-from vsalog.readers.limits import BLOCK_ROWS
 
 # Samples that room is made for at once where a log promises them; the room is no memory before it is filled.
 _MOST_ROOM = 2**22

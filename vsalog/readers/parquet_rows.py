@@ -11,7 +11,6 @@ from vsalog.core.column import PART
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import plural, printable
-from vsalog.readers.base import BLOCK_ROWS, SAMPLE_ROWS
 from vsalog.readers.compression import MAX_BYTES, MAX_RATIO
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.limits import BLOCK_ROWS, SAMPLE_ROWS

@@ -16,8 +16,9 @@ from vsalog.core.look import joined, stretches
 from vsalog.core.recording import Stamps
 from vsalog.core.resolution import STRETCHES
 from vsalog.readers.bad_stamps import FEW, are_few, bad_rows, looked_at
-from vsalog.readers.base import BLOCK_ROWS, CLOCKS
+from vsalog.readers.base import CLOCKS
 from vsalog.readers.clock_steps import ClockSteps
+from vsalog.readers.limits import BLOCK_ROWS
 from vsalog.readers.reach import Nanoseconds, Stamp
 from vsalog.readers.table_stamps import stamps_that_are_none
 
