@@ -195,7 +195,6 @@ def _stays_within(folder, run, actual):
         assert b.max() <= a.max() + room, what
 
 
-@CLASSES
 def test_a_consistent_log_is_answered_with_what_it_shows_least_of(tmp_path, run):
     put(tmp_path, "right", *swinging(Truth()), ELASTIC)
     found = run("diagnose", "right.csv", "--suggest", "--json", "-o", "out")

@@ -246,7 +246,8 @@ def _doubts(found: JointDiagnosis) -> Iterator[Finding]:
 
 def _require_motion(name: str, channels: Channels) -> None:
     """Refuse a log of a joint that rests, or one that is over before a filter has seen it."""
-    least = channels.window + FEWEST_BLOCKS * round(BELL / channels.period)
+    # As many rows as blocks: they overlap by half.
+    least = channels.window + FEWEST_BLOCKS * round(0.5 * BELL / channels.period)
     if len(channels) < least:
         raise DiagnosisError(
             f"joint '{name}': {len(channels)} samples, {len(channels) * channels.period:.3g} s, are too few: the filters alone"
