@@ -12,12 +12,13 @@ from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, Number, Unexp
 from vsalog.diagnosis.run import Outcome
 from vsalog.diagnosis.smooth import UNKNOWN
 from vsalog.report.diagnosis_words import (
+    confidence_text,
     further_findings,
     part_in_words,
     reduction_text,
-    share_text,
     signal_name,
     title_of,
+    unexplained_words,
     unfilled,
     unit_of,
     with_interval,
@@ -151,8 +152,7 @@ def _believe(causes: Sequence[FoundCause], left: Unexplained) -> list[str]:
     if causes:
         weakest = min(causes, key=lambda c: (c.confidence, c.class_confidence))
         of = " of the least certain of them" if len(causes) > 1 else ""
-        its = f", that of its class {_per_cent(weakest.class_confidence)}" if weakest.indistinguishable_from else ""
-        said.append(f"The confidence{of} is {_per_cent(weakest.confidence)}{its}.")
+        said.append(f"The confidence{of} is {confidence_text(weakest)}.")
     # Both parts of a joint may have the same cause.
     said += dict.fromkeys(
         f"This log cannot tell {c.cause} from {', '.join(c.indistinguishable_from)}: they are one class, and the rig's tolerances"
@@ -161,13 +161,7 @@ def _believe(causes: Sequence[FoundCause], left: Unexplained) -> list[str]:
         if c.indistinguishable_from
     )
     if left.where is not None:
-        on = f" and depends on {' and '.join(left.depends_on)}" if left.depends_on else ""
-        if left.loop:
-            on = f": a loop over {left.depends_on[0]}, as far as a log can show that passes it once"
-        said.append(
-            f"Of what is wrong in the equations {_per_cent(left.fraction)}, in squares beyond noise, is left unexplained; it is"
-            f" on the {left.where} side{on}."
-        )
+        said.append(unexplained_words(left))
     elif not causes:
         said.append(
             "The equations close within their noise where they can be formed: what is wrong shows only where it adds up, in the"
@@ -180,10 +174,6 @@ def _immaterial(causes: Sequence[FoundCause]) -> str:  # that are more probable 
     small = [c for c in causes if not c.material]
     told = dict.fromkeys(c.cause for c in small if c.class_confidence > 0.5)
     return f"Present, but immaterial: {', '.join(told)}." if told and len(small) < len(causes) else ""
-
-
-def _per_cent(share: float) -> str:
-    return "above 99 %" if share > 0.99 else "below 1 %" if share < 0.01 else share_text(share)
 
 
 def _held_out(gains: Sequence[Gain], held_out: str, extended: bool, unexplained: bool) -> str:
