@@ -6,6 +6,7 @@ import shutil
 import sqlite3
 import tempfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from enum import IntEnum
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,6 @@ from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.container import CATALOGUE_MESSAGES, MOST_CONNECTIONS, Connection
 from vsalog.readers.limits import BLOCK_ROWS, PACKED_BYTES
 from vsalog.readers.packets import Messages, Packet
-from vsalog.readers.reach import Stamp
 from vsalog.readers.sqlite_cut import cut_row
 from vsalog.readers.sqlite_opened import connect, left_log
 from vsalog.readers.sqlite_ranges import FIRST_ROWS, bounded, most_steps, ranges
@@ -33,7 +33,12 @@ _DAMAGE = (sqlite3.DatabaseError, UnicodeDecodeError)
 _LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl"}
 _COLUMNS = {"topic_id", "timestamp", "data"}
 
-_LAST_ROW = Stamp.FARTHEST  # of 64 bits, with as many more behind it
+
+class RowId(IntEnum):
+    """Numbers of rows have 64 bits; those beyond LAST are never given."""
+
+    LAST = np.iinfo(np.int64).max // 2
+
 
 _Rows = tuple[tuple[Any, ...], tuple[int, ...], tuple[bytes, ...]]
 """Topics, times and messages."""
@@ -158,7 +163,7 @@ class SqliteContainer:
         count = 0 if start < 0 else start - first + 1
         nonsense, at_once = 0, FIRST_ROWS
         most = self.size()  # more rows than bytes come only of pages that are there several times
-        while start < _LAST_ROW and count < most:
+        while start < RowId.LAST and count < most:
             try:
                 cursor = self._database.execute(query, (start,))
                 while count < most and (rows := list(islice(cursor, at_once))):
@@ -191,7 +196,7 @@ class SqliteContainer:
             self.findings.add(Finding(code="recording.rows_without_message", value=nonsense))
         if count >= most:
             self.findings.add(Finding(code="recording.database_repeats"))
-        elif start >= _LAST_ROW:
+        elif start >= RowId.LAST:
             self.findings.add(Finding(code="recording.database_end_unreadable"))
         elif lost:
             self.findings.add(Finding(code="recording.rows_unreadable", value=lost))
