@@ -17,6 +17,7 @@ from vsalog.readers.fields import Fields
 from vsalog.readers.frames import Frames, stated_frames
 from vsalog.readers.json_messages import JsonDecoder
 from vsalog.readers.labels import usable_labels
+from vsalog.readers.last_line import may_be_cut
 from vsalog.readers.layout import TooManyPartsError, learn
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.packets import Messages
@@ -24,7 +25,6 @@ from vsalog.readers.protobuf_types import message_class
 from vsalog.readers.sniff import sniff
 from vsalog.readers.table_detection import detect
 from vsalog.readers.table_notation import find_notations
-from vsalog.readers.table_tail import may_be_cut
 from vsalog.readers.walk_findings import walk_findings
 
 MI = 2**20

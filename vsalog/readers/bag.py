@@ -14,6 +14,7 @@ from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import Block, Catalogue, ChannelInfo
 from vsalog.readers.chunk_index import IndexContradictsError, Part
+from vsalog.readers.compressed_messages import plain, plain_packets
 from vsalog.readers.container import CATALOGUE_MESSAGES, Connection, Container
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError, normal_type
@@ -23,7 +24,6 @@ from vsalog.readers.frames import Frames
 from vsalog.readers.limits import BLOCK_ROWS, MOST_STEPS, PACKED_BYTES
 from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages, Packet
-from vsalog.readers.plain_messages import plain, plain_packets
 from vsalog.readers.publishers import FrameWatch, mixed_up, publisher_stream
 from vsalog.readers.streams import Named, Streams
 

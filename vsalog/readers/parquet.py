@@ -18,6 +18,8 @@ from vsalog.core.recording import Stamps, Values
 from vsalog.core.units import split_header
 from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each
 from vsalog.readers.headers import printable_cell, unique_names
+from vsalog.readers.long_tables import Speakers, find_speakers
+from vsalog.readers.merged_tables import Layers, blank, columns_apart, group_by_blanks, stretches
 from vsalog.readers.parquet_cells import as_numbers, is_moment, is_number, rising
 from vsalog.readers.parquet_cells import rounded as rounded_in
 from vsalog.readers.parquet_flat import FlatRows
@@ -25,10 +27,8 @@ from vsalog.readers.parquet_footer import footer_trouble
 from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.row_clock import row_clock
 from vsalog.readers.row_times import RowTimes
-from vsalog.readers.sparse import Layers, blank, columns_apart, group_by_blanks, stretches
 from vsalog.readers.table_cells import Cells, numbers_and_words
 from vsalog.readers.table_slots import Slots
-from vsalog.readers.table_speakers import Speakers, find_speakers
 from vsalog.readers.time_columns import ClockPlan, find_clocks, looks_like_clock, runs_backwards
 from vsalog.readers.time_steps import row_marks
 

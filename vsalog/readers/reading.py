@@ -13,8 +13,8 @@ from vsalog.core.recording import Recording
 from vsalog.readers.bag import BagReader
 from vsalog.readers.base import Reader
 from vsalog.readers.collect import collect
+from vsalog.readers.concatenated_files import opened_mcap, opened_rosbag1
 from vsalog.readers.container import Container
-from vsalog.readers.joined import opened_mcap, opened_rosbag1
 from vsalog.readers.matlab import MatlabReader
 from vsalog.readers.parquet import ParquetReader
 from vsalog.readers.remote import downloaded, local

@@ -12,13 +12,13 @@ from vsalog.core.finding import Finding, Findings
 from vsalog.core.finding_texts import sentence
 from vsalog.readers.chunk_index import Needed, Part
 from vsalog.readers.compression import MAX_RATIO
+from vsalog.readers.concatenated_files import opened_mcap
 from vsalog.readers.container import ZSTD_MAGIC, Connection, Container
-from vsalog.readers.joined import opened_mcap
+from vsalog.readers.file_sequence import SeveralContainer
 from vsalog.readers.limits import PACKED_BYTES
 from vsalog.readers.mcap_walk import MAGIC as MCAP_MAGIC
 from vsalog.readers.packets import Packet
 from vsalog.readers.rosbag2_sqlite import SQLITE_MAGIC, SqliteContainer
-from vsalog.readers.several import SeveralContainer
 
 METADATA = "metadata.yaml"
 

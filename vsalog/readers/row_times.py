@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.recording import Stamps
-from vsalog.readers.sparse import Layers
+from vsalog.readers.merged_tables import Layers
 from vsalog.readers.time_columns import ClockColumn, folds_of, nanoseconds
 from vsalog.readers.time_fractions import Fractions
 from vsalog.readers.time_steps import Marks, StepsBack

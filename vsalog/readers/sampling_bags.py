@@ -17,14 +17,14 @@ from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import printable
 from vsalog.core.resolution import STRETCHES
-from vsalog.readers.joined import opened_rosbag1
+from vsalog.readers.concatenated_files import opened_rosbag1
+from vsalog.readers.file_sequence import SeveralContainer
 from vsalog.readers.limits import MOST_STEPS, PIECE_BYTES
 from vsalog.readers.opened import for_sqlite
 from vsalog.readers.rosbag2 import METADATA
 from vsalog.readers.sampling_mcap import MAGIC as MCAP_MAGIC
 from vsalog.readers.sampling_mcap import cut_mcap
 from vsalog.readers.sampling_pieces import Cut, Piece, chosen_pieces, copy_pieces
-from vsalog.readers.several import SeveralContainer
 from vsalog.readers.sqlite_opened import attach
 
 _VERSION = b"#ROSBAG V2.0\n"

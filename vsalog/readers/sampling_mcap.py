@@ -13,10 +13,10 @@ from mcap.opcode import Opcode
 
 from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
-from vsalog.readers.joined import opened_mcap
+from vsalog.readers.concatenated_files import opened_mcap
+from vsalog.readers.file_sequence import SeveralContainer
 from vsalog.readers.limits import MOST_STEPS
 from vsalog.readers.sampling_pieces import Cut, Piece, chosen_pieces, copy_pieces
-from vsalog.readers.several import SeveralContainer
 
 MAGIC = b"\x89MCAP0\r\n"
 

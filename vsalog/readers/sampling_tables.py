@@ -14,8 +14,8 @@ from vsalog.core.resolution import STRETCHES
 from vsalog.readers.limits import PACKED_BYTES
 from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.sampling_pieces import Cut, Piece, chosen_pieces, copy_pieces
+from vsalog.readers.skipped_header import last_header
 from vsalog.readers.table import TableReader
-from vsalog.readers.table_between import last_header
 from vsalog.readers.text_source import open_text, read_beginning
 
 SEARCHED_BYTES = 2**32

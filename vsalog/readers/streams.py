@@ -10,6 +10,7 @@ import numpy as np
 
 from vsalog.core.errors import ReadError
 from vsalog.core.printable import printable
+from vsalog.readers.compressed_messages import plain
 from vsalog.readers.container import MOST_CONNECTIONS, Connection, Container
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError, normal_type
@@ -17,7 +18,6 @@ from vsalog.readers.delays import LEAST_BYTES
 from vsalog.readers.fields import MAX_NAME
 from vsalog.readers.limits import ENOUGH, PACKED_BYTES
 from vsalog.readers.packets import Packet
-from vsalog.readers.plain_messages import plain
 from vsalog.readers.publishers import FrameWatch, clashing, publisher_stream, told_apart
 
 MOST_TEXT = 2 * 2**20

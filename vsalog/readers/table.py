@@ -18,9 +18,10 @@ from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each
 from vsalog.readers.fields import MAX_FIELDS
 from vsalog.readers.limits import PIECE_BYTES, SAMPLE_ROWS
+from vsalog.readers.long_tables import find_speakers
+from vsalog.readers.merged_tables import Layers, columns_apart, group_by_blanks, stretches
 from vsalog.readers.row_clock import row_clock
 from vsalog.readers.row_times import RowTimes
-from vsalog.readers.sparse import Layers, columns_apart, group_by_blanks, stretches
 from vsalog.readers.table_cells import Cells, numbers_and_words
 from vsalog.readers.table_damage import Damage
 from vsalog.readers.table_detection import detect
@@ -28,7 +29,6 @@ from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_rows import BLOCK_BYTES, Rows
 from vsalog.readers.table_sections import find_sections
 from vsalog.readers.table_slots import Slots
-from vsalog.readers.table_speakers import find_speakers
 from vsalog.readers.table_text import NULLS
 from vsalog.readers.text_source import BoundedGzip, open_text, read_beginning
 from vsalog.readers.time_columns import ClockColumn, ClockPlan, find_clocks, looks_like_clock, runs_backwards

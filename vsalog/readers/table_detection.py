@@ -10,8 +10,8 @@ from dataclasses import replace
 from vsalog.core.finding import Finding
 from vsalog.readers.headers import printable_cell, unique_names
 from vsalog.readers.limits import SAMPLE_ROWS
+from vsalog.readers.repeated_header import own_rows
 from vsalog.readers.sniff import without_holes
-from vsalog.readers.table_again import own_rows
 from vsalog.readers.table_dialect import Dialect, has_quotes
 from vsalog.readers.table_header import find_header, join_torn_names, split_names, without_labview_head
 from vsalog.readers.table_labels import labels_of, without_label

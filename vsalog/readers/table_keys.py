@@ -66,7 +66,7 @@ def find_keys(
 
     Parameters
     ----------
-    names, sample, plan, whole : as for `vsalog.readers.table_speakers.find_speakers`
+    names, sample, plan, whole : as for `vsalog.readers.long_tables.find_speakers`
     """
     clock = plan.clocks.get("column")
     if clock is None:

@@ -14,12 +14,12 @@ import pyarrow.csv as pacsv
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Evidence, Finding, Findings
 from vsalog.readers.headers import printable_cell
+from vsalog.readers.last_line import cut_off
 from vsalog.readers.opened import is_text
 from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_labels import without_labels
 from vsalog.readers.table_notation import Notation
 from vsalog.readers.table_quotes import heeding_quotes
-from vsalog.readers.table_tail import cut_off
 from vsalog.readers.table_text import NULLS, WHITESPACE, is_comment, split
 from vsalog.readers.table_words import OtherOrderError, WordLines
 from vsalog.readers.text_source import BoundedGzip, TextSource, is_utf8, open_text

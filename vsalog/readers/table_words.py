@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 from vsalog.core.finding import Finding, Findings
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.limits import BLOCK_ROWS, MOST_LINES
-from vsalog.readers.table_again import FirstHeader, Line, Order, goes_on, listed_columns, rescaled
+from vsalog.readers.repeated_header import FirstHeader, Line, Order, goes_on, listed_columns, rescaled
 from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_header import is_clock
 

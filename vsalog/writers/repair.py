@@ -24,17 +24,17 @@ from vsalog.core.finding import Finding, Findings
 from vsalog.core.finding_texts import sentence
 from vsalog.readers import open_container, read
 from vsalog.readers.bag import BagReader
+from vsalog.readers.compressed_messages import plain
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.container import Connection, Container
+from vsalog.readers.file_sequence import SeveralContainer
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.mcap_scan import Size, messages_in
 from vsalog.readers.mcap_summary import summary_records
 from vsalog.readers.mcap_walk import Walk
-from vsalog.readers.plain_messages import plain
 from vsalog.readers.remote import local
 from vsalog.readers.rosbag2 import CompressedContainer
 from vsalog.readers.sampling_mcap import record_heads
-from vsalog.readers.several import SeveralContainer
 from vsalog.readers.sniff import sniff
 from vsalog.writers.atomic import atomic_path
 from vsalog.writers.recording_mcap import write_mcap

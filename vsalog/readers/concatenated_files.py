@@ -12,12 +12,12 @@ from typing import IO
 
 from vsalog.core.finding import Finding, Findings
 from vsalog.readers.container import Container
+from vsalog.readers.file_sequence import SeveralContainer
 from vsalog.readers.limits import PIECE_BYTES
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.mcap_walk import MAGIC
 from vsalog.readers.rosbag1 import Rosbag1Container, begins_bag
 from vsalog.readers.rosbag1_walk import VERSION
-from vsalog.readers.several import SeveralContainer
 
 _MCAP_BEGINS = MAGIC + b"\x01"  # with a header
 

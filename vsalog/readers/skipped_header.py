@@ -9,7 +9,7 @@ from itertools import islice
 from pathlib import Path
 
 from vsalog.readers.limits import GLANCE_BYTES, MOST_LINES, MOST_STEPS
-from vsalog.readers.table_again import FirstHeader, Line
+from vsalog.readers.repeated_header import FirstHeader, Line
 from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_text import WHITESPACE
 
