@@ -21,7 +21,7 @@ from benchmarks.measure import Time, compiler, machine, side_by_side
 from vsalog.estimators.equation import EquationRows
 from vsalog.estimators.folding import BLOCK
 from vsalog.estimators.qr import QrState, qr_solve, qr_update
-from vsalog.estimators.rls import RlsState, rls_update
+from vsalog.estimators.rls import RlsState
 from vsalog.estimators.solvers import QrSolver, RlsSolver
 
 SAMPLES = 100_000

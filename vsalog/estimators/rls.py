@@ -8,9 +8,12 @@ the paper finds that only the product p(0)·c matters, and the closed form is ri
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from vsalog.core.compiled import compiled
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -62,110 +65,69 @@ def rls_block(
     """
     new = state.copy()
     count, q, n = E.shape
-    asked = int(np.count_nonzero(spread))
-    values, directions, pulled = np.empty((count, q)), np.empty((count, asked, n)), np.empty((count, asked))
+    asked = np.flatnonzero(spread)
+    values, directions, pulled = np.empty((count, q)), np.empty((count, asked.size, n)), np.empty((count, asked.size))
     coefficients, left, factor = np.empty((count, n)), np.full(count, np.nan), np.full(count, np.nan)
-    _run(F, y, use, E, spread, c, p0, new.alpha, new.P, values, directions, pulled, coefficients, left, factor)
+    work = np.empty((2, n))
+    _run(F, y, use, E, asked, c, p0, new.alpha, new.P, work, values, directions, pulled, coefficients, left, factor)
     return new, values, directions, pulled, coefficients, left, factor
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _times(P: Array, x: Array, out: Array) -> None:
-    """P x of a symmetric P. Sums run in the same order for every n, whichever way they are computed."""
-    n = x.shape[0]
-    if n < 8:
-        for i in range(n):
-            s = 0.0
-            for j in range(n):
-                s += P[i, j] * x[j]
-            out[i] = s
-        return
-    # A sum must not be reordered and cannot be vectorised, but many sums can go side by side: columns are rows here.
-    for i in range(n):
-        out[i] = 0.0
-    whole = n - n % 4
-    for j in range(0, whole, 4):
-        a, b, c, d = x[j], x[j + 1], x[j + 2], x[j + 3]
-        for i in range(n):
-            out[i] = (((out[i] + P[j, i] * a) + P[j + 1, i] * b) + P[j + 2, i] * c) + P[j + 3, i] * d
-    for j in range(whole, n):
-        for i in range(n):
-            out[i] += P[j, i] * x[j]
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def rls_update(
-    F: Array, y: float, c: float, alpha: Array, P: Array, g: Array, following: Array, scratch: Array
-) -> tuple[float, float, float]:
-    """One enhanced RLS update in place (eq. 23, 39, 41). Returns ε, ρ, a.
-
-    `g` holds P F on entry and P times the regressors of the `following` sample on return: the pass that writes P computes
-    it, since a second pass would cost as much as the first. `scratch` has the same shape.
-    """
-    n = alpha.shape[0]
-    rho, error = 0.0, y
-    for i in range(n):
-        rho += F[i] * g[i]
-        error -= F[i] * alpha[i]
-    gain = c / (1.0 + c * rho)  # a / (1 + ρ)
-    step = gain * error
-    for j in range(n):
-        scratch[j] = 0.0
-    for i in range(n):
-        h, f = g[i], following[i]
-        alpha[i] += step * h
-        # The product g_i g_j comes first: it is the same bits as g_j g_i, so P stays symmetric to the last one. Whole rows
-        # are cheaper than one triangle and its mirror image, whose scattered writes no compiler can join.
-        for j in range(n):
-            P[i, j] -= gain * (h * g[j])
-            scratch[j] += P[i, j] * f
-    for j in range(n):
-        g[j] = scratch[j]
-    return error, rho, gain * (1.0 + rho)
-
-
-@njit(cache=True, error_model="numpy")
+@compiled
 def _run(
-    F: Array,
-    y: Array,
-    use: Flags,
-    E: Array,
-    spread: Flags,
-    c: float,
-    p0: float,
-    alpha: Array,
-    P: Array,
-    values: Array,
-    directions: Array,
-    pulled: Array,
-    coefficients: Array,
-    left: Array,
-    factor: Array,
-) -> None:
+    F: Array, y: Array, use: Flags, E: Array, asked: NDArray[np.int64], c: float, p0: float, alpha: Array, P: Array, work: Array,
+    values: Array, directions: Array, pulled: Array, coefficients: Array, left: Array, factor: Array,
+) -> None:  # fmt: skip
+    """Update in place (eq. 23, 39, 41), and evaluate.
+
+    One pass over P writes it and multiplies it by what comes next: the regressors of the following sample, and the functionals of
+    this one. The pass before the first sample only multiplies.
+    """
     count, q, n = E.shape
-    g, scratch, t = np.empty(n), np.empty(n), np.empty(n)
-    known = False  # whether g is P F[k] already
-    for k in range(count):
-        if use[k]:
-            if not known:
-                _times(P, F[k], g)
-            error, rho, a = rls_update(F[k], y[k], c, alpha, P, g, F[min(k + 1, count - 1)], scratch)
-            factor[k] = a
-            left[k] = error / np.sqrt(1.0 + c * rho)
-        known = use[k]
-        m = 0
+    g, following = work[0], work[1]  # P F of this sample and of the following one
+    for k in range(-1, count):
+        used = k >= 0 and use[k]
+        gain, step = 0.0, 0.0
+        if used:
+            rho, error = 0.0, y[k]
+            for i in range(n):
+                rho += F[k, i] * g[i]
+                error -= F[k, i] * alpha[i]
+            gain = c / (1.0 + c * rho)  # a / (1 + ρ)
+            step = gain * error
+            factor[k] = gain * (1.0 + rho)
+            left[k] = error / math.sqrt(1.0 + c * rho)
+        for i in range(n):
+            g[i] = g[i] if used else 0.0
+            following[i] = 0.0
+        row = min(k + 1, count - 1)
+        for i in range(n):
+            h, f = g[i], F[row, i]
+            alpha[i] += step * h
+            # The product g_i g_j comes first: it is the same bits as g_j g_i, so P stays symmetric to the last one. Whole rows
+            # are cheaper than one triangle and its mirror image, whose scattered writes no compiler can join.
+            for j in range(n):
+                P[i, j] -= gain * (h * g[j])
+                following[j] += P[i, j] * f
+        for i in range(n):
+            g[i] = following[i]
+        if k < 0:
+            continue
         for s in range(q):
             value = 0.0
             for i in range(n):
                 value += E[k, s, i] * alpha[i]
             values[k, s] = value
-            if spread[s]:
-                pull = 0.0
-                _times(P, E[k, s], t)
-                for i in range(n):
-                    directions[k, m, i] = c * t[i]
-                    pull += t[i] * alpha[i]
-                pulled[k, m] = pull / p0
-                m += 1
         for i in range(n):
             coefficients[k, i] = alpha[i]
+        for m in range(asked.size):
+            for j in range(n):
+                directions[k, m, j] = 0.0
+            for i in range(n):
+                e = c * E[k, asked[m], i]
+                for j in range(n):
+                    directions[k, m, j] += P[i, j] * e
+            pull = 0.0
+            for i in range(n):
+                pull += directions[k, m, i] * alpha[i]
+            pulled[k, m] = pull / (c * p0)

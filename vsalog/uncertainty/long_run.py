@@ -33,12 +33,16 @@ batches in them, at which noise that was differentiated would seem larger than i
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from enum import IntEnum
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from vsalog.core.compiled import compiled
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -81,16 +85,20 @@ class Vector(IntEnum):
     """Rows of `vectors`.
 
     Sum of the box that fills, regressors and residual; regressors and y where the increment began, for an integral; sum of
-    the regressors, of the run's where the equation is an integral; and three for the loops.
+    the regressors, of the run's where the equation is an integral; and four for the loops: an octave's input, its output, what
+    changed, and the mean of the run's sums of regressors where the equation is an integral.
     """
 
-    IN_BOX, MARK, TOTAL, VALUE, DETAIL, ROW = range(6)
+    IN_BOX, MARK, TOTAL, VALUE, DETAIL, ROW, MEAN = range(7)
 
 
 class Octave(IntEnum):
-    """Columns of `octaves`: inputs of its filters; coefficients; squares of the residuals' and of the fit's to increments."""
+    """Columns of `octaves`, the last row of which is for what lies beyond.
 
-    SEEN, COUNT, OF_FIT, OF_INCREMENTS = range(4)
+    Inputs of its filters; coefficients; squares of the residuals' and of the fit's to increments; variance found.
+    """
+
+    SEEN, COUNT, OF_FIT, OF_INCREMENTS, VARIANCE = range(5)
 
 
 class Run(IntEnum):
@@ -110,9 +118,9 @@ class LongRunState(NamedTuple):
 
     Attributes
     ----------
-    sums, vectors : shapes (9,) and (6, n + 2), see `Sum` and `Vector`
+    sums, vectors : shapes (9,) and (7, n + 2), see `Sum` and `Vector`
     Rp : shape (n, n + 1), triangular factor and data vector of the fit to slow increments
-    octaves : shape (OCTAVES, 4), see `Octave`
+    octaves : shape (OCTAVES + 1, 5), see `Octave`
     rings : shape (OCTAVES, 8, n + 2), the last inputs of each octave's filters: regressors and both residuals
     energy : shape (2, OCTAVES + 1, n, n), of the regressors' coefficients, and of all boxes
     scores : shape (BATCH_LENGTHS, n + 1), of the batches in progress, and how many are complete
@@ -145,9 +153,9 @@ def long_run_start(size: int, box: int = BOX) -> LongRunState:
     n = size
     return LongRunState(
         sums=np.append(np.zeros(Sum.BOX), float(box)),
-        vectors=np.zeros((6, n + 2)),
+        vectors=np.zeros((len(Vector), n + 2)),
         Rp=np.zeros((n, n + 1)),
-        octaves=np.zeros((OCTAVES, 4)),
+        octaves=np.zeros((OCTAVES + 1, len(Octave))),
         rings=np.zeros((OCTAVES, _TAPS, n + 2)),
         energy=np.zeros((2, OCTAVES + 1, n, n)),
         scores=np.zeros((BATCH_LENGTHS, n + 1)),
@@ -187,7 +195,8 @@ def long_run_block(
     state, and shape (N, q): variances Tᵀ cov(Σ F e) T; NaN while not known
     """
     new, variances = state.copied(), np.empty(T.shape[:2])
-    _run(F, y, residual, use, fresh, T, integral, forgetting**2, least, variances, *new)
+    told, since = _observe(new, F, y, residual, use, fresh, integral, forgetting**2, least)
+    _variances(T, told, since, np.empty((4 + T.shape[2], EVERY)), variances)
     return new, variances
 
 
@@ -200,227 +209,246 @@ def long_run_covariance(
     """
     new = state.copied()
     if state.samples >= least:
-        _look(integral, new.sums, new.vectors, new.octaves, new.energy, new.scores, new.products, new.found)
+        none, n = np.empty(0), state.Rp.shape[0]
+        flags = np.empty(0, dtype=np.bool_)
+        _observe(new, np.empty((0, n)), none, none, flags, flags, integral, 1.0, least, look=True)
     samples, squares = state.sums[[Sum.SAMPLES, Sum.SQUARES]]
     return new.found[Noise.STATIONARY], new.found[Noise.UNEVEN], float(squares / samples) if samples else float("nan")
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def _run(
-    F: Array, y: Array, residual: Array, use: Flags, fresh: Flags, T: Array, integral: bool, discount: float, least: float,
-    out: Array, sums: Array, vectors: Array, Rp: Array, octaves: Array, rings: Array, energy: Array, scores: Array,
-    products: Array, found: Array,
-) -> None:  # fmt: skip
-    count, asked, n = T.shape
-    kept = discount ** (2.0 * sums[Sum.BOX])
-    for k in range(count):
-        e = residual[k]
-        if use[k] and not np.isnan(e):
-            step = e
-            if integral:
-                step = e - sums[Sum.LAST]
-                if fresh[k] or sums[Sum.SAMPLES] == 0.0:
-                    _close(F, y, k, sums, vectors, octaves, energy)
-                    step = 0.0
-                sums[Sum.LAST] = e
-                sums[Sum.SINCE] += 1.0
-            for i in range(n):
-                vectors[Vector.TOTAL, i] = discount * vectors[Vector.TOTAL, i] + F[k, i]
-                vectors[Vector.IN_BOX, i] += vectors[Vector.TOTAL, i] if integral else F[k, i]
-            vectors[Vector.IN_BOX, n] += step
-            sums[Sum.FILLED] += 1.0
-            sums[Sum.SAMPLES] += 1.0
-            sums[Sum.TOTAL] += e
-            sums[Sum.SQUARES] += e * e
-            if sums[Sum.FILLED] == sums[Sum.BOX]:
-                sums[Sum.FILLED] = 0.0
-                _end_batches(kept, scores, products)
-                _transform(F, y, k, integral, kept, sums, vectors, Rp, octaves, rings, energy, scores)
-            if sums[Sum.SAMPLES] % EVERY == 0.0 and sums[Sum.SAMPLES] >= least:
-                _look(integral, sums, vectors, octaves, energy, scores, products, found)
-        for m in range(asked):
-            variance, other = 0.0, 0.0
-            for i in range(n):
-                a, b = 0.0, 0.0
-                for j in range(n):
-                    a += found[Noise.STATIONARY, i, j] * T[k, m, j]
-                    b += found[Noise.UNEVEN, i, j] * T[k, m, j]
-                variance += a * T[k, m, i]
-                other += b * T[k, m, i]
-            # Below zero is what rounding makes of what nothing tells.
-            if not variance >= 0.0:
-                variance = np.nan
-            out[k, m] = other if other > SURELY_UNEVEN * variance else variance
+def _observe(
+    state: LongRunState, F: Array, y: Array, residual: Array, use: Flags, fresh: Flags, integral: bool, discount: float,
+    least: float, look: bool = False,
+) -> tuple[Array, NDArray[np.int64]]:  # fmt: skip
+    """Change the state as `long_run_block` does, and look once more at the end where asked to.
+
+    Returns what was found of the score at the beginning and at each look, shape (looks + 1, 2, n, n), and from which sample on.
+    """
+    most = F.shape[0] // EVERY + 3
+    told, since = np.empty((most, *state.found.shape)), np.zeros(most, dtype=np.int64)
+    told[0] = state.found
+    kept = float(discount ** (2.0 * state.sums[Sum.BOX]))
+    run = _loop(integral, discount != 1.0)
+    looks = run(F, y, residual, use, fresh, discount, kept, float(least), look, told, since, *state[:-1])
+    state.found[:] = told[looks]
+    return told[: looks + 1], since[: looks + 1]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def _transform(
-    F: Array, y: Array, k: int, integral: bool, kept: float, sums: Array, vectors: Array, Rp: Array, octaves: Array, rings: Array,
-    energy: Array, scores: Array,
-) -> None:  # fmt: skip
-    """Hand a full box on, from octave to octave; it is empty then."""
-    n = F.shape[1]
-    vectors[Vector.VALUE, n + 1] = 0.0
-    for i in range(n + 1):
-        vectors[Vector.VALUE, i] = vectors[Vector.IN_BOX, i] / np.sqrt(sums[Sum.BOX])
-        vectors[Vector.IN_BOX, i] = 0.0
-    if kept != 1.0:
-        for octave in range(OCTAVES + 1):
-            for i in range(n):
-                for j in range(n):
-                    energy[Run.THIS, octave, i, j] *= kept
-                    energy[Run.CLOSED, octave, i, j] *= kept
-    sums[Sum.BOXES] += 1.0
-    sums[Sum.BOXED] += vectors[Vector.VALUE, n] ** 2
-    for i in range(n):
-        for j in range(n):
-            energy[Run.THIS, OCTAVES, i, j] += vectors[Vector.VALUE, i] * vectors[Vector.VALUE, j]
-    for octave in range(OCTAVES):
-        last = int(octaves[octave, Octave.SEEN])
-        if octave == SLOW_OCTAVE and integral:
-            vectors[Vector.VALUE, n + 1] = _increment(F, y, k, kept ** (2**SLOW_OCTAVE), sums, vectors, Rp)
-        for i in range(n + 2):
-            rings[octave, last % _TAPS, i] = vectors[Vector.VALUE, i]
-        octaves[octave, Octave.SEEN] += 1.0
-        if last + 1 < _TAPS or (last + 1) % 2:
-            return
-        for i in range(n + 2):
-            low, high = 0.0, 0.0
-            for tap in range(_TAPS):
-                x = rings[octave, (last + 1 + tap) % _TAPS, i]
-                low += _LOW[tap] * x
-                high += _HIGH[tap] * x
-            vectors[Vector.VALUE, i], vectors[Vector.DETAIL, i] = low, high
-        octaves[octave, Octave.COUNT] += 1.0
-        octaves[octave, Octave.OF_FIT] += vectors[Vector.DETAIL, n] ** 2
-        octaves[octave, Octave.OF_INCREMENTS] += vectors[Vector.DETAIL, n + 1] ** 2
-        for i in range(n):
-            scores[0, i] += vectors[Vector.DETAIL, n] * vectors[Vector.DETAIL, i]
-            for j in range(n):
-                energy[Run.THIS, octave, i, j] += vectors[Vector.DETAIL, i] * vectors[Vector.DETAIL, j]
+@compiled
+def _variances(T: Array, told: Array, since: NDArray[np.int64], work: Array, out: Array) -> None:
+    """Fill `out` with Tᵀ M T of the M that was known last: many samples side by side, of which each has its own sum."""
+    n, even, uneven, even_row, uneven_row = T.shape[2], work[0], work[1], work[2], work[3]
+    for look in range(since.size):
+        end = since[look + 1] if look + 1 < since.size else out.shape[0]
+        for begin in range(since[look], end, even.size):
+            width = min(end - begin, even.size)
+            for m in range(out.shape[1]):
+                for r in range(width):
+                    even[r] = uneven[r] = 0.0
+                    for i in range(n):
+                        work[4 + i, r] = T[begin + r, m, i]
+                for i in range(n):
+                    for r in range(width):
+                        even_row[r] = uneven_row[r] = 0.0
+                    for j in range(i, n):
+                        # What is off the diagonal is there twice.
+                        a, b = told[look, Noise.STATIONARY, i, j], told[look, Noise.UNEVEN, i, j]
+                        times = 1.0 if j == i else 2.0
+                        for r in range(width):
+                            even_row[r] += times * a * work[4 + j, r]
+                            uneven_row[r] += times * b * work[4 + j, r]
+                    for r in range(width):
+                        even[r] += even_row[r] * work[4 + i, r]
+                        uneven[r] += uneven_row[r] * work[4 + i, r]
+                for r in range(width):
+                    # Below zero is what rounding makes of what nothing tells.
+                    variance = even[r] if even[r] >= 0.0 else math.nan
+                    out[begin + r, m] = uneven[r] if uneven[r] > SURELY_UNEVEN * variance else variance
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def _end_batches(kept: float, scores: Array, products: Array) -> None:
-    """End the batches that end with a box; in the next one what was before counts `kept` of what it did, squared."""
-    n = products.shape[1]
-    boxes = int(scores[0, n]) + 1
-    for length in range(BATCH_LENGTHS):
-        if boxes % (1 << length):
-            break
-        scores[length, n] += 1.0
-        for i in range(n):
-            for j in range(n):
-                products[length, i, j] += scores[length, i] * scores[length, j]
-        for i in range(n):
-            if length + 1 < BATCH_LENGTHS:
-                scores[length + 1, i] += scores[length, i]
-            scores[length, i] = 0.0
-    if kept != 1.0:
-        for length in range(BATCH_LENGTHS):
-            for i in range(n):
-                scores[length, i] *= np.sqrt(kept)
-                for j in range(n):
-                    products[length, i, j] *= kept
+@cache
+def _loop(integral: bool, forgets: bool) -> Callable[..., None]:
+    """Return the loop over samples, compiled for what it is used for: the rest of it is left out."""
 
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _increment(F: Array, y: Array, k: int, kept: float, sums: Array, vectors: Array, Rp: Array) -> float:
-    """Rotate what changed since the last call into the fit to increments, and return its recursive residual."""
-    n, size = F.shape[1], np.sqrt(sums[Sum.SINCE])
-    sums[Sum.SINCE] = 0.0
-    for i in range(n + 1):
-        now = F[k, i] if i < n else y[k]
-        vectors[Vector.ROW, i] = (now - vectors[Vector.MARK, i]) / size
-        vectors[Vector.MARK, i] = now
-    for i in range(n):
-        for j in range(i, n + 1):
-            Rp[i, j] *= np.sqrt(kept)
-        x = vectors[Vector.ROW, i]
-        if x == 0.0:  # as the constant's
-            continue
-        h = np.hypot(Rp[i, i], x)
-        cos, sin = Rp[i, i] / h, x / h
-        for j in range(i, n + 1):
-            a, b = Rp[i, j], vectors[Vector.ROW, j]
-            Rp[i, j] = cos * a + sin * b
-            vectors[Vector.ROW, j] = cos * b - sin * a
-    return float(vectors[Vector.ROW, n])
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _close(F: Array, y: Array, k: int, sums: Array, vectors: Array, octaves: Array, energy: Array) -> None:
-    """End a run, and begin the next: the noise of an integral does not go on into it."""
-    n = F.shape[1]
-    for octave in range(OCTAVES + 1):
-        if vectors[Vector.TOTAL, 0] != 0.0:
-            for i in range(n):
-                for j in range(n):
-                    energy[Run.CLOSED, octave, i, j] += _centred(energy, vectors, octave, i, j)
-        for i in range(n):
-            for j in range(n):
-                energy[Run.THIS, octave, i, j] = 0.0
-    for octave in range(OCTAVES):
-        octaves[octave, Octave.SEEN] = 0.0
-    for i in range(n):
-        vectors[Vector.TOTAL, i] = vectors[Vector.IN_BOX, i] = 0.0
-        vectors[Vector.MARK, i] = F[k, i]
-    vectors[Vector.IN_BOX, n] = sums[Sum.FILLED] = sums[Sum.SINCE] = 0.0
-    vectors[Vector.MARK, n] = y[k]
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _centred(energy: Array, vectors: Array, octave: int, i: int, j: int) -> float:
-    """Return an energy of sums of regressors less their mean; the first, which is one, counts the samples."""
-    a, b = vectors[Vector.TOTAL, i] / vectors[Vector.TOTAL, 0], vectors[Vector.TOTAL, j] / vectors[Vector.TOTAL, 0]
-    off = a * energy[Run.THIS, octave, 0, j] + b * energy[Run.THIS, octave, i, 0]
-    return float(energy[Run.THIS, octave, i, j] - off + a * b * energy[Run.THIS, octave, 0, 0])
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _look(
-    integral: bool,
-    sums: Array,
-    vectors: Array,
-    octaves: Array,
-    energy: Array,
-    scores: Array,
-    products: Array,
-    found: Array,
-) -> None:
-    """Put together what is known of the score."""
-    n, v = products.shape[1], np.empty(OCTAVES + 1)
-    enough = -1
-    for length in range(BATCH_LENGTHS):
-        if scores[length, n] >= ENOUGH_BATCHES:
-            enough = length
-    # The variance of the residuals in each octave and beyond the last.
-    last, slope = np.log(max(sums[Sum.BOXED] / sums[Sum.BOXES], NO_VARIANCE)), 0.0
-    for octave in range(OCTAVES + 1):
-        now = last + 0.5 * slope
-        if octave < OCTAVES and octaves[octave, Octave.OF_FIT] > 0.0:
-            count, squares = octaves[octave, Octave.COUNT], octaves[octave, Octave.OF_FIT]
-            if integral and octave >= SLOW_OCTAVE:
-                squares = max(min(squares, octaves[octave, Octave.OF_INCREMENTS]), NO_VARIANCE)
-            now = (count * np.log(squares / count) + TAILS + EXPECTED * now) / (count + EXPECTED)
-        slope = min(max(now - last, STEEPEST_FALL), STEEPEST_RISE) if octave else 0.0
-        last = now
-        v[octave] = np.exp(now)
-    # Regressors fall with frequency: what they have in an octave lies at its lower edge, where noise that goes with f^p, as the
-    # octave below tells, has (p + 1)/(2^(p + 1) − 1) of its mean over the octave.
-    for octave in range(OCTAVES):
-        p = min(max(np.log2(v[octave] / v[octave + 1]), -STEEPEST_POWER), STEEPEST_POWER)
-        v[octave] *= (p + 1.0) / np.expm1((p + 1.0) * np.log(2.0)) if p != -1.0 else 1.0 / np.log(2.0)
-    mean = 0.0 if integral else sums[Sum.TOTAL] / sums[Sum.SAMPLES]
-    for i in range(n):
-        for j in range(n):
-            found[Noise.UNEVEN, i, j] = products[enough, i, j] if enough >= 0 else 0.0
-            covariance = mean * mean * vectors[Vector.TOTAL, i] * vectors[Vector.TOTAL, j]
-            for octave in range(OCTAVES + 1):
-                # What is in no octave lies beyond the last.
-                share = v[octave] if octave == OCTAVES else v[octave] - v[OCTAVES]
-                own = energy[Run.THIS, octave, i, j]
+    @compiled
+    def run(
+        F: Array, y: Array, residual: Array, use: Flags, fresh: Flags, discount: float, kept: float, least: float, look: bool,
+        told: Array, since: NDArray[np.int64], sums: Array, vectors: Array, Rp: Array, octaves: Array, rings: Array,
+        energy: Array, scores: Array, products: Array,
+    ) -> int:  # fmt: skip
+        """Go through a block; returns how often was looked. One function, since what it called would be compiled twice."""
+        count, n = F.shape
+        in_box, mark, total = vectors[Vector.IN_BOX], vectors[Vector.MARK], vectors[Vector.TOTAL]
+        value, detail = vectors[Vector.VALUE], vectors[Vector.DETAIL]
+        row, mean = vectors[Vector.ROW], vectors[Vector.MEAN]
+        this, closed = energy[Run.THIS], energy[Run.CLOSED]
+        looks = 0
+        for k in range(count + 1):
+            due = look and k == count
+            if k < count and use[k] and not math.isnan(residual[k]):
+                step = residual[k]
                 if integral:
-                    own = _centred(energy, vectors, octave, i, j) + energy[Run.CLOSED, octave, i, j]
-                covariance += share * own
-            found[Noise.STATIONARY, i, j] = covariance
+                    step -= sums[Sum.LAST]
+                    if fresh[k] or sums[Sum.SAMPLES] == 0.0:
+                        # A run ends, and the next begins: the noise of an integral does not go on into it.
+                        step = 0.0
+                        # Regressors are summed up, less their mean; the first, which is one, counts the samples.
+                        for i in range(n):
+                            mean[i] = total[i] / total[0] if total[0] != 0.0 else 0.0
+                        for octave in range(this.shape[0]):
+                            for i in range(n):
+                                for j in range(n):
+                                    a, b = mean[i], mean[j]
+                                    off = a * this[octave, 0, j] + b * this[octave, i, 0]
+                                    off -= a * b * this[octave, 0, 0]
+                                    closed[octave, i, j] += this[octave, i, j] - off
+                            for i in range(n):
+                                for j in range(n):
+                                    this[octave, i, j] = 0.0
+                        for octave in range(rings.shape[0]):
+                            octaves[octave, Octave.SEEN] = 0.0
+                        for i in range(n):
+                            total[i] = in_box[i] = 0.0
+                            mark[i] = F[k, i]
+                        in_box[n] = sums[Sum.FILLED] = sums[Sum.SINCE] = 0.0
+                        mark[n] = y[k]
+                    sums[Sum.LAST] = residual[k]
+                    sums[Sum.SINCE] += 1.0
+                for i in range(n):
+                    total[i] = discount * total[i] + F[k, i]
+                    in_box[i] += total[i] if integral else F[k, i]
+                in_box[n] += step
+                sums[Sum.FILLED] += 1.0
+                sums[Sum.SAMPLES] += 1.0
+                sums[Sum.TOTAL] += residual[k]
+                sums[Sum.SQUARES] += residual[k] * residual[k]
+                if sums[Sum.FILLED] == sums[Sum.BOX]:
+                    # The box is full: the batches end that end with it; what was before counts less in those that follow.
+                    sums[Sum.FILLED] = 0.0
+                    boxes = int(scores[0, n]) + 1
+                    for length in range(scores.shape[0]):
+                        if boxes % (1 << length):
+                            break
+                        scores[length, n] += 1.0
+                        for i in range(n):
+                            for j in range(n):
+                                products[length, i, j] += scores[length, i] * scores[length, j]
+                        for i in range(n):
+                            if length + 1 < scores.shape[0]:
+                                scores[length + 1, i] += scores[length, i]
+                            scores[length, i] = 0.0
+                    if forgets:
+                        for length in range(scores.shape[0]):
+                            for i in range(n):
+                                scores[length, i] *= math.sqrt(kept)
+                                for j in range(n):
+                                    products[length, i, j] *= kept
+                        for octave in range(this.shape[0]):
+                            for i in range(n):
+                                for j in range(n):
+                                    this[octave, i, j] *= kept
+                                    closed[octave, i, j] *= kept
+                    # It is handed on from octave to octave, and empty then.
+                    for i in range(n + 1):
+                        value[i] = in_box[i] / math.sqrt(sums[Sum.BOX])
+                        in_box[i] = 0.0
+                    value[n + 1] = 0.0
+                    sums[Sum.BOXES] += 1.0
+                    sums[Sum.BOXED] += value[n] ** 2
+                    for i in range(n):
+                        for j in range(n):
+                            this[OCTAVES, i, j] += value[i] * value[j]
+                    for octave in range(rings.shape[0]):
+                        seen = int(octaves[octave, Octave.SEEN]) + 1
+                        octaves[octave, Octave.SEEN] += 1.0
+                        if octave == SLOW_OCTAVE and integral:
+                            # What changed since the last time is rotated into the fit to increments, and leaves its residual.
+                            size = math.sqrt(sums[Sum.SINCE])
+                            sums[Sum.SINCE] = 0.0
+                            for i in range(n + 1):
+                                now = F[k, i] if i < n else y[k]
+                                row[i] = (now - mark[i]) / size
+                                mark[i] = now
+                            for i in range(n):
+                                for j in range(i, n + 1):
+                                    Rp[i, j] *= kept ** (1 << (SLOW_OCTAVE - 1))
+                                x = row[i]
+                                if x == 0.0:  # as the constant's
+                                    continue
+                                h = math.sqrt(Rp[i, i] * Rp[i, i] + x * x)
+                                cos, sin = Rp[i, i] / h, x / h
+                                for j in range(i, n + 1):
+                                    a, b = Rp[i, j], row[j]
+                                    Rp[i, j] = cos * a + sin * b
+                                    row[j] = cos * b - sin * a
+                            value[n + 1] = row[n]
+                        for i in range(n + 2):
+                            rings[octave, (seen - 1) % _TAPS, i] = value[i]
+                            value[i] = detail[i] = 0.0
+                        if seen < _TAPS or seen % 2:
+                            break
+                        for tap in range(rings.shape[1]):
+                            at, low, high = (seen + tap) % _TAPS, _LOW[tap], _HIGH[tap]
+                            for i in range(n + 2):
+                                value[i] += low * rings[octave, at, i]
+                                detail[i] += high * rings[octave, at, i]
+                        octaves[octave, Octave.COUNT] += 1.0
+                        octaves[octave, Octave.OF_FIT] += detail[n] ** 2
+                        octaves[octave, Octave.OF_INCREMENTS] += detail[n + 1] ** 2
+                        for i in range(n):
+                            scores[0, i] += detail[n] * detail[i]
+                            for j in range(n):
+                                this[octave, i, j] += detail[i] * detail[j]
+                due = int(sums[Sum.SAMPLES]) % EVERY == 0 and sums[Sum.SAMPLES] >= least
+            if due:
+                # What is known of the score is put together.
+                enough = -1
+                for length in range(scores.shape[0]):
+                    if scores[length, n] >= ENOUGH_BATCHES:
+                        enough = length
+                # The variance of the residuals in each octave and beyond the last.
+                last, slope = math.log(max(sums[Sum.BOXED] / sums[Sum.BOXES], NO_VARIANCE)), 0.0
+                for octave in range(this.shape[0]):
+                    now = last + 0.5 * slope
+                    if octaves[octave, Octave.OF_FIT] > 0.0:
+                        coefficients, squares = octaves[octave, Octave.COUNT], octaves[octave, Octave.OF_FIT]
+                        if integral and octave >= SLOW_OCTAVE:
+                            squares = max(min(squares, octaves[octave, Octave.OF_INCREMENTS]), NO_VARIANCE)
+                        of_octave = coefficients * math.log(squares / coefficients)
+                        now = (of_octave + TAILS + EXPECTED * now) / (coefficients + EXPECTED)
+                    slope = min(max(now - last, STEEPEST_FALL), STEEPEST_RISE) if octave else 0.0
+                    last = now
+                    octaves[octave, Octave.VARIANCE] = math.exp(now)
+                # Regressors fall with frequency: what they have in an octave lies at its lower edge, where noise that goes with
+                # f^p, as the octave below tells, has (p + 1)/(2^(p + 1) − 1) of its mean over the octave.
+                beyond = octaves[OCTAVES, Octave.VARIANCE]
+                for octave in range(rings.shape[0]):
+                    rise = math.log2(octaves[octave, Octave.VARIANCE] / octaves[octave + 1, Octave.VARIANCE])
+                    p = min(max(rise, -STEEPEST_POWER), STEEPEST_POWER) + 1.0
+                    part = p / math.expm1(p * math.log(2.0)) if p != 0.0 else 1.0 / math.log(2.0)
+                    # What is in no octave lies beyond the last.
+                    octaves[octave, Octave.VARIANCE] = octaves[octave, Octave.VARIANCE] * part - beyond
+                level = 0.0 if integral else sums[Sum.TOTAL] / sums[Sum.SAMPLES]
+                looks += 1
+                since[looks] = k
+                for i in range(n):
+                    if integral:
+                        mean[i] = total[i] / total[0]
+                    for j in range(n):
+                        told[looks, Noise.UNEVEN, i, j] = products[enough, i, j] if enough >= 0 else 0.0
+                        told[looks, Noise.STATIONARY, i, j] = level * total[i] * (level * total[j])
+                for octave in range(this.shape[0]):
+                    share = octaves[octave, Octave.VARIANCE]
+                    for i in range(n):
+                        for j in range(n):
+                            own = this[octave, i, j]
+                            if integral:
+                                a, b = mean[i], mean[j]
+                                off = a * this[octave, 0, j] + b * this[octave, i, 0]
+                                off -= a * b * this[octave, 0, 0]
+                                own += closed[octave, i, j] - off
+                            told[looks, Noise.STATIONARY, i, j] += share * own
+
+        return looks
+
+    return run
