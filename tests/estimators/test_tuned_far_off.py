@@ -33,13 +33,29 @@ def test_the_residual_is_faster_than_the_filter_before_it(run, samples, tmp_path
     assert longer["bandwidth"] < 0.6 * free["bandwidth"]
 
 
-@pytest.mark.parametrize("value", ["1e-6", "1e6"])
+@pytest.mark.parametrize("value", ["1e-6", "1048", "1e6", "1e308"])
 def test_a_bandwidth_that_samples_cannot_follow_is_refused(run, samples, tmp_path, value):
+    """At 1 kHz a third of half the sample rate is π/3 · 1000 = 1047.2 rad/s."""
     log = samples / "vsa2_exp1.mcap"
     done = run("estimate", log, "-e", "residual-rls", "--tune", f"bandwidth={value}", "-o", tmp_path / "out.parquet")
-    assert done.returncode == 2
+    assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (2, "", 1)
     assert "cannot follow a bandwidth" in done.stderr
     assert not (tmp_path / "out.parquet").exists()
+
+
+def test_a_bandwidth_just_below_a_third_of_half_the_rate_is_taken(run, samples, tmp_path):
+    joint = settings(run, samples / "vsa2_exp1.mcap", tmp_path, "--tune", "bandwidth=1047")
+    assert joint["settings"]["bandwidth"] == 1047.0
+
+
+@pytest.mark.parametrize("estimator", ["residual-rls", "qr-rls", "direct", "impedance", "grioli-bicchi"])
+@pytest.mark.parametrize("value", ["1e308", "1e5"])
+def test_a_window_longer_than_any_log_is_refused_in_one_line(run, samples, tmp_path, estimator, value):
+    log = samples / ("sea_exp1.csv" if estimator in ("direct", "impedance") else "vsa2_exp1.mcap")
+    done = run("estimate", log, "-e", estimator, "--tune", f"window={value}", "-o", tmp_path / "out.parquet")
+    assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (2, "", 1)
+    assert "window" in done.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(("estimator", "name"), [("impedance", "alpha"), ("grioli-bicchi", "window"), ("direct", "c")])

@@ -30,8 +30,9 @@ from vsalog.filters.savitzky_golay import savgol_cutoff
 from vsalog.mechanics.transmissions import flexibility_torque
 from vsalog.rig.schema import UnknownTransmission
 
-# Bandwidth of the residual over that of the filter before it [1], which then decides what passes.
 RESIDUAL_BANDWIDTH = 3.0
+"""Bandwidth of the residual over that of the filter before it [1], which then decides what passes; and half the sample rate over the
+bandwidth that may be asked for: beyond, that of the trapezoidal rule's lag is more than 8 % off."""
 
 NAME = "residual-rls"
 SUMMARY = "motor-side residual and enhanced RLS (Flacco 2012); needs the motor's inertia, no torque sensor"
@@ -107,7 +108,8 @@ def _bandwidth(signals: JointSignals, tuning: ResidualRlsTuning) -> float:
         # A window longer than the log is refused with the filter.
         window = min(window, signals.longest_run)
         return RESIDUAL_BANDWIDTH * savgol_cutoff(max(window, tuning.degree + 1), tuning.degree) / signals.period
-    slowest, fastest = 1.0 / (signals.longest_run * signals.period), np.pi / signals.period
+    slowest = 1.0 / (signals.longest_run * signals.period)
+    fastest = np.pi / (RESIDUAL_BANDWIDTH * signals.period)
     if not slowest <= tuning.bandwidth <= fastest:
         raise EstimatorError(
             f"{NAME}: samples at {1.0 / signals.period:.4g} Hz over {signals.longest_run * signals.period:.4g} s cannot follow a"
