@@ -6,11 +6,13 @@ Flacco 2012 eq. 25–29 and 35–37: products of powers of the deflection φ and
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from vsalog.core.compiled import compiled
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -98,7 +100,7 @@ class PolynomialBasis:
         return np.concatenate((np.where(on, plain, 0.0), np.where(on, 0.0, plain)), axis=2)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def linear(rows: Array, coefficients: Array, covariance: Array) -> tuple[Array, Array]:
     """Return functions × coefficients and the standard deviation of that, shape (N,) each.
 
@@ -122,15 +124,7 @@ def linear(rows: Array, coefficients: Array, covariance: Array) -> tuple[Array, 
     return value, deviation
 
 
-@njit(cache=True)
-def _power(x: float, n: int) -> float:
-    y = 1.0
-    for _ in range(n):
-        y *= x
-    return y
-
-
-@njit(cache=True)
+@compiled
 def _rows(phi: Array, c: Array, powers: NDArray[np.int64], m: int, phi_0: float, c_0: float, out: Array) -> None:
     for k in range(out.shape[0]):
         x, y = phi[k] / phi_0, c[k] / c_0
@@ -138,8 +132,11 @@ def _rows(phi: Array, c: Array, powers: NDArray[np.int64], m: int, phi_0: float,
             n = powers[h]
             factor, scale = 1.0, 1.0
             for s in range(out.shape[1]):
-                value = factor * scale * _power(x, n - s) if n >= s else 0.0
-                if np.isnan(x):
+                power = 1.0
+                for _ in range(n - s):
+                    power *= x
+                value = factor * scale * power if n >= s else 0.0
+                if math.isnan(x):
                     value = x  # also where the function, or its derivative, is a constant
                 for j in range(m):
                     out[k, s, h * m + j] = value

@@ -9,3 +9,6 @@ from __future__ import annotations
 from numba import njit
 
 compiled = njit(cache=True, error_model="numpy", nogil=True, no_cfunc_wrapper=True, no_rewrites=True)
+
+# For what only compiled functions call.
+inlined = njit(error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, no_rewrites=True)

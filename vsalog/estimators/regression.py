@@ -171,13 +171,15 @@ class RegressionFold:
     ) -> tuple[Any, dict[str, dict[str, Any]], Array]:
         E, spread, where = self._functionals(equation, rows, block)
         use = rows.use & state.learning
+        # The sum of several transmissions' stiffnesses has a functional of its own: correlation is not lost.
+        summed = 4 * len(where) if len(where) > 1 else 1
         solver_state, values, variances, unknowns, extra = self.solver.block(solver_state, rows, use, E, spread)
         if rows.motion is not None:
             names = tuple(view.name for view in equation.transmissions)
             F, y = (rows.F, rows.y) if rows.plain is None else rows.plain
             state.residual_rows[names] = motion_rows_block(
                 state.residual_rows.get(names, motion_rows_start(equation.size)),
-                F, E[:, 4 * len(names)], y, rows.motion, use, block.rows.starts, self.conditioner.window, block.rows.period,
+                F, E[:, summed], y, rows.motion, use, block.rows.starts, self.conditioner.window, block.rows.period,
             )  # fmt: skip
         deviations = np.sqrt(variances)
         columns: dict[str, dict[str, Any]] = {}
@@ -215,15 +217,14 @@ class RegressionFold:
             if "residual" in columns[view.name]:
                 # The same fit behind the lag that the residual has, to be compared with it.
                 columns[view.name]["residual_fit"] = (rows.F * unknowns).sum(axis=1)
-        after = 4 * len(equation.transmissions)
+        after = _before_parameters(len(equation.transmissions))
         if equation.parameters:  # the equation of a single transmission
             only = columns[equation.transmissions[0].name]
-            only["flexibility_torque"] = self._fed(values[:, after + 1] + rows.fed[equation.transmissions[0].name])
+            only["flexibility_torque"] = self._fed(values[:, after] + rows.fed[equation.transmissions[0].name])
             for h, name in enumerate(equation.parameters):
-                only[name] = values[:, after + 2 + h]
-                only[f"{name}_std"] = deviations[:, after + 2 + h]
-        # The functional after those of the transmissions is the sum of their stiffnesses: correlation is not lost.
-        return solver_state, columns, variances[:, after]
+                only[name] = values[:, after + 1 + h]
+                only[f"{name}_std"] = deviations[:, after + 1 + h]
+        return solver_state, columns, variances[:, summed]
 
     def _fed(self, torque: Array) -> Array:
         """The torque of a row; the pair of filters learns from one half a window old, which belongs to another row."""
@@ -232,9 +233,10 @@ class RegressionFold:
     def _functionals(
         self, equation: Equation, rows: EquationRows, block: Conditioned
     ) -> tuple[Array, Flags, list[tuple[Array, Array | None]]]:
-        """What is wanted of the unknowns at each sample: per transmission τ_e, σ, σ', σ''; Σσ; torque and parameters."""
+        """What is wanted of the unknowns: per transmission τ_e, σ, σ', σ''; Σσ of several; torque and parameters."""
         basis, count = self.device.basis, len(equation.transmissions)
-        size = 4 * count + 1 + (1 + len(equation.parameters) if equation.parameters else 0)
+        after = _before_parameters(count)
+        size = after + (1 + len(equation.parameters) if equation.parameters else 0)
         E = np.zeros((len(block.rows), size, equation.size))
         spread = np.zeros(size, dtype=np.bool_)
         where = []
@@ -245,15 +247,16 @@ class RegressionFold:
             part = slice(first, first + basis.size)
             loading = block.loading_now.get(view.name)
             E[:, 4 * i : 4 * i + 4, part] = basis.rows(phi, c if basis.setpoint_order > 1 else None, 3, loading)
-            E[:, 4 * count, part] = E[:, 4 * i + 1, part]
             spread[4 * i + 1] = True
+            if count > 1:
+                E[:, 4 * count, part] = E[:, 4 * i + 1, part]
+                spread[4 * count] = True
             where.append((phi, c))
-        spread[4 * count] = True
         if equation.parameters:
-            E[:, 4 * count + 1, : equation.leading] = rows.dynamics
+            E[:, after, : equation.leading] = rows.dynamics
             for h in range(len(equation.parameters)):
-                E[:, 4 * count + 2 + h, equation.leading - len(equation.parameters) + h] = 1.0
-                spread[4 * count + 2 + h] = True
+                E[:, after + 1 + h, equation.leading - len(equation.parameters) + h] = 1.0
+                spread[after + 1 + h] = True
         return E, spread, where
 
     def _coefficients(self, equation: Equation, i: int, unknowns: Array) -> dict[str, Array]:
@@ -323,6 +326,11 @@ class RegressionFold:
             transmission=tuple(parts),
             motor=motor,
         )
+
+
+def _before_parameters(transmissions: int) -> int:
+    """Return how many functionals are of transmissions: four of each, and the sum of stiffnesses where there are several."""
+    return 4 * transmissions + (transmissions > 1)
 
 
 def _total(columns: Mapping[str, Mapping[str, Any]], variance: Array, device: Device) -> dict[str, Any]:

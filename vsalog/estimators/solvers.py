@@ -46,8 +46,8 @@ class Uncertainty(NamedTuple):
         return cls(long_run_start(size, box), bias_start(size), walk_start(size))
 
     def block(
-        self, rows: EquationRows, residual: Array, E: Array, T: Array, unknowns: Array, values: Array, integral: bool,
-        forgetting: float, least: int,
+        self, rows: EquationRows, residual: Array, E: Array, spread: Flags, T: Array, unknowns: Array, values: Array,
+        integral: bool, forgetting: float, least: int,
     ) -> tuple[Uncertainty, Array]:  # fmt: skip
         """Observe a block; return the state, and variances of functionals, shape (N, m).
 
@@ -55,8 +55,9 @@ class Uncertainty(NamedTuple):
         ----------
         rows : of the equation
         residual : shape (N,), recursive residuals, NaN where nothing was learnt
-        E, T : shape (N, m, n), functionals E and P E
-        unknowns, values : shapes (N, n) and (N, m), ξ̂ and E ξ̂
+        E, T : shapes (N, q, n) and (N, m, n), functionals E, and P E of those with a variance
+        spread : shape (q,), which have one
+        unknowns, values : shapes (N, n) and (N, q), ξ̂ and E ξ̂
         integral, forgetting, least : of the solver
         """
         use, discount, bias, walk = np.isfinite(residual), forgetting**2, self.bias, self.walk
@@ -68,7 +69,9 @@ class Uncertainty(NamedTuple):
             walk, alone = walk_block(walk, rows.F, rows.use, rows.fresh, T, discount)
             variances = np.maximum(variances, rows.walk_step * alone)
         if rows.noise is not None:
-            bias, off = bias_block(bias, rows.noise, E, T, unknowns, values, use, rows.fresh, integral, discount)
+            bias, off = bias_block(
+                bias, rows.noise, E[:, spread], T, unknowns, values[:, spread], use, rows.fresh, integral, discount
+            )
             variances = variances + off**2
         return Uncertainty(long_run, bias, walk, rows.walk_step or 0.0), variances
 
@@ -116,9 +119,9 @@ class RlsSolver:
             state.rls, rows.F, rows.y, use, E, spread, self.c, self.p0
         )
         uncertainty, variances = state.uncertainty.block(
-            rows, residual, E[:, spread], directions, unknowns, values[:, spread], False, 1.0, self.least
+            rows, residual, E, spread, directions, unknowns, values, False, 1.0, self.least
         )
-        values[_unlearnt(unknowns)] = np.nan
+        _leave_out_unlearnt(values, unknowns)
         out = _of_all(variances, pulled, spread)
         return RlsSolverState(rls, uncertainty), values, out, unknowns, {"stability_factor": factor}
 
@@ -168,15 +171,16 @@ class QrSolver:
         uncertainty, variances = state.uncertainty.block(
             rows,
             residual,
-            E[:, spread],
+            E,
+            spread,
             directions,
             unknowns,
-            values[:, spread],
+            values,
             self.integral,
             self.forgetting,
             self.least,
         )
-        values[_unlearnt(unknowns[:, self.leading :])] = np.nan
+        _leave_out_unlearnt(values, unknowns[:, self.leading :])
         return QrSolverState(qr, uncertainty), values, _of_all(variances, pulled, spread), unknowns, {}
 
     def solution(self, state: QrSolverState) -> tuple[Array, Array, float]:
@@ -210,9 +214,10 @@ def _more(found: Array, other: Array, times: float = 1.0) -> Array:
     return np.asarray(found * np.outer(more, more))
 
 
-def _unlearnt(coefficients: Array) -> Flags:
-    """Return where, shape (N,), the coefficients are still the zeros that a recursion begins with: no estimate."""
-    return ~np.asarray(coefficients.any(axis=1))
+def _leave_out_unlearnt(values: Array, coefficients: Array) -> None:
+    """Set values to NaN as long as the coefficients, shape (N, n), are the zeros that a recursion begins with: no estimate."""
+    if len(values) and not coefficients[0].any():
+        values[~coefficients.any(axis=1)] = np.nan
 
 
 def _of_all(variances: Array, pulled: Array, spread: Flags) -> Array:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from vsalog.core.compiled import compiled
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -64,7 +65,7 @@ def integral_block(state: Array, x: Array, use: Flags, T: float) -> tuple[Array,
     return new, out, fresh
 
 
-@njit(cache=True)
+@compiled
 def _residual(
     theta: Array, theta_dot: Array, tau: Array, beside: Array, way: Array, use: Flags,
     B: float, D: float, load: float, K_I: float, T: float, state: Array, out: Array,
@@ -89,7 +90,7 @@ def _residual(
     state[0], state[1], state[2] = r, momentum, torque
 
 
-@njit(cache=True)
+@compiled
 def _lag(x: Array, use: Flags, K_I: float, T: float, state: Array, out: Array) -> None:
     a, b = (2.0 - T * K_I) / (2.0 + T * K_I), T * K_I / (2.0 + T * K_I)
     for k in range(x.shape[0]):
@@ -104,7 +105,7 @@ def _lag(x: Array, use: Flags, K_I: float, T: float, state: Array, out: Array) -
             out[k, i] = state[0, i]
 
 
-@njit(cache=True)
+@compiled
 def _integrate(x: Array, use: Flags, T: float, state: Array, out: Array, fresh: Flags) -> None:
     for k in range(x.shape[0]):
         for i in range(x.shape[1]):

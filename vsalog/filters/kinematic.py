@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.core.compiled import compiled
 from vsalog.core.errors import FilterError
 
 Array = NDArray[np.float64]
@@ -133,7 +133,7 @@ def kinematic_filter(
     return position, velocity, new
 
 
-@njit(cache=True)
+@compiled
 def _run(
     z: Array,
     dt: Array,

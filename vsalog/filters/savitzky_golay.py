@@ -8,10 +8,10 @@ is well conditioned there.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from vsalog.core.compiled import compiled
 from vsalog.core.errors import FilterError
 
 Array = NDArray[np.float64]
@@ -97,7 +97,7 @@ def savgol_filter(x: Array, weights: Array) -> Array:
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _run(x: Array, weights: Array, out: Array) -> None:
     # Neighbouring outputs side by side, as many as stay in the processor's fastest memory, so that the compiler can work on
     # several at once. Each sums up in the same order: the same bits however the samples are cut into blocks.

@@ -5,15 +5,16 @@ The rest of `mechanics` and the simulation call them. A transmission is a row of
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
 from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.core.compiled import compiled, inlined
 from vsalog.core.source_stamp import source_stamp
 from vsalog.effects import backlash, cogging, friction, gravity, hysteresis, quantisation
 from vsalog.effects import spring as shape
@@ -42,20 +43,19 @@ class Friction(IntEnum):
 
 # Formulas of effects, which stand as plain functions in `vsalog.effects`.
 STAMP = source_stamp(sys.modules[__name__], backlash, cogging, friction, gravity, hysteresis, quantisation, shape)
-_compiled = njit(error_model="numpy", forceinline=True)
-wave = _compiled(cogging.wave)
-stribeck = _compiled(friction.stribeck)
-bristle_rate = _compiled(friction.bristle_rate)
-bristles_after = _compiled(friction.bristles_after)
-loop_slope = _compiled(hysteresis.loop_slope)
-slipped = _compiled(hysteresis.slipped)
-stiffened = _compiled(shape.stiffened)
-beyond_gap = _compiled(backlash.beyond_gap)
-rounded = _compiled(quantisation.rounded)
-holding_torque = _compiled(gravity.holding_torque)
+wave = inlined(cogging.wave)
+stribeck = inlined(friction.stribeck)
+bristle_rate = inlined(friction.bristle_rate)
+bristles_after = inlined(friction.bristles_after)
+loop_slope = inlined(hysteresis.loop_slope)
+slipped = inlined(hysteresis.slipped)
+stiffened = inlined(shape.stiffened)
+beyond_gap = inlined(backlash.beyond_gap)
+rounded = inlined(quantisation.rounded)
+holding_torque = inlined(gravity.holding_torque)
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def four_bar(phi: float, c: float) -> tuple[float, float, float]:
     """Return β, ∂β/∂φ and ∂²β/∂φ² of the VSA-II's mechanism (Flacco 2012 eq. 48), NaN from its singularity on.
 
@@ -63,20 +63,20 @@ def four_bar(phi: float, c: float) -> tuple[float, float, float]:
     β″ = C (C² − 1) s / (4 D^{3/2}), since C²cos²(φ/2) − D = C² − 1.
     """
     half = 0.5 * phi
-    s = np.sin(half)
+    s = math.sin(half)
     # |φ| ≥ π is beyond the singularity too, though the sine comes back below 1/C there.
-    if not (abs(c * s) < 1.0 and abs(phi) < np.pi):
-        return np.nan, np.nan, np.nan
+    if not (abs(c * s) < 1.0 and abs(phi) < math.pi):
+        return math.nan, math.nan, math.nan
     d = 1.0 - (c * s) ** 2
-    root = np.sqrt(d)
+    root = math.sqrt(d)
     return (
-        np.arcsin(c * s) - half,
-        0.5 * (c * np.cos(half) / root - 1.0),
+        math.asin(c * s) - half,
+        0.5 * (c * math.cos(half) / root - 1.0),
         0.25 * c * (c * c - 1.0) * s / (d * root),
     )
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def nominal_spring(numbers: Array, at: int, width: int, u: float, arm: float) -> tuple[float, float, float]:
     """Return energy U [J], torque ∂U/∂u [N·m] and stiffness ∂²U/∂u² [N·m/rad] of the bare spring at deflection `u`."""
     code = int(numbers[at + Element.LAW])
@@ -90,11 +90,11 @@ def nominal_spring(numbers: Array, at: int, width: int, u: float, arm: float) ->
         return p * beta * beta, 2.0 * p * beta * slope, 2.0 * p * (slope * slope + beta * curvature)
     if code == Law.AWAS:
         k = p * arm * arm
-        sine = np.sin(u)
-        return k * sine * sine, k * np.sin(2.0 * u), 2.0 * k * np.cos(2.0 * u)
+        sine = math.sin(u)
+        return k * sine * sine, k * math.sin(2.0 * u), 2.0 * k * math.cos(2.0 * u)
     if code == Law.EXPONENTIAL:
         x = u / s
-        return p * s * s * (np.cosh(x) - 1.0), p * s * np.sinh(x), p * np.cosh(x)
+        return p * s * s * (math.cosh(x) - 1.0), p * s * math.sinh(x), p * math.cosh(x)
     # The polynomial's scale comes first, then its coefficients c₁, c₂, …
     x = u / p
     energy, torque, stiffness, power = 0.0, 0.0, 0.0, 1.0
@@ -107,7 +107,7 @@ def nominal_spring(numbers: Array, at: int, width: int, u: float, arm: float) ->
     return energy, torque, stiffness
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def spring(
     numbers: Array, at: int, width: int, u: float, side: float, arm: float, t: float
 ) -> tuple[float, float, float]:
@@ -132,7 +132,7 @@ def spring(
     )
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def friction_level(numbers: Array, at: int, v: float, load: float) -> float:
     """Return the level of dry friction at velocity `v` [rad/s] under the transmitted torque `load` [N·m]."""
     coulomb, static = numbers[at + Friction.COULOMB], numbers[at + Friction.STATIC]
@@ -142,7 +142,7 @@ def friction_level(numbers: Array, at: int, v: float, load: float) -> float:
     return level
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def loop_rate(numbers: Array, at: int, z: float, rate: float, speed: float) -> float:
     """Return ż of the Bouc–Wen loop (normalised, Ikhouane and Rodellar 2007). `speed` is |rate|."""
     slope = loop_slope(z, rate, speed, numbers[at + Element.LOOP_EXPONENT], numbers[at + Element.LOOP_SHAPE])
@@ -171,7 +171,7 @@ def loop_after(z: float, du: float, width: float, exponent: float, shape: float)
 def _compiled_springs(stamp: str) -> Callable[..., Any]:
     """Compile it again where a formula that it calls has changed, which numba's cache does not see."""
 
-    @njit(cache=True, error_model="numpy")
+    @compiled
     def springs(row: Array, phi: Array, arm: Array, t: Array, out: Array) -> None:
         """Fill `out`, shape (3, N), with energy, torque and stiffness for arrays of shape (N,)."""
         stamp  # noqa: B018  numba's cache tells functions apart by what they close over

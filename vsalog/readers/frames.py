@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from enum import IntEnum
 
 import numpy as np
-from numba import njit
 
+from vsalog.core.compiled import compiled
 from vsalog.readers.definitions import Scalar, Struct, Text, Time
 from vsalog.readers.fields import MAX_NAME
 from vsalog.readers.limits import MOST_PARTS
@@ -91,7 +91,7 @@ class Frames:
         self._sizes = np.concatenate((self._sizes, np.zeros(more, np.int64)))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _places(data: Bytes, start: Integers, length: Integers, cdr: bool, place: Integers, sizes: Integers) -> None:
     """Write down where each message's frame begins and how long it is, -1 where that is not clear."""
     for k in range(start.size):
@@ -109,7 +109,7 @@ def _places(data: Bytes, start: Integers, length: Integers, cdr: bool, place: In
         place[k], sizes[k] = at, size
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _numbers(
     data: Bytes, start: Integers, length: Integers, pool: Bytes, sizes: Integers, count: int, out: Integers, begin: int
 ) -> tuple[int, int]:

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.core.compiled import compiled
 from vsalog.core.printable import printable
 from vsalog.readers import labels as naming
 from vsalog.readers.definitions import Array, Node, Scalar, Struct, Text, Time, is_placeholder
@@ -83,22 +83,22 @@ class Layout:
 
     def matches(self, data: Bytes, start: Integers) -> NDArray[np.bool_]:
         """Tell which messages of this length, beginning at `start`, shape (n,), in a buffer, this layout holds for."""
-        return _equal(data, start, self.mask, self.sample)
+        out = np.empty(start.size, dtype=np.bool_)
+        _equal(data, start, self.mask, self.sample, out)
+        return out
 
 
-@njit(cache=True, nogil=True)
-def _equal(data: Bytes, start: Integers, mask: Bytes, sample: Bytes) -> NDArray[np.bool_]:
+@compiled
+def _equal(data: Bytes, start: Integers, mask: Bytes, sample: Bytes, out: NDArray[np.bool_]) -> None:
     """Tell which messages have the sample's bytes where the mask is set.
 
     To the mask's end, without a way out before, and with unsigned indices: the compiler compares many bytes at once.
     """
-    out = np.empty(start.size, dtype=np.bool_)
     for k in range(start.size):
         at, other = np.uint64(start[k]), np.uint8(0)
         for i in range(np.uint64(mask.size)):
             other |= (data[at + i] ^ sample[i]) & mask[i]
         out[k] = other == 0
-    return out
 
 
 def learn(raw: bytes, root: Struct, cdr: bool) -> Layout:

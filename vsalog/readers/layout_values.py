@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.core.compiled import compiled
 from vsalog.readers.layout import Bytes, Field, Integers
 from vsalog.readers.reach import Nanoseconds, Stamp
 
@@ -60,7 +60,7 @@ def _numbers(data: Bytes, start: Integers, offsets: Integers, code: str) -> NDAr
     return out.view(code)[:, :, 0]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _cut(data: Bytes, start: Integers, offsets: Integers, out: Bytes) -> None:
     """Copy bytes at each offset in each message, of so few messages at a time that the processor's cache holds them.
 

@@ -7,9 +7,9 @@ from enum import IntEnum
 
 import numpy as np
 from mcap.opcode import Opcode
-from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.core.compiled import compiled
 from vsalog.readers.container import ZSTD_MAGIC
 from vsalog.readers.packets import Bytes, Messages, Packet
 
@@ -75,7 +75,7 @@ def others_in(data: Bytes) -> Iterator[tuple[int, bytes]]:
         position = start + length
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _number(data: Bytes, at: int, width: Width) -> int:
     """Read an unsigned number, least byte first; beyond int64 it becomes negative."""
     value = 0
@@ -84,7 +84,7 @@ def _number(data: Bytes, at: int, width: Width) -> int:
     return value
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _record(data: Bytes, at: int) -> int:
     """Return the length of the record's content; -1 where it does not end within the data."""
     if at + Size.HEAD > data.size:
@@ -93,7 +93,7 @@ def _record(data: Bytes, at: int) -> int:
     return length if 0 <= length <= data.size - at - Size.HEAD else -1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _messages(data: Bytes, at: int, wanted: NDArray[np.bool_], found: NDArray[np.int64]) -> tuple[int, bool]:
     """Write down where the wanted messages are, from a record on and as far as there is room.
 
@@ -122,7 +122,7 @@ def _messages(data: Bytes, at: int, wanted: NDArray[np.bool_], found: NDArray[np
     return count, compressed
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _next_other(data: Bytes, at: int) -> tuple[int, int, int]:
     """Return kind, start and length of the next record that is no message; kind -1 and where the last whole one ends."""
     while at < data.size:
@@ -150,7 +150,7 @@ def next_sure_record(data: Bytes, rest: int, loose: bool) -> int:
     return int(_next_sure(data, rest, loose))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _next_sure(data: Bytes, rest: int, loose: bool) -> int:
     for at in range(data.size - Size.HEAD):
         length = _number(data, at + 1, Width.LONG)
@@ -176,7 +176,7 @@ def _next_sure(data: Bytes, rest: int, loose: bool) -> int:
     return -1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _next_fits(data: Bytes, at: int, rest: int) -> bool:
     """Tell whether a message or the end of the data can be at a place."""
     length = _number(data, at + 1, Width.LONG)

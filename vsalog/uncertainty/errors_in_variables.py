@@ -14,12 +14,16 @@ up. With the weights w_k of the fit and W_j = Σ_{k≥j} w_k, an e_j has the ene
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from vsalog.core.compiled import compiled
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -120,67 +124,71 @@ def bias_block(
     own, shared = np.array([d.own for d in noise.deflections]), np.array([d.shared for d in noise.deflections])
     direct = np.zeros(T.shape[2]) if noise.direct is None else noise.direct
     # Functionals picked from others lie strided in memory, which makes the loop several times as slow.
-    E, values = np.ascontiguousarray(E), np.ascontiguousarray(values)
-    _run(own, shared, direct, E, T, unknowns, values, use, fresh, integral, discount, *new, bias)
+    E, values, parts = np.ascontiguousarray(E), np.ascontiguousarray(values), np.empty(T.shape[1])
+    _loop(integral)(own, shared, direct, E, T, unknowns, values, use, fresh, discount, parts, *new, bias)
     return new, bias
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def _run(
-    own: Array, with_torque: Array, direct: Array, E: Array, T: Array, unknowns: Array, values: Array, use: Flags, fresh: Flags,
-    integral: bool, discount: float, energy: Array, shared: Array, steps: Array, once: Array, twice: Array, weight: Array,
-    bias: Array,
-) -> None:  # fmt: skip
-    count, asked, n = T.shape
-    parts = np.empty(asked)
-    for k in range(count):
-        if integral and fresh[k] and weight[0] > 0.0:
-            # The noise of an integral does not go on into the next run.
-            for i in range(n):
-                for j in range(n):
-                    energy[i, j] += once[i, j] - twice[i, j] / weight[0]
-                    steps[i, j] = once[i, j] = twice[i, j] = 0.0
-            weight[0] = 0.0
-        known = use[k]
-        for r in range(own.size):
-            for i in range(n):
-                known &= np.isfinite(E[k, r, i])
-        if known:
-            for i in range(n):
-                shared[i] *= discount
-                for j in range(n):
-                    energy[i, j] *= discount
-                    step = 0.0
+@cache
+def _loop(integral: bool) -> Callable[..., None]:
+    """Return the loop over samples, compiled for one kind of equation: what is for the other is left out."""
+
+    @compiled
+    def run(
+        own: Array, with_torque: Array, direct: Array, E: Array, T: Array, unknowns: Array, values: Array, use: Flags,
+        fresh: Flags, discount: float, parts: Array, energy: Array, shared: Array, steps: Array, once: Array, twice: Array,
+        weight: Array, bias: Array,
+    ) -> None:  # fmt: skip
+        count, asked, n = T.shape
+        for k in range(count):
+            known = use[k]
+            for r in range(own.size):
+                for i in range(n):
+                    known &= math.isfinite(E[k, r, i])
+            if integral and fresh[k] and weight[0] > 0.0:
+                # The noise of an integral does not go on into the next run.
+                for i in range(n):
+                    for j in range(n):
+                        energy[i, j] += once[i, j] - twice[i, j] / weight[0]
+                        steps[i, j] = once[i, j] = twice[i, j] = 0.0
+                weight[0] = 0.0
+            if known:
+                weight[0] = discount * weight[0] + 1.0 if integral else 0.0
+                for i in range(n):
+                    shared[i] *= discount
+                    for j in range(n):
+                        step = 0.0
+                        for r in range(own.size):
+                            step += own[r] * E[k, r, i] * E[k, r, j]
+                        if integral:
+                            energy[i, j] *= discount
+                            steps[i, j] += step
+                            before = discount * once[i, j]
+                            twice[i, j] = discount**2 * twice[i, j] + 2.0 * before + steps[i, j]
+                            once[i, j] = before + steps[i, j]
+                        else:
+                            energy[i, j] = discount * energy[i, j] + step
+                    energy[i, i] += direct[i]
                     for r in range(own.size):
-                        step += own[r] * E[k, r, i] * E[k, r, j]
-                    if integral:
-                        steps[i, j] += step
-                        before = discount * once[i, j]
-                        twice[i, j] = discount**2 * twice[i, j] + 2.0 * before + steps[i, j]
-                        once[i, j] = before + steps[i, j]
-                    else:
-                        energy[i, j] += step
-                energy[i, i] += direct[i]
-                for r in range(own.size):
-                    shared[i] += with_torque[r] * E[k, r, i]
-            weight[0] = discount * weight[0] + 1.0 if integral else 0.0
-        largest = 0.0
-        for m in range(asked):
-            off, beside, noise, information = 0.0, 0.0, 0.0, 0.0
-            for i in range(n):
-                t, row = T[k, m, i], 0.0
-                for j in range(n):
-                    h = energy[i, j]
-                    if integral and weight[0] > 0.0:
-                        h += once[i, j] - twice[i, j] / weight[0]
-                    row += h * T[k, m, j]
-                off += row * unknowns[k, i]
-                noise += row * t
-                beside += t * shared[i]
-                information += t * E[k, m, i]
-            parts[m] = noise / information if noise > 0.0 else 0.0
-            largest = max(largest, parts[m])
-            bias[k, m] = abs(off) + abs(beside)
-        for m in range(asked):
-            first = bias[k, m] / (1.0 - min(largest, MOST_NOISE))
-            bias[k, m] = np.hypot(first, parts[m] * values[k, m]) if not parts[m] >= MOST_NOISE else np.inf
+                        shared[i] += with_torque[r] * E[k, r, i]
+            largest = 0.0
+            for m in range(asked):
+                off, beside, noise, information = 0.0, 0.0, 0.0, 0.0
+                for i in range(n):
+                    row = 0.0
+                    for j in range(n):
+                        row += energy[i, j] * T[k, m, j]
+                        if integral and weight[0] > 0.0:
+                            row += (once[i, j] - twice[i, j] / weight[0]) * T[k, m, j]
+                    off += row * unknowns[k, i]
+                    noise += row * T[k, m, i]
+                    beside += T[k, m, i] * shared[i]
+                    information += T[k, m, i] * E[k, m, i]
+                parts[m] = noise / information if noise > 0.0 else 0.0
+                largest = max(largest, parts[m])
+                bias[k, m] = abs(off) + abs(beside)
+            for m in range(asked):
+                first, next_order = bias[k, m] / (1.0 - min(largest, MOST_NOISE)), parts[m] * values[k, m]
+                bias[k, m] = math.sqrt(first**2 + next_order**2) if not parts[m] >= MOST_NOISE else math.inf
+
+    return run
