@@ -46,7 +46,7 @@ def usage_of(command: Sequence[str | Path], codes: Sequence[int] = (0,)) -> Usag
 
 
 def side_by_side(calls: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, Time]:
-    """Time calls in turn, round after round, so that a busy machine disturbs them all alike.
+    """Take the CPU time of calls in turn, round after round, so that a busy machine disturbs them all alike.
 
     Each is called once before, to compile and to warm the caches.
     """
@@ -55,9 +55,9 @@ def side_by_side(calls: Mapping[str, Callable[[], object]], rounds: int) -> dict
     taken: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(rounds):
         for name, call in calls.items():
-            start = time.perf_counter()
+            start = time.process_time()
             call()
-            taken[name].append(time.perf_counter() - start)
+            taken[name].append(time.process_time() - start)
     return {name: Time(min(t), statistics.median(t)) for name, t in taken.items()}
 
 
