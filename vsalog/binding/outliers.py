@@ -11,7 +11,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from vsalog.core.resolution import step_of
 
@@ -127,6 +126,8 @@ def _begins_anew(known: Array, turn: float) -> bool:
 
 def _middle(known: Array) -> Array:
     """Return the running median."""
+    from scipy.ndimage import median_filter
+
     # The mirror does not repeat the first sample: alone, it would be three of seven.
     return np.asarray(median_filter(known, WIDTH, mode="mirror"))
 

@@ -23,7 +23,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 Array = NDArray[np.float64]
 
@@ -126,6 +125,8 @@ def sampled_observer(motor: ElasticMotor, gains: Array, period: float, held: boo
     whole[State.LINK_VELOCITY, 4 + Input.ACCELERATION] = 1.0
     whole[State.MOTOR_VELOCITY, 4 + Input.CARRIED] = -1.0 / motor.B
     whole[4:8, 8:] = np.eye(4) / period
+    from scipy.linalg import expm
+
     moved = expm(whole * period)
     before, after = moved[:4, 4:8] - moved[:4, 8:], moved[:4, 8:].copy()
     if held:
