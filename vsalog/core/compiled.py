@@ -6,9 +6,22 @@ calls from C, and rewriting of array expressions, which are better written as lo
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any, TypeVar
+
 from numba import njit
 
-compiled = njit(cache=True, error_model="numpy", nogil=True, no_cfunc_wrapper=True, no_rewrites=True)
+F = TypeVar("F", bound=Callable[..., Any])
+_LEAN: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True, "no_rewrites": True}
 
-# For what only compiled functions call.
-inlined = njit(error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, no_rewrites=True)
+
+def compiled(function: F) -> F:
+    """Compile a function that Python calls."""
+    loop: F = njit(cache=True, nogil=True, **_LEAN)(function)
+    return loop
+
+
+def inlined(function: F) -> F:
+    """Compile a function into those that call it; Python cannot call it."""
+    loop: F = njit(forceinline=True, **{"no_cpython_wrapper": True, **_LEAN})(function)
+    return loop

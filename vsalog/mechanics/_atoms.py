@@ -150,7 +150,7 @@ def loop_rate(numbers: Array, at: int, z: float, rate: float, speed: float) -> f
     return change
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def loop_after(z: float, du: float, width: float, exponent: float, shape: float) -> float:
     """Return what a change of the deflection makes of a loop's state z, in [−1, 1].
 

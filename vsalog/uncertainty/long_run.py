@@ -267,7 +267,7 @@ def _variances(T: Array, told: Array, since: NDArray[np.int64], work: Array, out
 
 
 @cache
-def _loop(integral: bool, forgets: bool) -> Callable[..., None]:
+def _loop(integral: bool, forgets: bool) -> Callable[..., int]:
     """Return the loop over samples, compiled for what it is used for: the rest of it is left out."""
 
     @compiled

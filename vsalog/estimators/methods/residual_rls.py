@@ -31,8 +31,8 @@ from vsalog.mechanics.transmissions import flexibility_torque
 from vsalog.rig.schema import UnknownTransmission
 
 RESIDUAL_BANDWIDTH = 3.0
-"""Bandwidth of the residual over that of the filter before it [1], which then decides what passes; and half the sample rate over the
-bandwidth that may be asked for: beyond, that of the trapezoidal rule's lag is more than 8 % off."""
+"""Bandwidth of the residual over that of the filter before it [1], which then decides what passes; and half the sample rate over
+the bandwidth that may be asked for: beyond, that of the trapezoidal rule's lag is more than 8 % off."""
 
 NAME = "residual-rls"
 SUMMARY = "motor-side residual and enhanced RLS (Flacco 2012); needs the motor's inertia, no torque sensor"
