@@ -131,26 +131,33 @@ def bind(
     """
     offered = offered_roles(joint)
     wanted = [*roles, *(f"{other}/{role}" for other, (_, its) in neighbours.items() for role in its)]
-    out = _Rows(any(recording.in_file for recording in recordings))
-    findings: list[Finding] = []
     names: list[str] = []
     runs: list[BoundRun] = []
+    clocks: list[Iterable[Finding]] = []
+    drives: list[Iterable[Finding]] = []
     for recording, run, fixed, run_name in _each_run(recordings, joint, setpoints):
-        look, origin = of_recording(recording), origin_of(recording)
+        look = of_recording(recording)
         every = [*_roles_of_all(joint, roles, neighbours, fixed)]
         found = {
             named: _role(recording, look, run, role, its, its_fixed, acting) for named, role, its, its_fixed in every
         }
-        findings += clock_findings(recording, name, _channels_of(recording, run, every))
-        one = BoundRun(recording.path.name, name, found, noise=noise)
-        for stamps, values, starts in one.blocks():
-            out.add(len(names), stamps, origin, _less_series(recording.path.name, values, offered, wanted), starts)
-        motors = {role: motor_of(joint, role) for role in found if acting and is_motor_torque(role)}
-        findings += [*one.findings(origin), *acting_findings(name, motors)]
         names.append(run_name)
-        runs.append(one)
+        clocks.append(clock_findings(recording, name, _channels_of(recording, run, every)))
+        runs.append(BoundRun(recording.path.name, name, found, origin_of(recording), noise=noise))
+        motors = {role: motor_of(joint, role) for role in found if acting and is_motor_torque(role)}
+        drives.append(acting_findings(name, motors))
     _refuse_other_rates(name, [run.period * 1e-9 for run in runs])
-    resolutions, noises = zip(*(run.told() for run in runs), strict=True)
+    out = _Rows(sum(run.rows for run in runs), in_file=any(recording.in_file for recording in recordings))
+    resolutions, noises = [], []
+    for number, one in enumerate(runs):
+        for stamps, values, starts in one.blocks():
+            out.add(number, stamps, one.origin, _less_series(one.log, values, offered, wanted), starts)
+        resolution, interpolated = one.told()
+        resolutions.append(resolution)
+        noises.append(interpolated)
+    findings = (
+        f for clock, run, drive in zip(clocks, runs, drives, strict=True) for f in (*clock, *run.findings(), *drive)
+    )
     return out.signals(
         name, runs[0].period * 1e-9, tuple(names), _least_steps(resolutions, wanted), tuple(findings), _noisiest(noises)
     )
@@ -161,13 +168,14 @@ class _Rows:
 
     Parameters
     ----------
+    room : so many are expected
     in_file : whether they are too long for memory
     """
 
-    def __init__(self, in_file: bool) -> None:
-        self._in_file = in_file
-        self._stamps, self._time = Column(np.int64, in_file=in_file), Column(np.float64, in_file=in_file)
-        self._starts, self._run = Column(np.bool_, in_file=in_file), Column(np.int32, in_file=in_file)
+    def __init__(self, room: int, *, in_file: bool) -> None:
+        self._room, self._in_file = room, in_file
+        self._stamps, self._time = Column(np.int64, room, in_file=in_file), Column(np.float64, room, in_file=in_file)
+        self._starts, self._run = Column(np.bool_, room, in_file=in_file), Column(np.int32, room, in_file=in_file)
         self._roles: dict[str, Column[np.float64]] = {}
 
     def add(
@@ -179,7 +187,9 @@ class _Rows:
         self._starts.append(starts)
         self._run.append(np.full(stamps.size, run, dtype=np.int32))
         for role, values in roles.items():
-            self._roles.setdefault(role, Column(np.float64, in_file=self._in_file)).append(values)
+            if role not in self._roles:
+                self._roles[role] = Column(np.float64, self._room, in_file=self._in_file)
+            self._roles[role].append(values)
 
     def signals(
         self,

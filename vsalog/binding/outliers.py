@@ -7,7 +7,6 @@ a push of four samples or more, noise of whatever shape.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,26 +56,27 @@ class Outliers:
 
     Parameters
     ----------
-    seen : shape (N,), the signal as recorded, or as much of it as is known, NaN where missing
+    seen : shape (N,), the signal as recorded, or as much of it as is looked at, NaN where missing
     turn : after which an encoder may begin anew, in the unit of the values; None for what is no angle
+    whole : whether that is all of the signal
     """
 
-    def __init__(self, seen: Array, turn: float | None = None) -> None:
-        _, self._seen, steps = _known(seen)
-        self._turn, self._long = turn, self._seen.size >= SHORTEST
-        if self._long:
-            self._anew = _anew(self._seen, steps, turn)
-            self._jump = _jump(self._seen, turn)
-
-    @cached_property
-    def _usual(self) -> Usual:
-        return _usual(self._seen, _middle(self._seen), self._turn)
+    def __init__(self, seen: Array, turn: float | None = None, *, whole: bool = True) -> None:
+        _, known, steps = _known(seen)
+        self._turn, self._usual = turn, None
+        if known.size < SHORTEST:
+            return
+        self._anew, self._jump = _anew(known, steps, turn), _jump(known, turn)
+        # Cheap, and most logs end here: whoever stands alone was jumped to.
+        if not whole or _greatest(steps, turn, self._anew) > self._jump:
+            self._usual = _usual(known, _middle(known), turn)
 
     def among(self, values: Array) -> Flags | None:
         """Return where samples of a part of the signal stand alone, shape (n,); None where none does."""
+        if self._usual is None:
+            return None
         kept, known, steps = _known(values)
-        # Cheap, and most logs end here: whoever stands alone was jumped to.
-        if not self._long or known.size < WIDTH or not _greatest(steps, self._turn, self._anew) > self._jump:
+        if known.size < WIDTH or not _greatest(steps, self._turn, self._anew) > self._jump:
             return None
         left = _left(known, _middle(known), self._turn, self._anew, self._usual)
         return _everywhere(values, kept, _alone(known, left, self._usual, self._turn))

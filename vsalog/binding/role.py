@@ -50,7 +50,8 @@ class Role:
         self.source, self.channel, self.motor = source, channel, motor
         self.period = int(np.median(np.diff(seen.stamps)))
         self.shift = source.shift + (0 if motor is None else shift_of(motor))
-        self.outliers = Outliers(seen.values, source.turn) if source.may_stand_alone else None
+        whole = seen.values.size == channel.values.size
+        self.outliers = Outliers(seen.values, source.turn, whole=whole) if source.may_stand_alone else None
         self.unwraps = self._unwraps()
         self.wrapped = self.unwraps and source.joint_turn
         self.tally = Tally()
@@ -75,8 +76,9 @@ class Role:
             yield bound
 
     def look(self) -> Bound:
-        """Return stretches of the role's samples, spread evenly, which tell its noise and its sensor's least step."""
+        """Return stretches of the role's samples, spread evenly, which tell its noise and its sensor's least step; once."""
         stamps, values = (np.concatenate(kept) for kept in zip(*self._kept, strict=True))
+        self._kept.clear()
         look = self._bound(self.source, stamps, values)
         step = look.resolution
         return replace(look, resolution=resolution_of(look.values) if step is None else coarser(step, look.values))

@@ -28,6 +28,7 @@ class BoundRun:
     ----------
     log, joint : their names
     roles : by name, or a constant
+    origin : the log's first stamp [ns]
     noise : whether it is told of roles that have to be interpolated
 
     Raises
@@ -36,8 +37,8 @@ class BoundRun:
         Nothing moves, or the roles have no time in common.
     """
 
-    def __init__(self, log: str, joint: str, roles: Mapping[str, Role | float], *, noise: bool) -> None:
-        self.joint, self.roles = joint, roles
+    def __init__(self, log: str, joint: str, roles: Mapping[str, Role | float], origin: int, *, noise: bool) -> None:
+        self.log, self.joint, self.roles, self.origin = log, joint, roles, origin
         self.moving = {name: role for name, role in roles.items() if isinstance(role, Role)}
         if not self.moving:
             raise BindingError(f"joint '{joint}': every role is a constant; there is nothing to estimate from")
@@ -72,11 +73,17 @@ class BoundRun:
         for one in ahead.values():
             one.finish()
 
-    def findings(self, origin: int) -> tuple[Finding, ...]:
-        """Return what a person should know of how the signals came about; `origin` is the log's first stamp [ns]."""
+    @property
+    def rows(self) -> int:
+        """How many rows the grid has, give or take a few."""
+        return sum((last - first) // self.period + 1 for first, last in self.segments)
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Return what a person should know of how the signals came about."""
         tallies = {name: role.tally for name, role in self.moving.items()}
         turned = [name for name, state in self._turns.items() if state.ever]
-        return (*binding_findings(self.joint, self.segments, tallies, origin), *_turned_findings(self.joint, turned))
+        found = binding_findings(self.joint, self.segments, tallies, self.origin)
+        return (*found, *_turned_findings(self.joint, turned))
 
     def told(self) -> tuple[dict[str, float], dict[str, Interpolated]]:
         """Return role → least step of its sensor, and role → noise of those that were interpolated, where it is asked for."""
