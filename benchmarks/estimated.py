@@ -58,7 +58,7 @@ class Estimated:
 
 
 def estimate(log: Path, estimator: str, *options: str) -> Estimated:
-    """Run the command on a log in a process of its own; what it spools goes beside the log."""
+    """Run the command on a log in a process of its own; its temporary files go next to the log."""
     trace = log.with_suffix(".stiffness.parquet")
     start = time.perf_counter()
     process = subprocess.Popen(
