@@ -8,6 +8,7 @@ from typing import Any, Literal
 import msgspec
 
 VERSION = 1
+"""Of the layout of a batch's folder and records."""
 
 Do = Literal["estimate", "validate", "diagnose"]
 # Whose fault a failure is; all but "input" may be gone the next time.

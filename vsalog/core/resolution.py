@@ -16,10 +16,10 @@ ENOUGH = 2**18
 """Samples that show a distribution as well as more would: its quantiles are those of the whole to 0.1 %."""
 STRETCHES = 8
 """Stretches that so many samples are taken in where neighbouring ones are needed: noise may differ over a log."""
-# A signal has a step where this share of the differences between its levels are multiples of the smallest.
 MULTIPLES = 0.95
-# So many steps have to lie within a signal's range before they are believed in place of the rig's: held levels are steps too.
+"""Part of the differences between levels that are multiples of the smallest where a signal has a step."""
 LEVELS = 8
+"""Steps in a signal's range from which on they are believed in place of the rig's: held levels are steps too."""
 
 
 def resolution_of(values: Array) -> float:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from vsalog.core.errors import UnitError
 from vsalog.core.printable import printable
-from vsalog.core.unit_tables import ATOMS, KINDS, OFFSET_UNITS, QUANTITIES, Dimension
+from vsalog.core.unit_tables import ATOMS, KINDS, OFFSET_UNITS, ONE, QUANTITIES, Dimension
 
 MAX_UNIT_LENGTH = 64
 """Characters of a unit: products of all base units with their powers, and brackets that are not nested beyond reason."""
@@ -260,7 +260,7 @@ class _Parser:
         exponent = float(token["power"].lstrip("^ ").strip("()"))
         if abs(exponent) > MAX_EXPONENT:
             raise self.error()
-        return _times(Unit(1.0, _NONE), base, exponent)
+        return _times(Unit(1.0, ONE), base, exponent)
 
     def atom(self) -> Unit:
         token = _TOKEN.match(self.text, self.pos)
@@ -270,7 +270,7 @@ class _Parser:
         if token["name"]:
             return self._named(token["name"])
         if token["one"]:
-            return Unit(1.0, _NONE)
+            return Unit(1.0, ONE)
         if token["sign"] == "(":
             inner = self.product()
             if not self._take(")"):
@@ -333,5 +333,4 @@ def _times(a: Unit, b: Unit, exponent: float) -> Unit:
     return Unit(size, tuple(x + exponent * y for x, y in zip(a.dimension, b.dimension, strict=True)))
 
 
-_NONE: Dimension = (0.0,) * 8
 _ACCELERATION = parse_unit("m/s^2").dimension

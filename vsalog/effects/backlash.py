@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.effects.base import CORNERED, Default, Effect, OneNumber
+from vsalog.effects.base import Default, Effect, Exactness, OneNumber
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ EFFECT = Effect(
             step=lambda s: 2e-3 * s.deflection, low=0.0, high=lambda s: 1.5 * s.deflection,
             reach=lambda s: 0.3 * s.deflection, scale=lambda s: s.deflection,
             starts=(lambda s: 0.02 * s.deflection, lambda s: 0.1 * s.deflection, lambda s: 0.3 * s.deflection),
-            exact=CORNERED,
+            exact=Exactness.CORNERED,
             title="The {part} has a gap in which it transmits nothing (backlash), and the rig does not have it",
             says="it transmits nothing at small deflections, and less than the rig says at all others",
             confirm="Hold the motor and move the link to and fro by hand: between the two stops it goes freely.",

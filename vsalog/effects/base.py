@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum
 from typing import Literal, NamedTuple
 
 from vsalog.core.units import parse_unit, split_number
 
-# Filters and averages tell no number better than to this part of it; one of a short wave not that well, and one of what has
-# corners, as dry friction, loops and gaps have, which are also rounder in a machine than in any rig, still less.
-SMOOTH, WAVY, CORNERED = 5e-4, 2e-3, 1e-2
+
+class Exactness(float, Enum):
+    """Part of a number that filters and averages identify it to, by the shape of what it does.
+
+    What has corners, as dry friction, loops and gaps have, is also rounder in a machine than in any rig.
+    """
+
+    SMOOTH = 5e-4
+    WAVY = 2e-3
+    CORNERED = 1e-2
 
 
 class Default(NamedTuple):
@@ -131,7 +139,7 @@ class OneNumber:
     doubles: tuple[str, ...] = ()
     doubled: Callable[[Sizes], bool] = _always
     order: int = 0
-    exact: float = SMOOTH
+    exact: float = Exactness.SMOOTH
 
 
 class Effect(NamedTuple):

@@ -12,8 +12,8 @@ from vsalog.effects.base import Default, Effect, OneNumber, Sizes
 
 Array = NDArray[np.float64]
 
-# No channel is later, or earlier, than this [s].
 LATEST = 0.05
+"""Seconds that no channel is late by, or early."""
 
 
 def shifted(values: Array, samples: float) -> Array:

@@ -10,7 +10,8 @@ from vsalog.effects.base import Default, Effect, OneNumber
 
 Array = NDArray[np.float64]
 
-GRAVITY = 9.81  # [m/s²]
+GRAVITY = 9.81
+"""Standard gravity, to the three digits that rigs state [m/s²]."""
 
 
 class Payload(Base, frozen=True):

@@ -15,7 +15,7 @@ from vsalog.core.signals import JointSignals
 from vsalog.core.significance import DETECTED
 from vsalog.effects.cogging import cogging_torque
 from vsalog.estimators.device import TransmissionView
-from vsalog.filters.conditioning import FINEST, FilterName
+from vsalog.filters.conditioning import FilterName
 from vsalog.filters.kinematic import PAPER_TRACKING_INDEX, KinematicSettings, kinematic_filter
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
 from vsalog.mechanics.friction import friction_block, friction_start
@@ -78,7 +78,7 @@ class FrictionCompensation:
         self.roles = tuple(role for v in views if v.motor.friction.rubs for role in (way_role(v), doubt_role(v)))
         self.centred = kind == "savitzky-golay"
         self.lag = savgol_lag(DIRECTION_WINDOW) if self.centred else 0
-        steps = {v.name: signals.resolution.get(v.motor_position) or FINEST for v in views}
+        steps = {v.name: signals.resolution.get(v.motor_position, 0.0) for v in views}
         if self.centred:
             self.weights = savgol_weights(DIRECTION_WINDOW, CUBIC, 1, self.period)[1:]
             spread, self.reach = float(np.linalg.norm(self.weights)), REVERSAL_REACH

@@ -25,10 +25,8 @@ from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weig
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-# Step that a signal without steps is taken to have [rad or m]: the MKKF then trusts it at every speed.
-FINEST = 1e-12
-# Samples in the longest Savitzky–Golay window; its weights are worked out before anything is known of the log's length.
 LONGEST = 100_000
+"""Samples in the longest Savitzky–Golay window; its weights are worked out before anything is known of the log's length."""
 FilterName = Literal["kinematic", "pair", "savitzky-golay"]
 
 
@@ -124,7 +122,7 @@ class Conditioner:
         self.rated = {*self.motor_roles, *rates}
         self.moving = tuple(r for r in roles if "torque" not in r and present)
         self.settings = {
-            role: KinematicSettings.for_resolution(signals.resolution.get(role) or FINEST, self.period, shape)
+            role: KinematicSettings.for_resolution(signals.resolution.get(role, 0.0), self.period, shape)
             for role in self.moving
         }
         self.settle = 100 if settle is None else round(settle / self.period)

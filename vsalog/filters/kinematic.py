@@ -25,8 +25,8 @@ class State(IntEnum):
     POSITION, VELOCITY, P11, P12, P22, STARTED = range(6)
 
 
-# The tracking index T² √(V_a / R) of the papers' tuning at T = 1 ms (V_a = 1e10, R = 10 at rest and 0.1 at speed).
 PAPER_TRACKING_INDEX = 1e-6 * (1e10 / 10.0) ** 0.5
+"""The tracking index T² √(V_a / R) of the papers' tuning at T = 1 ms (V_a = 1e10, R = 10 at rest and 0.1 at speed)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class KinematicSettings:
 
     @classmethod
     def for_resolution(cls, resolution: float, period: float, shape: float = 6.0) -> KinematicSettings:
-        """Derive the tuning from an encoder's least step and the sample time.
+        """Derive the tuning from an encoder's least step, 0 for one without steps, and the sample time.
 
         The papers' ratios are kept (V_max / V_min = 100 and the tracking index T² √(V_a / V_max)), so that at 1 ms the
         filter is the papers' own and at any other rate it smooths over as many samples.
@@ -70,6 +70,8 @@ class KinematicSettings:
         FilterError
             No encoder has a step like that.
         """
+        # A signal without steps is trusted at every speed.
+        resolution = resolution or 1e-12
         if not 1e-50 < resolution < 1e50:
             raise FilterError(
                 f"kinematic filter: an encoder's least step of {resolution:.3g} cannot be: correct the signal's resolution in"

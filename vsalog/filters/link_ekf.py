@@ -29,12 +29,12 @@ class State(IntEnum):
     POSITION, VELOCITY, MOBILITY, DECAY = range(4)
 
 
-# The mean of the innovations begins as if it were of so many that are as large as noise makes them.
 FIRST = 20.0
-# A filter may lose its way so often before the link is known; what does so more often is no such link.
+"""Innovations as large as noise makes them that the mean of the innovations begins with."""
 MOST_LOST = 3
-# What is negative by so many standard deviations is impossible.
+"""Times that a filter may lose its way before the link is known; what does so more often is no such link."""
 SURELY = 6.0
+"""Standard deviations by which a positive number that is negative is impossible."""
 
 
 class LinkState(NamedTuple):

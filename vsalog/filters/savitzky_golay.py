@@ -15,8 +15,8 @@ from vsalog.core.compiled import compiled
 from vsalog.core.errors import FilterError
 
 Array = NDArray[np.float64]
-# So many outputs are worked on side by side.
 TILE = 512
+"""Outputs that are worked on side by side: a window passes over them while they are in the processor's cache."""
 
 
 def savgol_lag(window: int) -> int:

@@ -33,9 +33,8 @@ from vsalog.core.errors import FilterError
 
 Array = NDArray[np.float64]
 
-# A normal innovation's square lies beyond what is believed once in so many samples. The share of samples that do is watched over
-# `WATCHED` of them; the filter is taken for lost where it is more than `LOST`: single outliers are not enough.
-BEYOND, WATCHED, LOST = 1000, 100, 0.5
+WATCHED = 100
+"""Samples over which it is watched how many innovations are beyond what the filter believes."""
 
 
 class Weight(IntEnum):
@@ -346,8 +345,8 @@ def unscented_filter(
 
 
 def surprise_limits(outputs: int) -> Array:
-    """Return the χ² of 0, 1, … m outputs that lies beyond what a filter believes, shape (m + 1,)."""
-    return np.array([0.0, *(float(chi2.isf(1.0 / BEYOND, k)) for k in range(1, outputs + 1))])
+    """Return the χ² of 0, 1, … m outputs that one normal innovation in a thousand exceeds, shape (m + 1,)."""
+    return np.array([0.0, *(float(chi2.isf(1e-3, k)) for k in range(1, outputs + 1))])
 
 
 @njit(cache=True, error_model="numpy")
@@ -362,7 +361,8 @@ def keep(
     if used > 0:
         squares[k] = nis
         surprise[0] += ((1.0 if nis > limits[used] else 0.0) - surprise[0]) / WATCHED
-    lost = surprise[0] > LOST
+    # The majority: single outliers are not enough.
+    lost = surprise[0] > 0.5
     for i in range(x.shape[0]):
         lost = lost or not np.isfinite(x[i])
         xs[k, i] = x[i]

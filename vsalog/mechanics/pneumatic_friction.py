@@ -13,8 +13,8 @@ from vsalog.rig.schema import PneumaticJoint, PressureFriction, SimpleFriction, 
 
 Array = NDArray[np.float64]
 
-# T_p grows without bound as a muscle is emptied: below this pressure above the outside one it stays as it is there [Pa].
 LEAST_GAUGE = 1e3
+"""Gauge pressure below which T_p stays as it is there [Pa]: it would grow without bound as a muscle is emptied."""
 
 
 def friction_level(

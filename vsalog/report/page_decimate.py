@@ -15,8 +15,6 @@ Indices = NDArray[np.int64]
 
 FIGURE_COLUMNS = 1200
 """Pixel columns of a figure over time, as many as it has on a wide screen: a line has two samples in each."""
-POINTS = 2000
-"""Points that show the area which samples cover; more lie over one another."""
 
 
 @njit(cache=True, nogil=True)
@@ -257,13 +255,13 @@ def spans(time: Array, flags: Flags, columns: int) -> list[tuple[float, float]]:
     return [(float(a), float(b)) for a, b in zip(begin[apart], end[ends], strict=True)]
 
 
-def scattered(x: Array, y: Array, most: int = POINTS) -> Indices:
+def scattered(x: Array, y: Array, most: int = 2 * FIGURE_COLUMNS) -> Indices:
     """Choose samples that cover the same area as all: one per cell of a grid, and the extremes.
 
     Parameters
     ----------
     x, y : shape (N,)
-    most : samples wanted, about
+    most : samples wanted, about; as many as a line of a figure has show the area they cover
 
     Returns
     -------

@@ -28,8 +28,6 @@ from vsalog.writers.recording_topics import read_back_name
 
 BYTES_PER_SAMPLE = 500
 """Memory that a sample of one joint takes: some forty numbers of truth and measurement, copies included; 350 were measured."""
-MOST_RATE = 1e6
-"""Samples per second: stamps are whole nanoseconds, so one is off by no more than a thousandth of the period."""
 
 VALVES_AND_PRESSURES = ("valve_1", "valve_2", "pressure_1", "pressure_2")
 
@@ -155,7 +153,8 @@ def prepare(source: str, options: Options) -> Job:
 
 
 def _period(rate: float) -> float:
-    if not 0.0 < rate <= MOST_RATE:
+    # Stamps are whole nanoseconds: one is off by no more than a thousandth of the period.
+    if not 0.0 < rate <= 1e-3 * 1e9:
         raise SimulationError(f"a rate of {rate:g} Hz cannot be simulated: stamps are whole nanoseconds, up to 1 MHz")
     return 1.0 / rate
 

@@ -44,8 +44,6 @@ CSV_CHANNELS = {
 
 DESR_SETTINGS = ("x00", "x10", "x20", "x25", "x30", "x33", "x35", "x40", "x45")
 DESR_COLUMNS = ("timeJIM", "angleJIM", "torque")
-DESR_EVERY = 4
-"""Of so many samples of the DESR foot one is kept, which makes the log a quarter as large."""
 
 DESR_RIG = """\
 # Variable-stiffness prosthetic foot on a dynamometer: deflection and torque at nine settings of its slider.
@@ -66,12 +64,12 @@ deflection = { channel = "DESR_N.{run}.angleJIM", unit = "rad", series_stiffness
 torque_sensor = { channel = "DESR_N.{run}.torque", unit = "N·m", offset = "1.2 N·m" }
 """
 
-DESR_README = f"""\
+DESR_README = """\
 A cut of DESR_Characterization_Data.mat from https://github.com/UofMNeurobioncs/Decoupled-Energy-Storage-and-Release-Foot
 at commit aad5f239508be4ef729f2debaad8beaf029a14c5, MIT licence (LICENSE), copyright 2021 UM Neurobionics.
 
 Kept: the nine settings of both cams, DESR_N.x00 ... DESR_N.x45 (the slider's position in mm), each with timeJIM [s],
-angleJIM [rad] and torque [N*m]. Of every {DESR_EVERY} samples the first was kept, unfiltered: 3000 of 12000, about 208 Hz
+angleJIM [rad] and torque [N*m]. Of every 4 samples the first was kept, unfiltered: 3000 of 12000, about 208 Hz
 instead of 833 Hz. Left out: the two single-cam tests (DESR_N_CAM1, DESR_N_CAM2) and the design torque curves.
 
 Measured on hardware: a rotary dynamometer loads and unloads the foot once per setting. The angle includes the
@@ -142,7 +140,7 @@ def _cut_desr(source: Path, folder: Path) -> None:
         runs = loadmat(source, squeeze_me=True, struct_as_record=False)["DESR_N"]
         cut: dict[str, dict[str, NDArray[np.float64]]] = {
             setting: {
-                column: np.asarray(getattr(getattr(runs, setting), column), dtype=np.float64)[::DESR_EVERY]
+                column: np.asarray(getattr(getattr(runs, setting), column), dtype=np.float64)[::4]
                 for column in DESR_COLUMNS
             }
             for setting in DESR_SETTINGS

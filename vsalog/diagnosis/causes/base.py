@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vsalog.binding.joint import signal_of
 from vsalog.core.precision import ROUNDING
-from vsalog.effects.base import SMOOTH
+from vsalog.effects.base import Exactness
 from vsalog.residuals.sensing import motors_of, position_role, torque_role
 from vsalog.rig.schema import RigidJoint
 
@@ -217,7 +217,7 @@ class Cause:
     reference: str
     signature: str
     order: int = 0
-    exact: float = SMOOTH
+    exact: float = Exactness.SMOOTH
 
     def sites(self, setting: Setting) -> Iterator[Site]:
         """Yield where in the joint the cause may sit, given its roles."""

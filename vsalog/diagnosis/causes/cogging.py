@@ -21,7 +21,7 @@ from vsalog.diagnosis.causes.base import (
     scale_of,
     with_part,
 )
-from vsalog.effects.base import WAVY
+from vsalog.effects.base import Exactness
 from vsalog.effects.cogging import Cogging
 from vsalog.uncertainty.long_run import FEWEST_SAMPLES
 
@@ -35,7 +35,7 @@ class MotorCogging(Cause):
     """A torque that repeats over the rotor's turn."""
 
     name = "motor.cogging"
-    exact = WAVY
+    exact = Exactness.WAVY
     title = "A torque repeats over the turn of the {part}'s rotor (cogging, or a gear's teeth), and the rig does not have it"
     says = "its motor equation is off by a wave over the motor's position"
     confirm = "Let the motor turn slowly, at constant speed and without load: its torque repeats with the angle, not with time."

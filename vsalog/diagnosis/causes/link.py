@@ -21,7 +21,7 @@ from vsalog.diagnosis.causes.base import (
     with_part,
 )
 from vsalog.diagnosis.causes.motor_friction import with_bristles, with_level
-from vsalog.effects.base import CORNERED, WAVY
+from vsalog.effects.base import Exactness
 from vsalog.effects.gravity import Payload
 from vsalog.rig.schema import Contact
 
@@ -97,7 +97,7 @@ class LinkCoulombFriction(_OfLink):
 
     of_both = False  # it is the motor's
     name = "link.coulomb_friction"
-    exact = CORNERED
+    exact = Exactness.CORNERED
     title = "Dry friction of the link is missing in the rig, or has another level"
     says = "the link's equation is off by a level that has the sign of its velocity"
     confirm = (
@@ -120,7 +120,7 @@ class LinkContact(_OfLink):
     """A push from outside, once."""
 
     name = "link.contact"
-    exact = WAVY
+    exact = Exactness.WAVY
     title = "Something pushed the link for a moment"
     says = "the link's equation is off for a short time only"
     confirm = "Look at what happened at {start}; record again without touching the link."

@@ -25,7 +25,7 @@ from vsalog.diagnosis.causes.base import (
     starts_of,
     with_part,
 )
-from vsalog.effects.base import CORNERED
+from vsalog.effects.base import Exactness
 from vsalog.mechanics.links import link_weight
 
 DRY = frozenset({"motor.coulomb_friction", "motor.stribeck_friction"})
@@ -91,7 +91,7 @@ class MotorCoulombFriction(Cause):
     """Dry friction of one level."""
 
     name = "motor.coulomb_friction"
-    exact = CORNERED
+    exact = Exactness.CORNERED
     title = "Dry friction of the {part} is missing in the rig, or has another level"
     says = "its motor equation is off by a level that has the sign of the motor's velocity"
     confirm = (
@@ -125,7 +125,7 @@ class MotorStribeckFriction(Cause):
     """Dry friction that is larger at rest than in motion."""
 
     name = "motor.stribeck_friction"
-    exact = CORNERED
+    exact = Exactness.CORNERED
     title = "Dry friction of the {part} falls as it begins to move (Stribeck), and the rig does not have it so"
     says = "its motor equation is off by a level that has the sign of the motor's velocity and is larger at slow motion"
     confirm = (
@@ -193,7 +193,7 @@ class MotorLoadDependentFriction(Cause):
     """Dry friction that grows with the torque that is transmitted."""
 
     name = "motor.load_dependent_friction"
-    exact = CORNERED
+    exact = Exactness.CORNERED
     title = "The gear of the {part} rubs in proportion to the torque it transmits, and the rig does not have it so"
     says = "its motor equation is off by a part of the transmitted torque's size, with the sign of the motor's velocity"
     confirm = "Measure the friction under several loads: it grows with them, in a straight line."

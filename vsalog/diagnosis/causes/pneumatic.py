@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from vsalog.binding.joint import signal_of
 from vsalog.diagnosis.causes.base import Cause, Parameter, Setting, Site, with_part, with_signal
-from vsalog.effects.base import CORNERED
+from vsalog.effects.base import Exactness
 from vsalog.rig.schema import PneumaticJoint, PressureFriction, SimpleFriction, TonduFriction
 
 TWINS = ("_1", "_2")
@@ -70,7 +70,7 @@ class PneumaticMuscleFriction(Cause):
     """Dry friction of tubes and meshes."""
 
     name = "pneumatic.muscle_friction"
-    exact = CORNERED
+    exact = Exactness.CORNERED
     title = "Dry friction of the muscles is missing in the rig, or has another level"
     says = "the joint's torque is off by a level that has the sign of its velocity"
     confirm = (

@@ -16,7 +16,7 @@ from vsalog.diagnosis.causes.base import (
     with_signal,
 )
 from vsalog.diagnosis.causes.one_number import ANGLES
-from vsalog.effects.base import WAVY
+from vsalog.effects.base import Exactness
 from vsalog.effects.eccentricity import Eccentricity
 
 
@@ -24,7 +24,7 @@ class EncoderEccentricity(Cause):
     """An encoder's disc off its axis."""
 
     name = "sensor.encoder_eccentricity"
-    exact = WAVY
+    exact = Exactness.WAVY
     title = "The disc of the {part} encoder is off its axis"
     says = "the deflection is off by a sine of the position, once per turn"
     confirm = "Turn the joint slowly through a whole turn, unloaded: motor and link encoder differ by a sine."

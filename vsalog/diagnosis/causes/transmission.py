@@ -20,7 +20,7 @@ from vsalog.diagnosis.causes.base import (
     with_part,
 )
 from vsalog.diagnosis.causes.motor_friction import LEAST_TRAVEL
-from vsalog.effects.base import CORNERED
+from vsalog.effects.base import Exactness
 from vsalog.rig.schema import (
     AwasTransmission,
     BoucWen,
@@ -80,7 +80,7 @@ class TransmissionHysteresis(_OfTransmission):
     """A loop between loading and unloading."""
 
     name = "transmission.hysteresis"
-    exact = CORNERED
+    exact = Exactness.CORNERED
     title = (
         "The {part} transmits more torque as it is loaded than as it is unloaded (hysteresis): the rig does not have it"
     )
