@@ -43,7 +43,7 @@ PROBE = """<script>
     told.otherPaper = paper();
     told.tooWide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
     told.cutOff = [...document.querySelectorAll(".scroll")].filter((box) => box.scrollWidth > box.clientWidth).length;
-    told.tables = document.querySelectorAll(".scores").length;
+    told.tables = document.querySelectorAll(".scores:not(.stacking)").length;
     told.requests = performance.getEntriesByType("resource").map((e) => e.name).filter((n) => !/^(data|blob):/.test(n));
     told.images = document.querySelectorAll("img").length;
     told.servers = [...new Set(plots.map((p) => `${p._context.showSendToCloud} ${p._context.plotlyServerURL}`))];

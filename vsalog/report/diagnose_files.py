@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Literal
 
 from vsalog.core.documents import document_text
-from vsalog.core.errors import WriteError
 from vsalog.diagnosis.document import Diagnosis
 from vsalog.diagnosis.evidence import JointEvidence
 from vsalog.report.page_diagnosis import write_diagnosis_page
 from vsalog.report.page_text import plain
-from vsalog.writers.atomic import check_path, together, write_text
+from vsalog.writers.atomic import check_path, make_folder, together, write_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,10 +68,7 @@ def write_diagnosis(
     WriteError
         A file cannot be written.
     """
-    try:
-        outputs.document.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WriteError(f"{outputs.document.parent}: cannot be made a folder: {error.strerror}") from error
+    make_folder(outputs.document.parent)
     # Before anything is written, so that all are there or none is.
     proposed = outputs.scenario if scenario_toml is not None else None
     for path in (outputs.document, outputs.page, outputs.rig, *([proposed] if proposed else [])):

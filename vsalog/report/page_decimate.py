@@ -27,6 +27,11 @@ def extent(values: Array) -> tuple[float, float, float]:
     return low, high, np.sqrt(power / count) if count else np.nan
 
 
+def rms(values: Array) -> float:
+    """Return the root mean square of what is finite; NaN where nothing is."""
+    return extent(values)[2]
+
+
 def gaps_of(time: Array) -> Indices:
     """Return the indices after which a gap of time follows.
 

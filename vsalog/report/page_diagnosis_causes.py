@@ -13,7 +13,7 @@ from vsalog.diagnosis.document import Bin, Unexplained
 from vsalog.diagnosis.evidence import CauseEvidence, JointEvidence
 from vsalog.report.diagnosis_words import share_text, signal_name, unit_of
 from vsalog.report.page_charts import Axes, Chart, Curve
-from vsalog.report.page_decimate import FIGURE_COLUMNS, decimated, gaps_of, one_after_the_other, scattered
+from vsalog.report.page_decimate import FIGURE_COLUMNS, decimated, gaps_of, one_after_the_other, rms, scattered
 from vsalog.report.page_figures import span_words
 from vsalog.report.page_text import number
 
@@ -70,7 +70,7 @@ def cause_chart(joint: JointEvidence, cause: CauseEvidence) -> Chart | None:
         f"The residual of the equation of the {name}, over {signal_name(variable)}"
         f" ({span_words(x, unit_of(x_unit).strip())}): above without this cause, {span_words(cause.without, unit.strip())},"
         f" and what this cause makes of it, {span_words(cause.shape, unit.strip())}, {drawn}; below with it. Its root mean"
-        f" square goes from {number(_rms(cause.without))} to {number(_rms(left))}{unit}; noise alone makes"
+        f" square goes from {number(rms(cause.without))} to {number(rms(left))}{unit}; noise alone makes"
         f" {number(equation.noise)}{unit}."
     )
     title = f"{name[:1].upper()}{name[1:]} equation over {signal_name(variable)}"
@@ -209,8 +209,3 @@ def _steps(bins: Sequence[Bin], label: str, dashed: bool = False) -> list[Curve]
 def _axis(name: str, unit: str) -> str:
     text = unit_of(unit).strip()
     return f"{name} [{text}]" if text else name
-
-
-def _rms(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vsalog.diagnosis.evidence import JointEvidence, SignalEvidence
 from vsalog.report.diagnosis_words import signal_name, unit_of
 from vsalog.report.page_charts import Axes, Chart, Curve
-from vsalog.report.page_decimate import around, decimated, gaps_of, one_after_the_other, pause_after
+from vsalog.report.page_decimate import around, decimated, gaps_of, one_after_the_other, pause_after, rms
 from vsalog.report.page_figures import TIME, span_words
 from vsalog.report.page_text import number
 
@@ -125,7 +125,7 @@ def _over_time(stretch: Stretch, role: str, noise: float | None, columns: int) -
         errors = _labelled_once(errors, {c.label for c in curves})
         axes.append(Axes(stretch.label, f"error{bracket}", tuple(errors), x_ticks=stretch.ticks))
         kinds = (("rig as it stands", signal.before), ("extended rig", signal.after))
-        said = [f"{number(_rms(v - signal.measured))}{unit} with the {label}" for label, v in kinds if v is not None]
+        said = [f"{number(rms(v - signal.measured))}{unit} with the {label}" for label, v in kinds if v is not None]
         words += f" Simulated − measured, root mean square: {', '.join(said)}"
         words += f"; noise alone makes {number(noise)}{unit}." if noise else "."
     words += " Each window of the simulation begins with the state that fits it best."
@@ -169,8 +169,3 @@ def worst_place(stretch: Stretch, noise: Mapping[str, float]) -> int | None:
         error = np.nan_to_num(signal.before - signal.measured)
         total += (error / (noise.get(role) or float(np.nanstd(signal.measured)) or 1.0)) ** 2
     return int(np.argmax(total)) if total.any() else None
-
-
-def _rms(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")

@@ -16,33 +16,7 @@ from vsalog.report.diagnosis_words import (
     signal_name,
     unit_of,
 )
-from vsalog.report.page_text import escaped, name, number
-
-
-def stacking_table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], texts: int = 1) -> str:
-    """Return a table whose rows become small grids where the page is too narrow for it.
-
-    Parameters
-    ----------
-    caption, heads : plain texts
-    rows : of cells, HTML; the first of each is its head
-    texts : columns that hold words; the others hold numbers
-    """
-    if not rows:
-        return ""
-    kinds = ["" if i < texts else ' class="n"' for i in range(len(heads))]
-    head = "".join(f'<th scope="col"{k}>{escaped(h)}</th>' for k, h in zip(kinds, heads, strict=True))
-    body = []
-    for row in rows:
-        cells = "".join(
-            f'<td{k} data-head="{escaped(h)}">{cell}</td>'
-            for k, h, cell in zip(kinds[1:], heads[1:], row[1:], strict=True)
-        )
-        body.append(f'<tr><th scope="row">{row[0]}</th>{cells}</tr>')
-    return (
-        f'<div class="scroll" tabindex="0" role="region" aria-label="{escaped(caption)}"><table class="scores stacking">'
-        f"<caption>{escaped(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table></div>"
-    )
+from vsalog.report.page_text import escaped, name, number, table
 
 
 def ranking_table(diagnosis: Diagnosis, several: bool) -> str:
@@ -62,7 +36,7 @@ def ranking_table(diagnosis: Diagnosis, several: bool) -> str:
     if rows and not nothing_left(diagnosis.unexplained):
         rows.append(["left unexplained", _bar(diagnosis.unexplained.fraction), "–", "–", "–"])
     heads = ("cause", "error it removes", "moves stiffness by", "confidence", "this log cannot tell it from")
-    return stacking_table("Ranking of the causes", heads, rows, texts=5)
+    return table("Ranking of the causes", heads, rows, texts=5)
 
 
 def parameters_table(causes: Sequence[FoundCause], several: bool) -> str:
@@ -76,9 +50,7 @@ def parameters_table(causes: Sequence[FoundCause], several: bool) -> str:
         for c in causes
         for n, p in c.parameters.items()
     ]
-    return stacking_table(
-        "Parameters of the causes, with 95 % intervals", ("cause", "parameter", "value"), rows, texts=2
-    )
+    return table("Parameters of the causes, with 95 % intervals", ("cause", "parameter", "value"), rows, texts=2)
 
 
 def errors_table(errors: Sequence[SignalError], several: bool) -> str:
@@ -94,7 +66,7 @@ def errors_table(errors: Sequence[SignalError], several: bool) -> str:
         if whole:
             cells.append("–" if e.rmse_whole_log is None else f"{number(e.rmse_whole_log)}{unit}")
         rows.append([escaped(signal_name(e.signal)) + _joint(e.joint, several), *map(escaped, cells)])
-    return stacking_table("Error of the simulation with the rig as it stands", heads, rows)
+    return table("Error of the simulation with the rig as it stands", heads, rows)
 
 
 def gain_table(gains: Sequence[Gain], several: bool) -> str:
@@ -111,7 +83,7 @@ def gain_table(gains: Sequence[Gain], several: bool) -> str:
             ]
         )
     heads = ("signal", "rig as it stands", "extended rig", "noise floor", "less by (95 % interval)")
-    return stacking_table("Error of the simulation (rmse)", heads, rows)
+    return table("Error of the simulation (rmse)", heads, rows)
 
 
 def equations_table(errors: Sequence[EquationError], several: bool) -> str:
@@ -123,7 +95,7 @@ def equations_table(errors: Sequence[EquationError], several: bool) -> str:
         title = escaped(signal_name(e.equation)) + _joint(e.joint, several)
         rows.append([title, escaped(e.side), *map(escaped, cells)])
     heads = ("equation", "side", "rig as it stands", "extended rig", "noise floor")
-    return stacking_table("RMS residual of each equation", heads, rows, texts=2)
+    return table("RMS residual of each equation", heads, rows, texts=2)
 
 
 def rig_change(rig: str, extended: str) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.report.page_charts import Axes, Chart, Curve
-from vsalog.report.page_decimate import around, band, decimated, extent, gaps_of, spans
+from vsalog.report.page_decimate import around, band, decimated, extent, gaps_of, rms, spans
 from vsalog.report.page_text import number
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
@@ -52,7 +52,7 @@ def torque_chart(joint: JointEvidence, part: TransmissionEvidence, columns: int)
         axes.append(Axes(TIME, "error [N·m]", (Curve("model − measured", x, y, "error"),), axes[0].spans))
         words += (
             f"; the {measured_name(part)} from {span_words(part.measured, 'N·m')}. They differ by"
-            f" {number(_rms(error))} N·m (root mean square), at most by {number(_largest(error))} N·m"
+            f" {number(rms(error))} N·m (root mean square), at most by {number(_largest(error))} N·m"
         )
     return Chart("torque", "Torque over time", f"{words}.{_share_words(joint, part)}", tuple(axes), linked=True)
 
@@ -122,7 +122,7 @@ def stiffness_chart(joint: JointEvidence, part: TransmissionEvidence, columns: i
         covered = np.abs(error) <= 2.0 * std
         words += (
             f". The true one runs from {span_words(part.true_stiffness[known], 'N·m/rad')}; the difference is"
-            f" {number(_rms(error))} N·m/rad (root mean square)"
+            f" {number(rms(error))} N·m/rad (root mean square)"
         )
         if np.isfinite(std).any():
             words += f", and the band holds the truth for {number(100.0 * float(covered.mean()))} % of the time"
@@ -199,10 +199,6 @@ def _share_words(joint: JointEvidence, part: TransmissionEvidence) -> str:
     if share == 0.0:
         return ""
     return f" Shaded: {_shade_words(joint)}, {number(100.0 * share)} % of the time."
-
-
-def _rms(values: Array) -> float:
-    return extent(values)[2]
 
 
 def _largest(values: Array) -> float:

@@ -6,7 +6,7 @@ import html
 import json
 import math
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 
@@ -41,25 +41,28 @@ def script_json(data: Any) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def table(caption: str, heads: Sequence[str], rows: Iterable[Sequence[str]], texts: int = 1) -> str:
-    """Return a table as HTML in a box that scrolls by itself; the cells are HTML.
+def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], texts: int = 1) -> str:
+    """Return a table as HTML in a box that scrolls by itself; its rows become small grids where the page is too narrow for it.
 
     Parameters
     ----------
     caption, heads : plain texts
-    rows : of cells; the first of each is its head
+    rows : of cells, HTML; the first of each is its head
     texts : columns that hold words; the others hold numbers
     """
-    head = "".join(f'<th scope="col"{"" if i < texts else " class=n"}>{escaped(h)}</th>' for i, h in enumerate(heads))
+    if not rows:
+        return ""
+    kinds = ["" if i < texts else ' class="n"' for i in range(len(heads))]
+    head = "".join(f'<th scope="col"{k}>{escaped(h)}</th>' for k, h in zip(kinds, heads, strict=True))
     body = []
     for row in rows:
-        cells = [f'<th scope="row">{row[0]}</th>']
-        cells += [f"<td{'' if i < texts else ' class=n'}>{cell}</td>" for i, cell in enumerate(row[1:], 1)]
-        body.append(f"<tr>{''.join(cells)}</tr>")
-    if not body:
-        return ""
+        cells = "".join(
+            f'<td{k} data-head="{escaped(h)}">{cell}</td>'
+            for k, h, cell in zip(kinds[1:], heads[1:], row[1:], strict=True)
+        )
+        body.append(f'<tr><th scope="row">{row[0]}</th>{cells}</tr>')
     return (
-        f'<div class="scroll" tabindex="0" role="region" aria-label="{escaped(caption)}"><table>'
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{escaped(caption)}"><table class="scores stacking">'
         f"<caption>{escaped(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table></div>"
     )
 

@@ -13,7 +13,7 @@ from vsalog.report.page import write_page
 from vsalog.report.paper_figures import check_matplotlib, write_figures
 from vsalog.rig.find import rig_beside
 from vsalog.validation.document import Report
-from vsalog.writers.atomic import together, write_text
+from vsalog.writers.atomic import make_folder, together, write_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +71,7 @@ def write_report(report: Report, drawings: Drawings, outputs: Outputs) -> None:
     WriteError
         A file cannot be written.
     """
-    try:
-        outputs.document.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WriteError(f"{outputs.document.parent}: cannot be made a folder: {error.strerror}") from error
+    make_folder(outputs.document.parent)
     title = f"{report.model} against {', '.join(log.log for log in report.logs)}"
     if outputs.figures is not None:
         write_figures(outputs.figures, drawings.paper(), report)
