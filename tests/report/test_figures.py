@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from reports_evidence import HOSTILE, drawn, evidence, lever_arm_joint, report
 
-from vsalog.report.page import charts_of, write_page
+from vsalog.report.page import charts_of, columns_for, write_page
 from vsalog.report.page_charts import NAMES
 from vsalog.report.page_data import chart_data
 from vsalog.report.page_text import label, plain, script_json
@@ -126,3 +126,8 @@ def test_equal_results_make_equal_figures(tmp_path):
         write_figures(tmp_path / name, drawn([[evidence(3000)]]), None, ("svg",))
     for path in (tmp_path / "a").iterdir():
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name
+
+
+@pytest.mark.parametrize(("transmissions", "columns"), [(0, 1200), (1, 1200), (4, 600), (9, 400)])
+def test_figures_share_the_columns_of_a_page(transmissions, columns):
+    assert columns_for(transmissions) == columns
