@@ -14,7 +14,7 @@ from vsalog.core.finding import Finding
 from vsalog.core.resolution import sensor_noise
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import DETECTED, INTERVAL
-from vsalog.effects.base import SMOOTH
+from vsalog.effects.base import Exactness
 from vsalog.effects.gravity import holding_torque
 from vsalog.estimators.device import Device, spread
 from vsalog.estimators.equation import SUPPORTED_SHARE
@@ -57,7 +57,7 @@ class LinkImpedance:
         self.noise = _noise(signals, u, torque, rate, acceleration, wander)
         self.bias = np.maximum(
             self._bias(most_moved(signals, ["link_position"])[:ENOUGH], weights.shape[1]),
-            max(SMOOTH, _between(q, weights[2], acceleration)),
+            max(Exactness.SMOOTH, _between(q, weights[2], acceleration)),
         )
         self.beside = what_else_acts(torque, rate, acceleration, weights.shape[1])
         if sensor_error(q[:ENOUGH], weights.shape[1]).rms(weights[2]) > LOUD * rms(acceleration):
