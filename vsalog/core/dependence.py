@@ -27,7 +27,7 @@ improvements for inference with clustered errors", Rev. Econ. Stat. 90, 2008. Ib
 and heterogeneity robust inference", J. Bus. Econ. Stat. 28, 2010. Bakirov, Székely, "Student's t-test for Gaussian scale
 mixtures", Zap. Nauchn. Sem. POMI 328, 2005. Kuonen, "Saddlepoint approximations for distributions of quadratic forms in normal
 variables", Biometrika 86, 1999. Chernozhukov et al., "Double/debiased machine learning", Econometrics J. 21, 2018 (cross-
-fitting). Diebold, Mariano, "Comparing predictive accuracy", J. Bus. Econ. Stat. 13, 1995.
+fitting).
 """
 
 from __future__ import annotations
@@ -110,21 +110,14 @@ def association(
 
 
 def joined(moments: Array) -> Array:
-    """Join each two neighbouring blocks, of moments or scores."""
+    """Join each two neighbouring blocks."""
     return np.asarray(np.add.reduceat(moments, np.arange(0, len(moments) - len(moments) % 2, 2), axis=0))
 
 
 def mean_above_zero(scores: Array) -> float:
-    """Return the probability that chance makes the mean of blocks' scores, shape (B,), so large (Student; Diebold and Mariano).
-
-    Blocks are joined until neighbours are no more alike than chance makes them, as of `association`.
-    """
-    left = scores - scores.mean()
-    alike, wider, freedom = _memory(left[1:] * left[:-1], float(left @ left))
-    if alike > 1.0 and scores.size >= 2 * LEAST_BLOCKS:
-        return mean_above_zero(joined(scores))
-    size = float(np.sqrt(wider * float(left @ left) * scores.size / (scores.size - 1)))
-    return float(special.stdtr(freedom, -scores.sum() / size)) if size > 0.0 else float(scores.sum() <= 0.0)
+    """Return the probability that chance makes the mean of independent scores, shape (B,), so large (Student)."""
+    size = float(scores.std(ddof=1)) * float(np.sqrt(scores.size))
+    return float(special.stdtr(scores.size - 1, -scores.sum() / size)) if size > 0.0 else float(scores.sum() <= 0.0)
 
 
 def one_more_above(new: float, scores: Array) -> float:
