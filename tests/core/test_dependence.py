@@ -6,7 +6,6 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from vsalog.core.dependence import (
-    FALSE_ALARM_RATE,
     LEAST_BLOCKS,
     MOST_BLOCKS,
     association,
@@ -16,6 +15,7 @@ from vsalog.core.dependence import (
     mean_above_zero,
     one_more_above,
 )
+from vsalog.core.significance import FALSE_ALARM
 
 ROWS = 640
 
@@ -88,7 +88,7 @@ def test_a_hidden_effect_is_found_with_its_size_beside_a_control(strength):
         x, other = motion(rng), motion(rng)
         e = strength * x + 3.0 * other + rng.standard_normal(ROWS)
         one = association(block_moments(np.column_stack((other, x, e)), block_index(ROWS)), [1], [0])
-        found += one.p_value < FALSE_ALARM_RATE
+        found += one.p_value < FALSE_ALARM
         assert one.coefficients[0] == pytest.approx(strength, abs=5.0 / np.sqrt(ROWS * np.var(x)))
         power = strength**2 * np.var(x)
         assert one.share == pytest.approx(power / (power + 1.0), abs=0.15)
@@ -110,7 +110,7 @@ def test_noise_that_remembers_a_sixth_of_the_log_accuses_nothing():
         rng = np.random.default_rng(seed)
         x, noise = motion(rng), lfilter([1.0], [1.0, -0.99], rng.standard_normal(3 * ROWS))[-ROWS:]
         found = association(block_moments(np.column_stack((x, noise)), block_index(ROWS)), [0])
-        accused += found is not None and found.p_value < FALSE_ALARM_RATE
+        accused += found is not None and found.p_value < FALSE_ALARM
     assert accused <= stats.binom.isf(1e-3, 100, 0.01)
 
 

@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 from vsalog.checks.check import Context
 from vsalog.checks.motor_reference import motor_trace
 from vsalog.core.basis import PolynomialBasis
-from vsalog.core.dependence import FALSE_ALARM_RATE, Association, association, least_squares
+from vsalog.core.dependence import Association, association, least_squares
 from vsalog.core.finding import Finding
 from vsalog.core.resolution import ROUNDED
 from vsalog.core.signals import JointSignals
+from vsalog.core.significance import FALSE_ALARM
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, has_deflection
 from vsalog.estimators.regression import RegressionFold
@@ -189,7 +190,7 @@ class ResidualShapes:
         basis = range(self.device.basis.size)
         tried = sum(len(other.knots) for other in self.rows.values())
         found = association(rows.moments.blocks, rows.columns(name), basis)
-        return found if found is not None and found.p_value * tried <= FALSE_ALARM_RATE else None
+        return found if found is not None and found.p_value * tried <= FALSE_ALARM else None
 
     def _lacks(self, name: str, rows: _Rows) -> Finding | None:
         """Return what a stiffness lacks."""

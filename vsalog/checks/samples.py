@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from vsalog.core.signals import JointSignals
+from vsalog.core.significance import FALSE_ALARM_OF_MANY
 from vsalog.estimators.device import Device, TransmissionView
 
 Array = NDArray[np.float64]
@@ -26,8 +27,6 @@ STUCK = 0.5
 """Seconds that a sensor stands still, and is not merely late by a packet or two."""
 MOVED = 0.2
 """Part of its range that a signal moves where it can be seen that another one does not."""
-FALSE_ALARM = 1e-6
-"""Probability that chance alone gives one finding in a log without faults, whatever its length."""
 
 
 def with_both_positions(device: Device, signals: JointSignals) -> list[TransmissionView]:
@@ -99,7 +98,7 @@ def unlikely_run(share: float, count: int) -> int:
     A run of n begins at one of N samples with probability N pⁿ at most.
     """
     p = max(share, 1.0 / count)
-    return 1 + int(np.ceil(np.log(FALSE_ALARM / count) / np.log(p))) if p < 1.0 else count + 1
+    return 1 + int(np.ceil(np.log(FALSE_ALARM_OF_MANY / count) / np.log(p))) if p < 1.0 else count + 1
 
 
 def beyond_noise(x: Array) -> float:
@@ -109,7 +108,7 @@ def beyond_noise(x: Array) -> float:
     if steps.size == 0:
         return 0.0
     deviation = float(np.median(steps)) / special.ndtri(0.75)
-    return deviation * float(-special.ndtri(0.5 * FALSE_ALARM / steps.size))
+    return deviation * float(-special.ndtri(0.5 * FALSE_ALARM_OF_MANY / steps.size))
 
 
 def go_together(x: Array, y: Array) -> bool:

@@ -20,8 +20,9 @@ from vsalog.checks.encoder import Standstill, standstills
 from vsalog.checks.residual import CHUNK, basis_rows
 from vsalog.checks.samples import with_both_positions
 from vsalog.checks.signals import WHILE
-from vsalog.core.dependence import FALSE_ALARM_RATE, LEAST_BLOCKS, least_squares, one_more_above
+from vsalog.core.dependence import LEAST_BLOCKS, least_squares, one_more_above
 from vsalog.core.finding import Finding
+from vsalog.core.significance import FALSE_ALARM
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device, deflection_of
 from vsalog.estimators.row_moments import RowMoments, row_moments_block, row_moments_start
@@ -103,7 +104,7 @@ class Standstills:
 
     def findings(self) -> list[Finding]:
         """Return which encoders were stuck."""
-        stuck = (s.standstill for s in self.stretches.values() if _untrue(s) * len(self.stretches) <= FALSE_ALARM_RATE)
+        stuck = (s.standstill for s in self.stretches.values() if _untrue(s) * len(self.stretches) <= FALSE_ALARM)
         return [s.finding(self.device.joint, s.enough) for s in stuck]
 
 

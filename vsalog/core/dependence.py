@@ -43,8 +43,6 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-# How often one log in which nothing depends on anything may be accused, over all shapes that are tried on it.
-FALSE_ALARM_RATE = 1e-3
 # Blocks at most; without as many as the least, nothing is said.
 MOST_BLOCKS, LEAST_BLOCKS = 64, 8
 # Directions in which columns have less than this part of their power are left alone, as are scores that rounding makes.

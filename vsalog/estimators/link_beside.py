@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.core.dependence import FALSE_ALARM_RATE, association, least_squares
+from vsalog.core.dependence import association, least_squares
 from vsalog.core.finding import Finding
+from vsalog.core.significance import FALSE_ALARM
 from vsalog.estimators.row_moments import row_moments_block, row_moments_start
 
 Array = NDArray[np.float64]
@@ -82,9 +83,7 @@ def what_else_acts(torque: Array, velocity: Array, acceleration: Array, window: 
     there = [False, False]
     for i in range(2):
         shape = association(rows.blocks, [2 + i], [0, 1, 3 - i])
-        there[i] = (
-            shape is not None and 2 * shape.p_value <= FALSE_ALARM_RATE and (i == 1 or shape.coefficients[0] > 0.0)
-        )
+        there[i] = shape is not None and 2 * shape.p_value <= FALSE_ALARM and (i == 1 or shape.coefficients[0] > 0.0)
     kept = [0, 1, *(i + 2 for i in range(2) if there[i])]
     found = least_squares(whole, kept)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.dependence import (
-    FALSE_ALARM_RATE,
     association,
     least_squares,
     mean_above_zero,
@@ -28,6 +27,7 @@ from vsalog.core.dependence import (
 )
 from vsalog.core.finding import Finding
 from vsalog.core.resolution import ROUNDED
+from vsalog.core.significance import FALSE_ALARM
 from vsalog.estimators.row_moments import RowMoments, row_moments_block, row_moments_start
 
 if TYPE_CHECKING:
@@ -161,7 +161,7 @@ def followers(state: MotionRows, claimed: float, step: float, suspects: tuple[st
     for suspect in suspects:
         place = state.column(suspect)
         shape = association(state.short.blocks, [place], known, y)
-        if shape is None or shape.p_value * len(suspects) > FALSE_ALARM_RATE or shape.share < TAKEN:
+        if shape is None or shape.p_value * len(suspects) > FALSE_ALARM or shape.share < TAKEN:
             continue
         unknowns, lasting = (least_squares(m, [*known, place], y) for m in (whole, long))
         now = _stiffness(unknowns[:-1], state)
@@ -195,7 +195,7 @@ def misfit(state: MotionRows, step: float) -> float | None:
     shares = [_mean_squares(r.sizes, squares, count) for r, squares in zip(state, (short, long), strict=True)]
     with np.errstate(divide="ignore", invalid="ignore"):
         lasts = np.where(shares[0] > 0.0, shares[1] / shares[0], 1.0 / LONG) - 1.0 / LONG
-    if mean_above_zero(lasts) > FALSE_ALARM_RATE:
+    if mean_above_zero(lasts) > FALSE_ALARM:
         return None
     lasting = (float(long.sum()) / state.long.rows - left / LONG) * LONG / (LONG - 1.0)
     rounding = ROUNDED * step * _stiffness(least_squares(whole, known, y), state)
