@@ -5,6 +5,8 @@ from pathlib import Path
 
 # Tests run side by side, one to a core: linear algebra with threads of its own would make them wait for one another.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# pytest-xdist states a width to its workers, which a pipe has not.
+os.environ.pop("COLUMNS", None)
 
 import pytest
 from command_line import vsalog_run

@@ -252,7 +252,7 @@ CASES = [
     (ANGLE.format("noise = -1"), "noise: -1 is not possible"),
     (SIGNALS + f'torque_sensor = {{ channel = "x", {DISC} }}', "torque_sensor.eccentricity: only an angle is measured"),
     (SIGNALS.replace("elastic", "serial") + f'setpoint = {{ channel = "x", unit = "mm", {DISC} }}', "only an angle is measured"),
-    (SIGNALS + "link_position = { constant = 1, noise = 1 }", "noise: does nothing beside a constant"),
+    (SIGNALS + "link_position = { constant = 1, noise = 1 }", "noise: does nothing next to a constant"),
 ]  # fmt: skip
 
 

@@ -76,7 +76,7 @@ CASES = [
     (SIGNALS + 'motor_position = {channel = ["a", "b"]}', "one role, one channel"),
     (SIGNALS + 'motor_position = {channel = "a", constant = 3}', "both a channel and a constant are given"),
     (SIGNALS + 'motor_position = {unit = "deg"}', "neither a channel nor a constant is given"),
-    (SIGNALS + "motor_position = {constant = 3, sign = -1}", "motor_position.sign: does nothing beside a constant"),
+    (SIGNALS + "motor_position = {constant = 3, sign = -1}", "motor_position.sign: does nothing next to a constant"),
     (SIGNALS + 'motor_position = ""', "the channel's name is empty"),
     (SIGNALS + "motor_position = true", "motor_position: true is not a number"),
     (SIGNALS + "motor_position = {channel = 3}", "channel: 3 is not a channel's name"),

@@ -30,8 +30,7 @@ def correlation_time(x: Array) -> float:
         return 1.0
     size = fft.next_fast_len(x.size + x.size // 2, real=True)  # wide enough for lags up to half the length
     spectrum = np.abs(fft.rfft(x, size)) ** 2
-    rho = fft.irfft(spectrum, size)[: x.size // 2] / power
-    pairs = rho[: rho.size // 2 * 2].reshape(-1, 2).sum(axis=1)
+    rho = fft.irfft(spectrum, size)[: x.size // 4] / power
+    pairs = rho[1 : 1 + 2 * ((rho.size - 1) // 2)].reshape(-1, 2).sum(axis=1)
     ends = np.flatnonzero(pairs <= 0.0)
-    last = int(ends[0]) if ends.size else pairs.size
-    return max(1.0, 2.0 * float(pairs[:last].sum()) - 1.0)
+    return 1.0 + 2.0 * float(pairs[: ends[0] if ends.size else pairs.size].sum())

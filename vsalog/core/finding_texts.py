@@ -219,7 +219,7 @@ TEXTS: Mapping[str, Text] = {
     ),
     "setpoint.constant": Text(
         "the set-point never changes in this log.",
-        "If the machine's did, that is what the residual shows.",
+        "If the machine's did, that may be the reason of what else is reported.",
     ),
     "friction.unknown_direction": Text(
         "transmission {part}: for {value:.0%} of the time the torque of friction or hysteresis that the rig has is not"

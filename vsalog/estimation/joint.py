@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.binding.neighbours import own_and_others
@@ -18,6 +19,7 @@ from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
 from vsalog.core.look import of_signals
 from vsalog.core.model import JointModel
+from vsalog.core.precision import ROUNDING
 from vsalog.core.recording import Recording
 from vsalog.core.trace import Trace
 from vsalog.estimation.summary import JointSummary, Summarizer, findings_of
@@ -279,6 +281,8 @@ def estimate_joint(
             *trials.findings(),
             *checked,
         )
+        if _stands_still(look.roles.get("setpoint")) and any(f.severity != "info" for f in found):
+            found += (Finding(code="setpoint.constant", joint=device.joint, severity="info"),)
         return JointEstimate(
             name,
             choice.name,
@@ -289,6 +293,12 @@ def estimate_joint(
             tuple(without_superseded(found, checks.supersedes)),
             Trace.concatenate(kept) if kept else None,
         )
+
+
+def _stands_still(values: NDArray[np.float64] | None) -> bool:
+    """Tell whether a signal is there and has one value only, but for rounding."""
+    known = np.empty(0) if values is None else values[np.isfinite(values)]
+    return known.size > 0 and bool(np.ptp(known) <= ROUNDING * np.abs(known).max())
 
 
 def _settings(tuning: Tuning, fold: Fold) -> dict[str, str | float | int | bool]:

@@ -34,6 +34,8 @@ T = TypeVar("T", float, Array)
 
 # Memories of the observer that are tried where no gain is asked for [s].
 MEMORIES = tuple(np.geomspace(0.003, 3.0, 13).tolist())
+# Radians that the noise of rates turns within a filter's window [rad]: of its derivative of first order, nearly a turn.
+SWINGS = 6.0
 # What has been learnt counts when this share of the memory is filled [1].
 FILLED_MEMORY = 0.95
 
@@ -207,7 +209,7 @@ class ObserverFold(StateObserver):
 
         Within a window it swings to and fro, and what is summed up of it over a longer memory goes back again.
         """
-        swings = 2.0 * np.pi / (self.alpha * speed * self.conditioner.window * self.period)
+        swings = SWINGS / (self.alpha * speed * self.conditioner.window * self.period)
         return noise / speed**2 / (1.0 + swings**2)
 
     def _rates(self, state: ObserverState, part: Differentiated, borne: TransmissionTorque) -> Rates:
@@ -221,8 +223,7 @@ class ObserverFold(StateObserver):
 
     def _best_alpha(self, rates: Iterable[Rates], speed: float) -> float:
         """Return the gain of the observer that predicts best: a long memory averages noise, a short one follows the stiffness."""
-        # Noise of rates swings to and fro within a filter's window.
-        shortest = self.conditioner.window * self.period / (2.0 * np.pi)
+        shortest = self.conditioner.window * self.period / SWINGS
         memories = [memory for memory in MEMORIES if memory >= shortest] or [shortest]
         off = np.zeros(len(memories))
         for known in rates:
@@ -240,7 +241,7 @@ class ObserverFold(StateObserver):
                 known = Rates(*(np.diff(v, prepend=np.nan) / self.period for v in borne.samples(whole)))
             phi, known = borne.deflection(whole.of, 0)[known.use], Rates(*(v[known.use] for v in known))
             found = observe_stiffness(observer_start(), *known, known.use, self.alpha, self.period)[0]
-            if 2.0 * np.pi / (self.alpha * speed) < self.conditioner.window * self.period:
+            if SWINGS / (self.alpha * speed) < self.conditioner.window * self.period:
                 # It follows every swing of the noise and leaves nothing over: but of what it knew a window before.
                 ahead = self.conditioner.window
                 phi, known, found = phi[ahead:], Rates(*(v[ahead:] for v in known)), found[:-ahead]

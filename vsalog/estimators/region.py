@@ -68,11 +68,6 @@ class Region:
         ]
         return replace(self, phi=spans[0], c=spans[1], waiting=np.full_like(self.waiting, np.nan))
 
-    def one_setpoint(self) -> bool:
-        """Tell whether the set-point stood still, as far as it was learnt from."""
-        low, high = self.whole().c
-        return high - low <= ROUNDING * abs(high)
-
     def vertices(self) -> tuple[tuple[float, ...], ...]:
         """Return the vertices (φ, c) of all that was learnt, or the ends of the interval (φ,) where there is no set-point."""
         if self.samples == 0:

@@ -289,8 +289,6 @@ class RegressionFold:
             claimed = max(state.claimed.get(name, np.inf) for name in names)
             step = self.look.step(equation.transmissions)
             found += residual_findings(self.device.joint, equation, state.residual_rows[names], claimed, step)
-        if found and self.device.has_setpoint and all(region.one_setpoint() for region in state.regions.values()):
-            found.append(Finding(code="setpoint.constant", joint=self.device.joint, severity="info"))
         return found
 
     def model(self, state: FoldState) -> JointModel:

@@ -190,11 +190,12 @@ def misfit(state: MotionRows, step: float) -> float | None:
         return None
     whole = state.short.blocks.sum(axis=0)
     left, torque = float(short.sum()) / rows, float(whole[y, y]) / rows
-    # Of white noise, however loud it is now and then, a long average leaves a part of LONG.
+    # Of white noise, however loud it is now and then, a long average leaves a part of LONG. The difference over the sum of both
+    # is bounded: no stretch counts for more than another, and of few long averages it is below zero rather than above.
     count = min(short.size, long.size)
-    shares = [_mean_squares(r.sizes, squares, count) for r, squares in zip(state, (short, long), strict=True)]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        lasts = np.where(shares[0] > 0.0, shares[1] / shares[0], 1.0 / LONG) - 1.0 / LONG
+    now, then = (_mean_squares(r.sizes, squares, count) for r, squares in zip(state, (short, long), strict=True))
+    both = LONG * then + now
+    lasts = np.divide(LONG * then - now, both, out=np.zeros_like(both), where=both > 0.0)
     if mean_above_zero(lasts) > FALSE_ALARM:
         return None
     lasting = (float(long.sum()) / state.long.rows - left / LONG) * LONG / (LONG - 1.0)
