@@ -216,8 +216,7 @@ def _more(found: Array, other: Array, times: float = 1.0) -> Array:
 
 def _leave_out_unlearnt(values: Array, coefficients: Array) -> None:
     """Set values to NaN as long as the coefficients, shape (N, n), are the zeros that a recursion begins with: no estimate."""
-    if len(values) and not coefficients[0].any():
-        values[~coefficients.any(axis=1)] = np.nan
+    values[~coefficients.any(axis=1)] = np.nan
 
 
 def _of_all(variances: Array, pulled: Array, spread: Flags) -> Array:
