@@ -209,12 +209,12 @@ class IntegratedMotorEquation(OfOneTransmission):
         """Number of unknowns."""
         return 3 + self.basis.size
 
-    def start(self) -> tuple[Array, Array | None]:
-        """Return the states of the integrals and of the hysteresis before the first sample."""
+    def start(self) -> tuple[Array, Array | None, Array]:
+        """Return the states of the integrals and of the hysteresis before the first sample, and that sample, which is none."""
         hysteresis = None if self.known is None else self.known.start()
-        return np.full((2, self.basis.size + 1), np.nan), hysteresis
+        return np.full((2, self.basis.size + 1), np.nan), hysteresis, np.full((1, self.basis.size + 3), np.nan)
 
-    def rows(self, state: tuple[Array, Array | None], block: Conditioned) -> tuple[Any, EquationRows]:
+    def rows(self, state: tuple[Array, Array | None, Array], block: Conditioned) -> tuple[Any, EquationRows]:
         """Form the equation for a block."""
         view, fit, known = self.view, block.fit, self.known
         f = regressors(self.basis, block, view)
@@ -244,11 +244,12 @@ class IntegratedMotorEquation(OfOneTransmission):
         if doubted is not None:
             fed = np.where(doubted, np.nan, fed)
         fed_to = {view.name: fed}
-        # The change of the speed from sample to sample: its average is that over the whole of what is averaged.
-        change = np.gradient(velocity, self.period) if velocity.size > 1 else np.full_like(velocity, np.nan)
-        plain = np.column_stack((np.zeros_like(theta), change, velocity, -f)), tau
+        # From sample to sample, by the trapezoidal rule: the change of the speed, the mean of all else.
+        seen = np.vstack((state[2], np.where(use[:, None], np.column_stack((velocity, theta, f, tau)), np.nan)))
+        change, mean = np.diff(seen, axis=0) / self.period, 0.5 * (seen[1:] + seen[:-1])
+        plain = np.column_stack((np.zeros_like(theta), change[:, :2], -mean[:, 2:-1])), mean[:, -1]
         rows = EquationRows(
             F, integrals[:, -1], use, fresh, fed_to, {}, dynamics, doubted, self.noise,
             walk_step=(self.period * self.torque_noise) ** 2, motion=(theta, velocity), plain=plain,
         )  # fmt: skip
-        return (integrated, after), rows
+        return (integrated, after, seen[-1:]), rows
