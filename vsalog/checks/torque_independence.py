@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.linalg import lstsq
 
 from vsalog.core.finding import Evidence, Finding
 
@@ -197,6 +196,9 @@ def _is_told(F: Array, y: Array, share: float) -> bool:
         return False
     size = np.abs(F).max(axis=0)
     F = F / np.where(size > 0.0, size, 1.0)
+    # Few logs need it, and importing it takes a while.
+    from scipy.linalg import lstsq
+
     use = learn
     for _ in range(ROUNDS):
         solution = lstsq(F[use], y[use], cond=1e-12, lapack_driver="gelsy", check_finite=False)[0]
