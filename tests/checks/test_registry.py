@@ -47,3 +47,9 @@ def test_a_torque_in_another_unit_is_held_against_the_rig_s_spring(tmp_path, sca
         # Where nothing is excited its size is a guess.
         near = 0.2 if estimator == "direct" else 1.0
         assert found["stiffness.scale"]["value"] == pytest.approx(scale, rel=near)
+
+
+def test_a_method_that_reads_no_set_point_is_not_held_against_a_spring_that_needs_one(samples, tmp_path):
+    done = vsalog_run("estimate", samples / "awas_exp1.mcap", "-e", "grioli-bicchi", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "stiffness.scale" not in {f["code"] for f in json.loads(done.stdout)["joints"][0]["findings"]}

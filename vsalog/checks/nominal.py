@@ -52,6 +52,8 @@ class _Ratios:
             excited = np.asarray(columns["excited"], dtype=np.bool_)
             for sure in (True, False):
                 use = known & (excited == sure)
+                if not use.any():  # as of a rig's spring that needs a set-point which the method does not read
+                    continue
                 rig = stiffness(view.nominal, phi[use], None if c is None else c[use], trace.time[use])
                 ratio = np.log(found[use] / rig)
                 inside = np.isfinite(ratio)  # none inside a gap
