@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from command_line import vsalog_run
+from elastic_arm import RIG
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,17 +14,6 @@ from vsalog.checks.cross_check import _is_noise
 PERIOD, COUNT = 2e-3, 10_000
 SCALE, UNRELATED, INERTIA = "cross_check.torque_scale", "cross_check.torque_unrelated", "link.inertia_differs"
 MOTOR = "the motor's side by residual-rls"
-RIG = """[joint.arm]
-kind = "elastic"
-[joint.arm.motor]
-inertia = 0.05
-damping = 0.3
-[joint.arm.signals]
-link_position = "q"
-motor_position = "theta"
-motor_torque = "tau"
-torque_sensor = "sensor"
-"""
 
 
 def log(path, motor_scale=1.0, sensor_scale=1.0, seed=0, columns=("q", "theta", "tau", "sensor")):

@@ -6,20 +6,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from command_line import vsalog_run
+from elastic_arm import RIG
 
 PERIOD, COUNT = 2e-3, 10_000
 SHAPE, HIDES = "residual.shape_over_deflection", "deflection.hides_shape"
-RIG = """[joint.arm]
-kind = "elastic"
-[joint.arm.motor]
-inertia = 0.05
-damping = 0.3
-[joint.arm.signals]
-link_position = "q"
-motor_position = "theta"
-motor_torque = "tau"
-torque_sensor = "sensor"
-"""
 
 
 def spring(phi, kind):

@@ -6,19 +6,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from command_line import vsalog_run
+from elastic_arm import RIG
 
 PERIOD, COUNT, STIFFNESS = 2e-3, 10_000, 60.0
-RIG = """[joint.arm]
-kind = "elastic"
-[joint.arm.motor]
-inertia = 0.05
-damping = 0.3
-[joint.arm.signals]
-link_position = "q"
-motor_position = "theta"
-motor_torque = "tau"
-torque_sensor = "sensor"
-"""
 SHAPE, FOLLOWS = "residual.shape_over_position", "residual.follows_motion"
 
 

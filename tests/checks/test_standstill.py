@@ -5,19 +5,9 @@ import json
 import numpy as np
 import pytest
 from command_line import vsalog_run
+from elastic_arm import RIG
 
 PERIOD, COUNT, STIFFNESS, STEP = 2e-3, 10_000, 2.0, 1e-3
-RIG = """[joint.arm]
-kind = "elastic"
-[joint.arm.motor]
-inertia = 0.05
-damping = 0.3
-[joint.arm.signals]
-link_position = "q"
-motor_position = "theta"
-motor_torque = "tau"
-torque_sensor = "sensor"
-"""
 T = np.arange(COUNT) * PERIOD
 
 

@@ -71,7 +71,7 @@ def common_segments(log: str, joint: str, stretches: Iterable[list[tuple[int, in
 
 
 def after_long_silence(roles: Mapping[str, Array], before: int = 0) -> tuple[Flags, int]:
-    """Return where a run begins anew because a role had no number for longer than a gap may be, and how long that is by now.
+    """Return where a run begins again because a role had no number for longer than a gap may be, and how long that is by now.
 
     Parameters
     ----------

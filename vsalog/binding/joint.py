@@ -168,7 +168,7 @@ class _Rows:
 
     Parameters
     ----------
-    room : so many are expected
+    room : rows that are expected
     in_file : whether they are too long for memory
     """
 

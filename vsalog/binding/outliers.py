@@ -32,7 +32,7 @@ CALM = 0.2
 SHORTEST = 100
 # What is usual in a long log, some stretches of it show as well: their number and length.
 STRETCHES, STRETCH = 8, 4_096
-# A turn that is counted anew is a jump of more than this part of it.
+# A turn that is counted again is a jump of more than this part of it.
 WRAPS, WITHIN = 0.9, 1.01
 
 
@@ -57,7 +57,7 @@ class Outliers:
     Parameters
     ----------
     seen : shape (N,), the signal as recorded, or as much of it as is looked at, NaN where missing
-    turn : after which an encoder may begin anew, in the unit of the values; None for what is no angle
+    turn : after which an encoder may wrap, in the unit of the values; None for what is no angle
     whole : whether that is all of the signal
     """
 
@@ -66,9 +66,9 @@ class Outliers:
         self._turn, self._usual = turn, None
         if known.size < SHORTEST:
             return
-        self._anew, self._jump = _anew(known, steps, turn), _jump(known, turn)
+        self._wraps, self._jump = _wraps_in(known, steps, turn), _jump(known, turn)
         # Cheap, and most logs end here: whoever stands alone was jumped to.
-        if not whole or _greatest(steps, turn, self._anew) > self._jump:
+        if not whole or _greatest(steps, turn, self._wraps) > self._jump:
             self._usual = _usual(known, _middle(known), turn)
 
     def among(self, values: Array) -> Flags | None:
@@ -76,9 +76,9 @@ class Outliers:
         if self._usual is None:
             return None
         kept, known, steps = _known(values)
-        if known.size < WIDTH or not _greatest(steps, self._turn, self._anew) > self._jump:
+        if known.size < WIDTH or not _greatest(steps, self._turn, self._wraps) > self._jump:
             return None
-        left = _left(known, _middle(known), self._turn, self._anew, self._usual)
+        left = _left(known, _middle(known), self._turn, self._wraps, self._usual)
         return _everywhere(values, kept, _alone(known, left, self._usual, self._turn))
 
 
@@ -102,14 +102,14 @@ def _everywhere(values: Array, kept: Flags | None, alone: Flags) -> Flags | None
     return out
 
 
-def _anew(known: Array, steps: Array, turn: float | None) -> bool:
-    return turn is not None and _greatest(steps, None, False) > WRAPS * turn and _begins_anew(known, turn)
+def _wraps_in(known: Array, steps: Array, turn: float | None) -> bool:
+    return turn is not None and _greatest(steps, None, False) > WRAPS * turn and _wraps_around(known, turn)
 
 
-def _greatest(steps: Array, turn: float | None, anew: bool) -> float:
-    """Return the greatest step, the shorter way round where the encoder counts anew."""
+def _greatest(steps: Array, turn: float | None, wraps: bool) -> float:
+    """Return the greatest step, the shorter way round where the encoder wraps."""
     greatest = max(float(steps.max()), -float(steps.min()))
-    if turn is not None and anew and greatest > WRAPS * turn:
+    if turn is not None and wraps and greatest > WRAPS * turn:
         steps = steps - turn * np.round(steps / turn)
         greatest = max(float(steps.max()), -float(steps.min()))
     return greatest
@@ -119,8 +119,8 @@ def _jump(known: Array, turn: float | None) -> float:
     return (1.0 - CALM) * max(SHARE * _usual_range(known), 0.5 * DEVIATIONS * _usual_deviation(known, turn))
 
 
-def _begins_anew(known: Array, turn: float) -> bool:
-    """Tell whether an encoder counts anew after a turn: it stays within one, but for the few samples that may be wrong."""
+def _wraps_around(known: Array, turn: float) -> bool:
+    """Tell whether an encoder wraps after a turn: it stays within one, but for the few samples that may be wrong."""
     return _usual_range(known) <= WITHIN * turn
 
 
@@ -133,12 +133,12 @@ def _middle(known: Array) -> Array:
 
 
 def _left(
-    known: Array, middle: Array, turn: float | None, anew: bool | None = None, usual: Usual | None = None
+    known: Array, middle: Array, turn: float | None, wraps: bool | None = None, usual: Usual | None = None
 ) -> Array:
-    """Return how far each sample is from the running median, the shorter way round where the encoder counts anew."""
+    """Return how far each sample is from the running median, the shorter way round where the encoder wraps."""
     left = known - middle
     if turn is not None and bool((np.abs(left) > WRAPS * turn).any()):
-        if not (_begins_anew(known, turn) if anew is None else anew):
+        if not (_wraps_around(known, turn) if wraps is None else wraps):
             return left
         low, high = (usual.low, usual.high) if usual is not None else (middle.min(), middle.max())
         # What is out of the turn altogether was counted by nobody.
@@ -204,6 +204,6 @@ def _calm(known: Array, good: NDArray[np.intp], after: int, size: float, turn: f
     around = known[good[max(0, after - 2) : after + 2]]
     steps = np.diff(around)
     if turn is not None:
-        anew = np.abs(steps) > WRAPS * turn
-        steps = np.where(anew, steps - turn * np.round(steps / turn), steps)
+        wraps = np.abs(steps) > WRAPS * turn
+        steps = np.where(wraps, steps - turn * np.round(steps / turn), steps)
     return bool((np.abs(steps) <= CALM * size).all())

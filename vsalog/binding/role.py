@@ -17,7 +17,7 @@ from vsalog.binding.findings import Tally
 from vsalog.binding.grid import GAP, Bound, is_even, less, stamps_where
 from vsalog.binding.outliers import LONGEST, Outliers
 from vsalog.binding.role_source import Source
-from vsalog.binding.unwrapping import JUMP, Unwrapping, begins_anew, unwrapped_on
+from vsalog.binding.unwrapping import JUMP, Unwrapping, unwrapped_on, wraps_around
 from vsalog.binding.zero_order_hold import MARGIN as AROUND
 from vsalog.binding.zero_order_hold import held
 from vsalog.core.column import parts
@@ -31,7 +31,7 @@ Flags = NDArray[np.bool_]
 Stamps = NDArray[np.int64]
 Segments = list[tuple[int, int]]
 
-# So many samples on either side tell whether one stands alone; so many reach across what is bridged.
+# Samples on either side by which an outlier is known, and samples that reach across what is bridged.
 MARGIN, BRIDGE = 64, 4
 
 
@@ -61,7 +61,7 @@ class Role:
         """Yield the role's samples, in SI; at the end the tally is complete, and `look` knows what it returns."""
         source, state, at = self.source.for_parts(), Unwrapping(), 0
         wanted = stretches(len(self.channel.values), ENOUGH)
-        for stamps, values, alone, hung in self._recorded():
+        for stamps, values, alone, stuck in self._recorded():
             if self.unwraps:
                 assert self.source.turn is not None
                 values, state = unwrapped_on(values, self.source.turn, state)
@@ -71,7 +71,7 @@ class Role:
                     self._kept.append((stamps[here], values[here]))
             at += values.size
             bound = self._bound(source, stamps, values)
-            bound = replace(bound, alone=stamps_where(bound, alone), held=stamps_where(bound, hung))
+            bound = replace(bound, alone=stamps_where(bound, alone), held=stamps_where(bound, stuck))
             self.tally.add(bound)
             yield bound
 
@@ -134,10 +134,10 @@ class Role:
             begin, end = max(0, first - AROUND), min(last + AROUND, len(self.channel.values))
             stamps, alone = self.channel.stamps[begin:end], self._alone(self.outliers, begin, end)
             values = less(self.channel.values[begin:end], alone)
-            hung = held(stamps, values, self.period, self.source.turn)
+            stuck = held(stamps, values, self.period, self.source.turn)
             here = slice(first - begin, last - begin)
-            alone, hung = (None if flags is None else flags[here] for flags in (alone, hung))
-            yield stamps[here], less(values[here], hung), alone, hung
+            alone, stuck = (None if flags is None else flags[here] for flags in (alone, stuck))
+            yield stamps[here], less(values[here], stuck), alone, stuck
 
     def _alone(self, outliers: Outliers, first: int, last: int) -> Flags | None:
         begin = max(0, first - MARGIN)
@@ -145,7 +145,7 @@ class Role:
         return None if found is None else found[first - begin : last - begin]
 
     def _unwraps(self) -> bool:
-        """Tell whether the role is an encoder that begins anew after a turn: it jumps, and stays within one."""
+        """Tell whether the role is an encoder that wraps after a turn: it jumps, and stays within one."""
         turn = self.source.turn
         if turn is None:
             return False
@@ -154,7 +154,7 @@ class Role:
         if _span_and_jump(values)[1] * (LONGEST + 1) <= JUMP * turn:
             return False
         span, jump = _span_and_jump(values for _, values, *_ in self._recorded())
-        return jump > JUMP * turn and begins_anew(span, turn)
+        return jump > JUMP * turn and wraps_around(span, turn)
 
 
 def _span_and_jump(parts_of: Iterable[Array]) -> tuple[float, float]:

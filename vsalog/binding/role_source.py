@@ -36,7 +36,7 @@ class Source:
     where : the log, the channel and the role, for messages
     signal : what the rig says of the sensor
     factor : from what was recorded to SI, the right way round, on the joint's side
-    turn : after which an encoder may begin anew, as it is recorded; None for what is no encoder
+    turn : after which an encoder may wrap, as it is recorded; None for what is no encoder
     joint_turn : whether a turn of the sensor is a turn of the joint
     may_stand_alone : whether a sample that stands alone is no motion
     lever : what makes a set-point's angle a length
@@ -147,7 +147,7 @@ def origin_of(recording: Recording) -> int:
 
 
 def _turn(channel: Channel, signal: Signal, role: str) -> float | None:
-    """Return the turn after which an encoder may begin anew, as it is recorded; None for what is no encoder."""
+    """Return the turn after which an encoder may wrap, as it is recorded; None for what is no encoder."""
     unit = _unit(channel, signal) or "rad"
     if not role.startswith(("motor_position", "link_position")) or not _converts(unit, "rad"):
         return None

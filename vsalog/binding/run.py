@@ -29,7 +29,7 @@ class BoundRun:
     log, joint : their names
     roles : by name, or a constant
     origin : the log's first stamp [ns]
-    noise : whether it is told of roles that have to be interpolated
+    noise : whether the noise of roles that have to be interpolated is worked out
 
     Raises
     ------

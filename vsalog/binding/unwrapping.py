@@ -1,4 +1,4 @@
-"""Encoders that begin anew after a turn: their jumps taken out, and two of them brought onto the same turn."""
+"""Encoders that wrap after a turn: their jumps taken out, and two of them brought onto the same turn."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Flags = NDArray[np.bool_]
 TURN = 2.0 * np.pi
 
 
-# A jump of more than this part of a turn is a new beginning; an encoder that begins anew stays within so many turns.
+# A jump of more than this part of a turn is a new beginning; an encoder that wraps stays within so many turns.
 JUMP, WITHIN = 0.9, 1.01
 
 
@@ -27,7 +27,7 @@ class Unwrapping:
     correction: float = 0.0
 
 
-def begins_anew(span: float, turn: float) -> bool:
+def wraps_around(span: float, turn: float) -> bool:
     """Tell whether an encoder that jumps wraps: only one who stays within a turn does; whoever has counted further jumps for
     another reason.
     """

@@ -1,4 +1,4 @@
-"""Readings that stood still amid a motion and then jumped to catch up: an encoder that hung, packets that said the same again.
+"""Readings that stood still amid a motion and then jumped to catch up: a stuck encoder, packets that repeat a value.
 
 Nothing in a fit tells such a stretch from a spring that gives way. What a motion can do is left alone: it begins and ends over
 many samples, a coarse encoder goes on by single steps, a slow sensor held between its samples jumps again and again.
@@ -31,7 +31,7 @@ def held(stamps: NDArray[np.int64], values: Array, period: int, turn: float | No
     stamps : shape (N,) [ns]
     values : shape (N,), as recorded, NaN where missing
     period : of the samples [ns]
-    turn : after which an encoder may begin anew, in the unit of the values; None for what is no angle
+    turn : after which an encoder may wrap, in the unit of the values; None for what is no angle
 
     Returns
     -------

@@ -175,15 +175,17 @@ class ResidualShapes:
         if self.rows and not self.knows_torque and (trace := motor_trace(self.device, self.look)) is not None:
             self.add(trace)
         lacking = {name: found for name, rows in self.rows.items() if (found := self._lacks(name, rows)) is not None}
-        uneven = (
-            [] if lacking else [f for name, rows in self.rows.items() if (f := self._uneven(name, rows)) is not None]
+        over_positions = (
+            []
+            if lacking
+            else [f for name, rows in self.rows.items() if (f := self._over_position(name, rows)) is not None]
         )
         hidden = (
             Finding(code="deflection.hides_shape", joint=self.device.joint, part=name, value=span, limit=HIDES)
             for name, span in self.spans.items()
             if span < HIDES and name in self.excited and name not in lacking
         )
-        return [*(lacking.values() or uneven), *hidden]
+        return [*(lacking.values() or over_positions), *hidden]
 
     def _depends(self, rows: _Rows, name: str) -> Association | None:
         """Return how the residual depends on a variable beyond the basis; None where it may be chance."""
@@ -222,7 +224,7 @@ class ResidualShapes:
             evidence=evidence,
         )
 
-    def _uneven(self, name: str, rows: _Rows) -> Finding | None:
+    def _over_position(self, name: str, rows: _Rows) -> Finding | None:
         """Return the position over which a residual has the largest shape."""
         samples, torque, squares, stiffness, _ = rows.whole
         best, size = "", 0.0

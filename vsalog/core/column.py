@@ -40,14 +40,14 @@ class Column(Generic[T]):
     kind : type
         Of the numbers.
     room : int
-        So many samples are expected.
+        Samples that are expected.
     in_file : bool
         Whether they go to a file at once, see `to_file`.
 
     Attributes
     ----------
     blocks : int
-        So many were added.
+        Blocks that were added.
     """
 
     def __init__(self, kind: type[T], room: int = 0, *, in_file: bool = False) -> None:

@@ -10,9 +10,9 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.core.compiled import compiled
 from vsalog.core.dependence import MOST_BLOCKS
 
 Array = NDArray[np.float64]
@@ -89,7 +89,7 @@ def row_moments_block(
     return new
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled
 def _run(
     columns: Array, use: Flags, starts: Flags, window: int, period: float, rate_of: int,
     row: Array, last: Array, moments: Array, counts: Integers,

@@ -17,8 +17,8 @@ from vsalog.uncertainty.errors_in_variables import BiasState, bias_block, bias_s
 from vsalog.uncertainty.integrated_noise import WalkState, walk_block, walk_start
 from vsalog.uncertainty.long_run import (
     BOX,
+    CLEARLY_NONSTATIONARY,
     FEWEST_SAMPLES,
-    SURELY_UNEVEN,
     LongRunState,
     long_run_block,
     long_run_covariance,
@@ -77,8 +77,8 @@ class Uncertainty(NamedTuple):
 
     def covariance(self, P: Array, unknowns: Array, integral: bool, least: int) -> tuple[Array, float]:
         """Return the covariance of the unknowns, shape (n, n), for (Σ F Fᵀ)⁻¹ = P, and the standard deviation of a residual."""
-        stationary, uneven, variance = long_run_covariance(self.long_run, integral, least)
-        found = _more(_sandwich(P, stationary), _sandwich(P, uneven), SURELY_UNEVEN)
+        stationary, changing, variance = long_run_covariance(self.long_run, integral, least)
+        found = _more(_sandwich(P, stationary), _sandwich(P, changing), CLEARLY_NONSTATIONARY)
         if self.walk_step:
             found = _more(found, _sandwich(P, self.walk_step * (self.walk.Q + self.walk.done)))
         return found + _sandwich(P, self.bias.covariance(unknowns)), variance**0.5

@@ -42,8 +42,8 @@ class Drift:
         """Return the transmissions whose stiffness changes over the log."""
         found = []
         for name, (moved, noise) in shift.overall.items():
-            # At the end of the log the estimate is off by half of the change.
-            limit = max(NEGLIGIBLE_SHARE, DETECTED * noise)
+            # At the end of the log the estimate is off by half of the change; one of less than that does not matter.
+            limit = max(0.5 * NEGLIGIBLE_SHARE, DETECTED * noise)
             if name != "total" and moved > limit:
                 joint = subject.device.joint
                 found.append(

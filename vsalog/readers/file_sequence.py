@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from enum import IntEnum
 from functools import partial
 from itertools import islice
 from types import MappingProxyType
@@ -18,11 +17,8 @@ from vsalog.readers.chunk_index import Needed, Part
 from vsalog.readers.container import Connection, Container
 from vsalog.readers.packets import Packet
 
-
-class Ids(IntEnum):
-    """Numbers of connections that a file may use: formats count them by 32 bits."""
-
-    PER_FILE = 2**32
+CONNECTIONS_PER_FILE = 2**32
+"""Numbers of connections that a file may use: formats count them by 32 bits."""
 
 
 class SeveralContainer:
@@ -77,7 +73,7 @@ class SeveralContainer:
         first = 0
         for container in self.parts:
             most = max((one.id for one in container.connections()), default=0)  # a file may be several itself
-            last = first + Ids.PER_FILE * (1 + most // Ids.PER_FILE)
+            last = first + CONNECTIONS_PER_FILE * (1 + most // CONNECTIONS_PER_FILE)
             yield range(first, last), container
             first = last
 

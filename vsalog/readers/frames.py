@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import IntEnum
 
 import numpy as np
 
@@ -13,11 +12,8 @@ from vsalog.readers.fields import MAX_NAME
 from vsalog.readers.limits import MOST_PARTS
 from vsalog.readers.packets import Bytes, Integers, Messages
 
-
-class Offset(IntEnum):
-    """Of a message: ahead of the FRAME are a sequence number (ROS 1) or what tells the byte order (ROS 2), and the time stamp."""
-
-    FRAME = 4 + 8
+FRAME_OFFSET = 4 + 8
+"""Bytes of a message ahead of its frame: a sequence number (ROS 1) or what tells the byte order (ROS 2), and the time stamp."""
 
 
 def has_frame(root: Struct, cdr: bool) -> bool:
@@ -95,8 +91,8 @@ class Frames:
 def _places(data: Bytes, start: Integers, length: Integers, cdr: bool, place: Integers, sizes: Integers) -> None:
     """Write down where each message's frame begins and how long it is, -1 where that is not clear."""
     for k in range(start.size):
-        at, place[k], sizes[k] = start[k] + Offset.FRAME, 0, -1
-        if length[k] < Offset.FRAME + 4:
+        at, place[k], sizes[k] = start[k] + FRAME_OFFSET, 0, -1
+        if length[k] < FRAME_OFFSET + 4:
             continue
         size = 0
         for i in range(4):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import zlib
 from contextlib import suppress
-from enum import IntEnum
 from itertools import product
 from math import prod
 from pathlib import Path
@@ -30,10 +29,8 @@ _TYPES = {
 """MATLAB's classes of numbers; in these old layouts nothing else vouches for what describes the numbers."""
 
 
-class Zlib(IntEnum):
-    """MOST_GROWTH is how many times larger it can make anything (zlib.net/zlib_tech.html)."""
-
-    MOST_GROWTH = 1032
+MOST_GROWTH = 1032
+"""How many times larger zlib can make anything (zlib.net/zlib_tech.html)."""
 
 
 _OWN = "#"
@@ -164,10 +161,10 @@ class _Walk:
         size = prod(node.chunks) * node.dtype.itemsize
         if size > MAX_BYTES:
             raise ValueError(f"its parts announce {size} bytes each: no recording has such")
-        if kinds.FILTER_DEFLATE not in filters or Zlib.MOST_GROWTH * node.id.get_storage_size() <= MAX_BYTES:
+        if kinds.FILTER_DEFLATE not in filters or MOST_GROWTH * node.id.get_storage_size() <= MAX_BYTES:
             return
         large: list[Any] = []
-        node.id.chunk_iter(lambda chunk: large.append(chunk) if Zlib.MOST_GROWTH * chunk.size > MAX_BYTES else None)
+        node.id.chunk_iter(lambda chunk: large.append(chunk) if MOST_GROWTH * chunk.size > MAX_BYTES else None)
         for chunk in large:
             _, raw = node.id.read_direct_chunk(chunk.chunk_offset)
             with suppress(zlib.error):  # the library will say so

@@ -9,7 +9,6 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable, Collection, Iterator
-from enum import IntEnum
 from typing import IO
 
 import numpy as np
@@ -24,10 +23,8 @@ from vsalog.readers.walk_findings import walk_findings
 MAGIC = b"\x89MCAP0\r\n"
 
 
-class Private(IntEnum):
-    """Kinds of records that are not of the format (mcap.dev/spec)."""
-
-    FIRST = 0x80
+FIRST_PRIVATE = 0x80
+"""From here on kinds of records are not of the format (mcap.dev/spec)."""
 
 
 KEPT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA)
@@ -123,7 +120,7 @@ class Walk:
                 self.cut = (position, self._size)
                 return
             self._chunked |= kind == Opcode.CHUNK
-            self.unknown += Opcode.DATA_END < kind < Private.FIRST
+            self.unknown += Opcode.DATA_END < kind < FIRST_PRIVATE
             if keep:
                 yield kind, content, position
             position += _HEAD.size + length

@@ -6,7 +6,6 @@ import shutil
 import sqlite3
 import tempfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from enum import IntEnum
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -34,10 +33,8 @@ _LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl"}
 _COLUMNS = {"topic_id", "timestamp", "data"}
 
 
-class RowId(IntEnum):
-    """Numbers of rows have 64 bits; those beyond LAST are never given."""
-
-    LAST = np.iinfo(np.int64).max // 2
+LAST_ROW = 2**62
+"""Numbers of rows have 64 bits; those beyond are never given."""
 
 
 _Rows = tuple[tuple[Any, ...], tuple[int, ...], tuple[bytes, ...]]
@@ -163,7 +160,7 @@ class SqliteContainer:
         count = 0 if start < 0 else start - first + 1
         nonsense, at_once = 0, FIRST_ROWS
         most = self.size()  # more rows than bytes come only of pages that are there several times
-        while start < RowId.LAST and count < most:
+        while start < LAST_ROW and count < most:
             try:
                 cursor = self._database.execute(query, (start,))
                 while count < most and (rows := list(islice(cursor, at_once))):
@@ -196,7 +193,7 @@ class SqliteContainer:
             self.findings.add(Finding(code="recording.rows_without_message", value=nonsense))
         if count >= most:
             self.findings.add(Finding(code="recording.database_repeats"))
-        elif start >= RowId.LAST:
+        elif start >= LAST_ROW:
             self.findings.add(Finding(code="recording.database_end_unreadable"))
         elif lost:
             self.findings.add(Finding(code="recording.rows_unreadable", value=lost))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from enum import IntEnum
 
 import numpy as np
 import pyarrow as pa
@@ -16,11 +15,8 @@ from vsalog.readers.headers import printable_cell
 from vsalog.readers.limits import SAMPLE_ROWS
 from vsalog.readers.table_text import LIKE_NUMBERS, NUMBER
 
-
-class Float64(IntEnum):
-    """Whole numbers up to EXACT are all there."""
-
-    EXACT = 2 ** (np.finfo(np.float64).nmant + 1)
+EXACT = 2 ** (np.finfo(np.float64).nmant + 1)
+"""Whole numbers up to it are doubles."""
 
 
 _CELL = NUMBER.replace("^", "^(", 1)[:-1] + r"|[+-]?(?i:inf|infinity)|[+-]?(?i:nan))$"
@@ -89,7 +85,7 @@ class Cells:
 
 def _rounded(cells: pa.Array, values: Values) -> str:
     """Return a whole number that floating point cannot hold, "" where none was found."""
-    large = np.abs(values) > Float64.EXACT
+    large = np.abs(values) > EXACT
     for at in np.flatnonzero(large & np.isfinite(values))[:SAMPLE_ROWS].tolist():
         cell = str(cells[at].as_py()).strip()
         if _WHOLE.match(cell) and int(cell) != int(values[at]):

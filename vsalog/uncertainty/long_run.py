@@ -1,4 +1,4 @@
-"""The long-run (HAC) covariance of a fit's score: what coloured and uneven residuals make of the unknowns.
+"""The long-run (HAC) covariance of a fit's score: what coloured and non-stationary residuals make of the unknowns.
 
 Least squares err by P Σ F e: the sum of the regressors times the noise, the *score*. Residuals are not white: filters smooth
 them, an encoder's noise differentiated twice lies far above the motion, a torque's noise integrated is a random walk, and a
@@ -61,7 +61,7 @@ STEEPEST_POWER = 4.0
 NO_VARIANCE = 1e-300
 # Batches in boxes: their lengths, each twice the one before; how many are enough; and by how much more of a variance the batches
 # have to make than stationary noise would. The variance of 32 batches is off by 25 %, so that chance makes four times that.
-BATCH_LENGTHS, ENOUGH_BATCHES, SURELY_UNEVEN = 20, 32, 2.0
+BATCH_LENGTHS, ENOUGH_BATCHES, CLEARLY_NONSTATIONARY = 20, 32, 2.0
 
 # Scaling filter of Daubechies' wavelet with four vanishing moments (Ten Lectures on Wavelets, table 6.1).
 _LOW = np.array([
@@ -108,9 +108,9 @@ class Run(IntEnum):
 
 
 class Noise(IntEnum):
-    """In `found`: for stationary noise, and for uneven noise."""
+    """In `found`: for stationary noise, and for non-stationary noise."""
 
-    STATIONARY, UNEVEN = range(2)
+    STATIONARY, NONSTATIONARY = range(2)
 
 
 class LongRunState(NamedTuple):
@@ -203,7 +203,7 @@ def long_run_block(
 def long_run_covariance(
     state: LongRunState, integral: bool, least: float = FEWEST_SAMPLES
 ) -> tuple[Array, Array, float]:
-    """Return the covariance of the score for stationary and for uneven noise, shape (n, n), and the variance of a residual.
+    """Return the score's covariance for stationary and for non-stationary noise, shape (n, n), and a residual's variance.
 
     NaN while not known; of fewer than `least` samples nothing is. `integral` as for `long_run_block`.
     """
@@ -213,7 +213,11 @@ def long_run_covariance(
         flags = np.empty(0, dtype=np.bool_)
         _observe(new, np.empty((0, n)), none, none, flags, flags, integral, 1.0, least, look=True)
     samples, squares = state.sums[[Sum.SAMPLES, Sum.SQUARES]]
-    return new.found[Noise.STATIONARY], new.found[Noise.UNEVEN], float(squares / samples) if samples else float("nan")
+    return (
+        new.found[Noise.STATIONARY],
+        new.found[Noise.NONSTATIONARY],
+        float(squares / samples) if samples else float("nan"),
+    )
 
 
 def _observe(
@@ -237,33 +241,33 @@ def _observe(
 @compiled
 def _variances(T: Array, told: Array, since: NDArray[np.int64], work: Array, out: Array) -> None:
     """Fill `out` with Tᵀ M T of the M that was known last: many samples side by side, of which each has its own sum."""
-    n, even, uneven, even_row, uneven_row = T.shape[2], work[0], work[1], work[2], work[3]
+    n, stationary, changing, stationary_row, changing_row = T.shape[2], work[0], work[1], work[2], work[3]
     for look in range(since.size):
         end = since[look + 1] if look + 1 < since.size else out.shape[0]
-        for begin in range(since[look], end, even.size):
-            width = min(end - begin, even.size)
+        for begin in range(since[look], end, stationary.size):
+            width = min(end - begin, stationary.size)
             for m in range(out.shape[1]):
                 for r in range(width):
-                    even[r] = uneven[r] = 0.0
+                    stationary[r] = changing[r] = 0.0
                     for i in range(n):
                         work[4 + i, r] = T[begin + r, m, i]
                 for i in range(n):
                     for r in range(width):
-                        even_row[r] = uneven_row[r] = 0.0
+                        stationary_row[r] = changing_row[r] = 0.0
                     for j in range(i, n):
                         # What is off the diagonal is there twice.
-                        a, b = told[look, Noise.STATIONARY, i, j], told[look, Noise.UNEVEN, i, j]
+                        a, b = told[look, Noise.STATIONARY, i, j], told[look, Noise.NONSTATIONARY, i, j]
                         times = 1.0 if j == i else 2.0
                         for r in range(width):
-                            even_row[r] += times * a * work[4 + j, r]
-                            uneven_row[r] += times * b * work[4 + j, r]
+                            stationary_row[r] += times * a * work[4 + j, r]
+                            changing_row[r] += times * b * work[4 + j, r]
                     for r in range(width):
-                        even[r] += even_row[r] * work[4 + i, r]
-                        uneven[r] += uneven_row[r] * work[4 + i, r]
+                        stationary[r] += stationary_row[r] * work[4 + i, r]
+                        changing[r] += changing_row[r] * work[4 + i, r]
                 for r in range(width):
                     # Below zero is what rounding makes of what nothing tells.
-                    variance = even[r] if even[r] >= 0.0 else math.nan
-                    out[begin + r, m] = uneven[r] if uneven[r] > SURELY_UNEVEN * variance else variance
+                    variance = stationary[r] if stationary[r] >= 0.0 else math.nan
+                    out[begin + r, m] = changing[r] if changing[r] > CLEARLY_NONSTATIONARY * variance else variance
 
 
 @cache
@@ -435,7 +439,7 @@ def _loop(integral: bool, forgets: bool) -> Callable[..., int]:
                     if integral:
                         mean[i] = total[i] / total[0]
                     for j in range(n):
-                        told[looks, Noise.UNEVEN, i, j] = products[enough, i, j] if enough >= 0 else 0.0
+                        told[looks, Noise.NONSTATIONARY, i, j] = products[enough, i, j] if enough >= 0 else 0.0
                         told[looks, Noise.STATIONARY, i, j] = level * total[i] * (level * total[j])
                 for octave in range(this.shape[0]):
                     share = octaves[octave, Octave.VARIANCE]

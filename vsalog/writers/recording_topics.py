@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 
@@ -20,10 +19,8 @@ JOINT_FIELDS = ("position", "velocity", "effort")
 _JOINT_CHANNEL = re.compile(r"^(?P<topic>.+)\.(?P<field>position|velocity|effort)\[(?P<name>[^\[\]]+)\]$")
 
 
-class RosTime(IntEnum):
-    """The first number of seconds that a stamp cannot have: they are signed and have 32 bits in ROS 2."""
-
-    END = 2**31
+END_OF_ROS_TIME = 2**31
+"""Seconds that a stamp cannot have: they are signed and have 32 bits in ROS 2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +43,9 @@ class Topic:
     columns: Mapping[tuple[str, str], Values]
 
     def __post_init__(self) -> None:
-        if self.stamps.size and (int(self.stamps[0]) < 0 or int(self.stamps[-1]) >= RosTime.END * Nanoseconds.SECOND):
+        if self.stamps.size and (
+            int(self.stamps[0]) < 0 or int(self.stamps[-1]) >= END_OF_ROS_TIME * Nanoseconds.SECOND
+        ):
             raise WriteError(f"topic {self.name}: its stamps are outside of what ROS can hold (0 to 2³¹ s)")
         if any(values.shape != self.stamps.shape for values in self.columns.values()):
             raise WriteError(f"topic {self.name}: its columns differ in length")
