@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vsalog.checks.check import Context
 from vsalog.checks.motor_reference import motor_trace
 from vsalog.core.basis import PolynomialBasis
-from vsalog.core.dependence import Association, association, least_squares
+from vsalog.core.dependence import Association, association, hats, least_squares
 from vsalog.core.finding import Finding
 from vsalog.core.resolution import ROUNDED
 from vsalog.core.signals import JointSignals
@@ -157,7 +157,7 @@ class ResidualShapes:
         if not use.any():
             return
         basis = basis_rows(self.device.basis, columns, part)
-        functions = [_hats(values[over], knots) for over, knots in rows.knots.items()]
+        functions = [hats(values[over], knots) for over, knots in rows.knots.items()]
         z = np.column_stack((basis, *functions, torque - fit))
         rows.moments = row_moments_block(rows.moments, z, use, np.zeros_like(use), 1)
         if DEFLECTION in rows.knots:
@@ -274,12 +274,3 @@ def _knots(values: Array, step: float) -> Array | None:
     count = int(min(KNOTS, _span(values, step) / STEPS + 1))
     low, high = np.quantile(known, RANGE)
     return np.linspace(low, high, count) if count > FEWEST else None
-
-
-def _hats(x: Array, knots: Array) -> Array:
-    """Return piecewise linear functions that are 1 at one of equally distant knots and 0 at the others, shape (N, k)."""
-    at = np.clip(np.nan_to_num((x - knots[0]) / (knots[1] - knots[0])), 0.0, knots.size - 1.0)
-    left = np.minimum(at.astype(np.int64), knots.size - 2)
-    out, rows = np.zeros((x.size, knots.size)), np.arange(x.size)
-    out[rows, left], out[rows, left + 1] = 1.0 - (at - left), at - left
-    return out

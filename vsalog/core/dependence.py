@@ -34,6 +34,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +69,16 @@ class Association:
     coefficients: Array
     power: float
     rank: int
+
+
+def hats(x: Array, knots: Array) -> Array:
+    """Return functions of any shape: piecewise linear, 1 at one of ascending knots and 0 at the others, shape (R, k)."""
+    at = np.clip(np.nan_to_num(x), knots[0], knots[-1])
+    left = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, knots.size - 2)
+    part, rows = (at - knots[left]) / (knots[left + 1] - knots[left]), np.arange(x.size)
+    out = np.zeros((x.size, knots.size))
+    out[rows, left], out[rows, left + 1] = 1.0 - part, part
+    return out
 
 
 def block_index(rows: int) -> Integers:
@@ -107,6 +118,17 @@ def association(
     return None
 
 
+def held_out_squares(
+    moments: Array, shape: Sequence[int], controls: Sequence[int] = (), residual: int = -1
+) -> float | None:
+    """Return what a shape, learnt from other blocks, leaves of the squares beyond the controls; loud blocks count less.
+
+    None where there are too few blocks or the controls leave nothing.
+    """
+    trial = _trial(moments, list(shape), list(controls), residual) if len(moments) >= LEAST_BLOCKS else None
+    return None if trial is None else trial.left
+
+
 def joined(moments: Array) -> Array:
     """Join each two neighbouring blocks."""
     return np.asarray(np.add.reduceat(moments, np.arange(0, len(moments) - len(moments) % 2, 2), axis=0))
@@ -137,28 +159,55 @@ def least_squares(moments: Array, columns: Sequence[int], residual: int = -1) ->
     return np.asarray(_inverse(moments[np.ix_(own, own)]) @ moments[own, residual])
 
 
-def _held_out(moments: Array, shape: list[int], controls: list[int], residual: int) -> tuple[Association | None, float]:
-    """Return the association at the given blocks, and how alike neighbouring scores are, in what chance makes of that."""
+class _Trial(NamedTuple):
+    """Blocks' moments beyond the controls, X̃ᵀX̃ (B, k, k), X̃ᵀẽ (B, k) and ẽᵀẽ (B,); and what the others say of each.
+
+    That is G_{−b}⁻¹ (B, k, k), and β_{−b} (B, k).
+    """
+
+    G: Array
+    r: Array
+    squares: Array
+    inverses: Array
+    learnt: Array
+
+    @property
+    def left(self) -> float:
+        """What the others' prediction leaves of the squares."""
+        predicted = np.einsum("bij,bj->bi", self.G, self.learnt)
+        return float(self.squares.sum() + np.sum(self.learnt * (predicted - 2.0 * self.r)))
+
+
+def _trial(moments: Array, shape: list[int], controls: list[int], residual: int) -> _Trial | None:
+    """Learn a shape for each block from those that are no neighbours of it; None where the controls leave nothing."""
     power = _beyond(moments, [], controls, residual)[2]
     if float(power.sum()) <= ROUNDING * float(moments[:, residual, residual].sum()):
-        return None, 0.0
+        return None
     # A loud block does not drown the others: signs that chance gives leave such weights as they are.
     weights = 2.0 * power.mean() / (power + power.mean())
-    G, r, power = _beyond(moments * weights[:, None, None], shape, controls, residual)
-    squares, near = float(power.sum()), _near(len(moments))
+    G, r, squares = _beyond(moments * weights[:, None, None], shape, controls, residual)
+    near = _near(len(moments))
     inverses = _inverse(G.sum(axis=0) - np.tensordot(near, G, 1))
-    learnt = np.einsum("bij,bj->bi", inverses, r.sum(axis=0) - near @ r)
+    return _Trial(G, r, squares, inverses, np.einsum("bij,bj->bi", inverses, r.sum(axis=0) - near @ r))
+
+
+def _held_out(moments: Array, shape: list[int], controls: list[int], residual: int) -> tuple[Association | None, float]:
+    """Return the association at the given blocks, and how alike neighbouring scores are, in what chance makes of that."""
+    trial = _trial(moments, shape, controls, residual)
+    if trial is None:
+        return None, 0.0
+    G, r, power, inverses, learnt = trial
+    squares = float(power.sum())
     predicted = np.einsum("bij,bj->bi", G, learnt)
     left = r - predicted
     score = float(np.sum(learnt * r))
-    unpredicted = squares - 2.0 * score + float(np.sum(learnt * predicted))
-    form = np.einsum("bi,bij->bj", left, inverses) @ left.T * ~near
+    form = np.einsum("bi,bij->bj", left, inverses) @ left.T * ~_near(len(moments))
     inverse = _inverse(G.sum(axis=0))
     metric = left @ inverse @ left.T
     alike, wider, freedom = _memory(np.diagonal(metric, 1), float(np.trace(metric)))
     p = _tail(np.linalg.eigvalsh(0.5 * wider * (form + form.T)), score, freedom, squares)
     rank = int(np.linalg.matrix_rank(inverse, hermitian=True)) if inverse.any() else 0
-    return Association(p, 1.0 - unpredicted / squares, inverse @ r.sum(axis=0), squares, rank), alike
+    return Association(p, 1.0 - trial.left / squares, inverse @ r.sum(axis=0), squares, rank), alike
 
 
 def _memory(products: Array, squares: float) -> tuple[float, float, float]:

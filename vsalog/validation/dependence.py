@@ -1,23 +1,36 @@
-"""What an error depends on."""
+"""What an error depends on.
+
+Shapes that causes would leave (`signatures.py`) are taken one after the other: the one that, learnt from other blocks of the log,
+leaves least of the error, and the simplest of those that leave no more than chance makes of the difference. Then each has to say
+something beyond the others (`core/dependence.py`).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from vsalog.core.correlation import effective_samples
+from vsalog.core.dependence import (
+    FALSE_ALARM_RATE,
+    association,
+    block_index,
+    block_moments,
+    held_out_squares,
+    least_squares,
+    mean_above_zero,
+)
 from vsalog.validation.document import Dependence
 from vsalog.validation.scores import bins_of
 from vsalog.validation.signatures import Signature, signatures
 
 Array = NDArray[np.float64]
 
-# A dependence is told when it explains this part of the error's mean square and is not chance.
-LEAST_SHARE, LARGEST_P = 0.05, 1e-3
+# A dependence is reported when it explains this part of the error's mean square and is not chance.
+LEAST_SHARE = 0.05
 # Errors this much smaller than the torque's spread are not worth a cause.
 NEGLIGIBLE = 2e-3
 # Samples that tell a dependence; of a longer log only as many are looked at.
@@ -26,8 +39,6 @@ ENOUGH = 50_000
 APART = 3.0
 # Causes that are told one after the other, each of what the ones before have left.
 MOST_CAUSES = 3
-# Two explanations are told apart when their Bayesian information criteria differ by this (Kass and Raftery 1995: strong).
-TOLD_APART = 6.0
 # A sensor's steps are what an error is made of when they alone would make this part of its mean square.
 STEPS_ALONE = 0.5
 # Blocks of a log whose means have to rise or fall with time, by Kendall's measure, before a drift is believed.
@@ -59,13 +70,12 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class _Fit:
-    """A signature beside those chosen before: what it leaves of the mean square, and its freedom."""
+class _Cause:
+    """A signature, its columns among the moments, and the kinds of causes that explain the error as well."""
 
     signature: Signature
-    left: float
-    freedom: int
-    coefficients: Array
+    columns: tuple[int, ...]
+    others: tuple[str, ...] = ()
 
 
 def thinned(use: NDArray[np.bool_]) -> tuple[NDArray[np.int64], int]:
@@ -110,7 +120,7 @@ def dependences(
     at = {name: x[keep] for name, x in variables.items()}
     told, rest = _causes(e, torque, at, power)
     last = _itself(rest, power, smoothing / thin, thin)
-    if last is not None and last.share >= LEAST_SHARE and last.p_value <= LARGEST_P:
+    if last is not None and last.share >= LEAST_SHARE and last.p_value <= FALSE_ALARM_RATE:
         told.append(last)
     return tuple(told)
 
@@ -121,107 +131,111 @@ def gain_of(error: Array, predicted: Array) -> float | None:
     e, torque = error[keep], predicted[keep]
     if e.size < 50 or np.ptp(torque) == 0.0:
         return None
-    x = torque - torque.mean()
-    slope = float(x @ e) / float(x @ x)
-    share = slope**2 * float(x @ x) / max(float(e @ e), 1e-300)
-    left = e - e.mean() - slope * x
-    clear = share >= LEAST_SHARE and _p(share, 1, effective_samples(left)) <= LARGEST_P
-    return 1.0 - slope if clear else None
+    moments = block_moments(np.column_stack((np.ones_like(e), torque, e)), block_index(e.size))
+    found = association(moments, [1], [0])
+    if found is None or found.share < LEAST_SHARE or found.p_value > FALSE_ALARM_RATE:
+        return None
+    return 1.0 - float(found.coefficients[0])
 
 
 def _causes(e: Array, torque: Array, at: Mapping[str, Array], power: float) -> tuple[list[Dependence], Array]:
-    """Choose signatures one by one; return what they say and what they leave of the error."""
-    offered = signatures(torque, at)
-    told: list[Dependence] = []
-    chosen: list[Signature] = []
-    rest, left = e, power
+    """Return what signatures say of an error, and what they leave of it."""
+    offered = _offered(signatures(torque, at))
+    columns = np.concatenate([c.signature.columns for c in offered], axis=1)
+    moments = block_moments(np.column_stack((columns, e)), block_index(e.size))
+    chosen: list[_Cause] = []
+    rest = e
     while len(chosen) < MOST_CAUSES:
-        open_to = [s for s in offered if s.on not in {c.on for c in chosen}]
-        open_to = [s for s in open_to if not _over_time(s) or _has_a_trend(rest, s)]
-        fits = _fits(chosen, open_to, e, power)
-        if not fits:
+        open_to = [c for c in offered if c.signature.on not in {other.signature.on for other in chosen}]
+        open_to = [c for c in open_to if not _over_time(c.signature) or _has_a_trend(rest, c.signature)]
+        best = _best(moments, chosen, open_to)
+        if best is None or _left(moments, chosen) - _left(moments, [*chosen, best]) < LEAST_SHARE * power * e.size:
             break
-        richest = min(fits, key=lambda f: f.left)
-        independent = effective_samples(_left_by(e, [*chosen, richest.signature]))
-        best = min(fits, key=lambda f: _criterion(f, independent))
-        if best.freedom > PHYSICAL:
-            best = _simpler(best, fits, chosen, e, power, left, independent)
-        after = _left_by(e, [*chosen, best.signature])
-        share = (left - best.left) / power
-        # How many samples are independent, what the next cause would leave tells: a rest that it explains is no noise.
-        more = _fits([*chosen, best.signature], [s for s in open_to if s.on != best.signature.on], e, power)
-        noise = after if not more else _left_by(e, [*chosen, best.signature, min(more, key=lambda f: f.left).signature])
-        p = _p((left - best.left) / left, best.freedom, effective_samples(noise)) * len(offered)
-        if share < LEAST_SHARE or p > LARGEST_P:
+        chosen.append(best)
+        rest = e - columns[:, _all(chosen)] @ least_squares(moments.sum(axis=0), _all(chosen))
+    p_values = [0.0]
+    while chosen:
+        # Beyond the others: what they would leave of the error is no noise.
+        p_values = [_p(moments, c, [other for other in chosen if other is not c]) * len(offered) for c in chosen]
+        if max(p_values) <= FALSE_ALARM_RATE:
             break
-        others = _others(best, fits, effective_samples(after))
-        told.append(_said(best, others, share, min(p, 1.0), e, torque, at))
-        chosen.append(best.signature)
-        rest, left = after, best.left
-    return told, rest
+        del chosen[int(np.argmax(p_values))]
+    told: list[Dependence] = []
+    for k, cause in enumerate(chosen):
+        share = (_left(moments, chosen[:k]) - _left(moments, chosen[: k + 1])) / (power * e.size)
+        coefficients = least_squares(moments.sum(axis=0), _all(chosen[: k + 1]))[-len(cause.columns) :]
+        told.append(_said(cause, coefficients, share, p_values[k], e, torque, at))
+    return told, e - columns[:, _all(chosen)] @ least_squares(moments.sum(axis=0), _all(chosen))
 
 
-def _fits(chosen: Sequence[Signature], offered: Sequence[Signature], e: Array, power: float) -> list[_Fit]:
-    """Fit each signature beside the chosen ones by least squares, from the sums of products of all columns."""
-    before = sum(s.columns.shape[1] for s in chosen)
-    columns = np.concatenate([s.columns for s in (*chosen, *offered)], axis=1)
-    size = np.sqrt(np.mean(columns**2, axis=0))
-    columns = columns / np.where(size > 0.0, size, 1.0)
-    gram, right = columns.T @ columns / e.size, columns.T @ e / e.size
-    out, first = [], before
-    for s in offered:
-        own = np.arange(first, first + s.columns.shape[1])
-        first = int(own[-1]) + 1
-        use = np.append(np.arange(before), own)
-        found = np.linalg.lstsq(gram[np.ix_(use, use)], right[use], rcond=1e-10)
-        solution, rank = found[0], int(found[2])
-        left = max(power - float(right[use] @ solution), ROUNDING * power)
-        out.append(_Fit(s, left, max(rank - before, 1), solution[before:] / np.where(size[own] > 0.0, size[own], 1.0)))
-    return out
+def _offered(found: Sequence[Signature]) -> list[_Cause]:
+    """Give each signature its columns."""
+    ends = np.cumsum([s.columns.shape[1] for s in found]).tolist()
+    return [_Cause(s, tuple(range(end - s.columns.shape[1], end))) for s, end in zip(found, ends, strict=True)]
 
 
-def _left_by(e: Array, chosen: Sequence[Signature]) -> Array:
-    columns = np.concatenate([s.columns for s in chosen], axis=1)
-    return np.asarray(e - columns @ np.linalg.lstsq(columns, e, rcond=1e-10)[0])
+def _all(causes: Sequence[_Cause]) -> list[int]:
+    return [column for cause in causes for column in cause.columns]
 
 
-def _criterion(fit: _Fit, independent: float) -> float:
-    """Bayesian information criterion, with as many samples as are independent."""
-    return independent * float(np.log(fit.left)) + fit.freedom * float(np.log(max(independent, 2.0)))
+def _left(moments: Array, causes: Sequence[_Cause]) -> float:
+    """Return the squares that causes leave of the error."""
+    whole, own = moments.sum(axis=0), _all(causes)
+    return float(whole[-1, -1] - whole[own, -1] @ least_squares(whole, own))
 
 
-def _simpler(
-    curve: _Fit, fits: Sequence[_Fit], chosen: Sequence[Signature], e: Array, power: float, before: float, independent: float
-) -> _Fit:  # fmt: skip
-    """Prefer to a curve of any shape a physical effect that is right to first order, or the stronger of two that fit better."""
-    physical = [f for f in fits if f.freedom <= PHYSICAL]
+def _p(moments: Array, cause: _Cause, others: Sequence[_Cause]) -> float:
+    """Return the probability that chance gives a cause what it says beyond others."""
+    found = association(moments, cause.columns, _all(others))
+    return 1.0 if found is None else found.p_value
+
+
+def _best(moments: Array, chosen: Sequence[_Cause], open_to: Sequence[_Cause]) -> _Cause | None:
+    """Return the cause that leaves least of the error in blocks that it was not learnt from; the simplest of several."""
+    controls, left = _all(chosen), dict[int, float]()
+    for k, cause in enumerate(open_to):
+        squares = held_out_squares(moments, cause.columns, controls)
+        if squares is None:
+            return None
+        left[k] = squares
+    if not left:
+        return None
+
+    def as_well(least: _Cause) -> list[_Cause]:
+        """Return the causes beyond which it says nothing (encompassing; Mizon and Richard 1986), the simplest first."""
+        found = [k for k, c in enumerate(open_to) if _p(moments, least, [*chosen, c]) > FALSE_ALARM_RATE]
+        return [open_to[k] for k in sorted(found, key=lambda k: (len(open_to[k].columns), left[k]))]
+
+    best = as_well(open_to[min(left, key=lambda k: left[k])])[0]
+    if len(best.columns) > PHYSICAL:
+        physical = [k for k, c in enumerate(open_to) if len(c.columns) <= PHYSICAL]
+        best = _simpler(moments, chosen, best, [open_to[k] for k in sorted(physical, key=lambda k: left[k])])
+    kinds = dict.fromkeys(c.signature.on for c in as_well(best) if len(c.columns) <= len(best.columns))
+    return replace(best, others=tuple(on for on in kinds if on != best.signature.on))
+
+
+def _simpler(moments: Array, chosen: Sequence[_Cause], curve: _Cause, physical: Sequence[_Cause]) -> _Cause:
+    """Prefer to a curve of any shape a physical effect that is right to first order, or the stronger of two that do as well.
+
+    Parameters
+    ----------
+    physical : the one that leaves least of the error first
+    """
     if not physical:
         return curve
-    one = min(physical, key=lambda f: f.left)
-    if one.left - curve.left <= SECOND_ORDER * before:
+    one, before = physical[0], _left(moments, chosen)
+    if _left(moments, [*chosen, one]) - _left(moments, [*chosen, curve]) <= SECOND_ORDER * before:
         return one
-    others = [f.signature for f in physical if f.signature.on != one.signature.on]
-    pairs = _fits([*chosen, one.signature], others, e, power) if others else []
-    both = min((_criterion(f, independent) for f in pairs), default=np.inf) + one.freedom * np.log(
-        max(independent, 2.0)
-    )
-    return one if both < _criterion(curve, independent) else curve
-
-
-def _others(best: _Fit, fits: Sequence[_Fit], independent: float) -> list[str]:
-    """Return the kinds of causes that explain the error as well as the best."""
-    least = _criterion(best, independent)
-    near = [f for f in fits if _criterion(f, independent) < least + TOLD_APART]
-    near.sort(key=lambda f: _criterion(f, independent))
-    return [on for on in dict.fromkeys(f.signature.on for f in near) if on != best.signature.on]
+    others = [c for c in physical if c.signature.on != one.signature.on]
+    return one if any(_p(moments, curve, [*chosen, one, c]) > FALSE_ALARM_RATE for c in others) else curve
 
 
 def _said(
-    best: _Fit, others: Sequence[str], share: float, p: float, e: Array, torque: Array, at: Mapping[str, Array]
+    cause: _Cause, coefficients: Array, share: float, p: float, e: Array, torque: Array, at: Mapping[str, Array]
 ) -> Dependence:
-    on = best.signature.on
-    one = float(best.coefficients[0]) if best.coefficients.size == 1 else None
-    code, evidence = _finding(on, one, best, e)
+    on = cause.signature.on
+    one = float(coefficients[0]) if coefficients.size == 1 else None
+    code, evidence = _finding(cause.signature, one, e)
     x = torque if on == "torque" else at.get(on)
     return Dependence(
         on=on,
@@ -231,19 +245,20 @@ def _said(
         code=code,
         evidence=evidence,
         bins=() if x is None else bins_of(e, x),
-        not_told_from=tuple(others),
+        not_told_from=cause.others,
     )
 
 
-def _finding(on: str, one: float | None, best: _Fit, e: Array) -> tuple[str, dict[str, float]]:
+def _finding(signature: Signature, one: float | None, e: Array) -> tuple[str, dict[str, float]]:
     """Return the code of what an error depends on, and its numbers; `one` is the coefficient of the only column."""
+    on = signature.on
     if on == "offset" and one is not None:
         return CODES[on], {"offset": one}
     if on == "torque" and one is not None:
         gain = 1.0 - one  # measured = gain · predicted
         return "error.sign" if gain < SWAPPED else CODES[on], {"gain": gain}
     if on in ("direction", "loading"):
-        positive = best.signature.columns[:, 0] > 0.0
+        positive = signature.columns[:, 0] > 0.0
         apart = float(e[positive].mean() - e[~positive].mean()) if positive.any() and not positive.all() else 0.0
         return CODES[on], {"apart": abs(apart)}
     return CODES[on], {}
@@ -282,21 +297,11 @@ def _itself(rest: Array, power: float, smoothing: float, thin: int) -> Dependenc
     variance = float(left @ left)
     if variance <= 0.0:
         return None
-    rho = float(left[1:] @ left[:-1]) / variance
-    z = abs(rho) * np.sqrt(left.size)
+    products = left[1:] * left[:-1]
+    rho = float(products.sum()) / variance
     share = max(rho, 0.0) ** 2 * variance / left.size / power
     alike = thin * rest.size / effective_samples(rest)
-    p = 2.0 * float(special.ndtr(-z))
+    p = mean_above_zero(np.bincount(block_index(products.size), products).astype(np.float64))
     return Dependence(
         on="itself", share=share, p_value=p, slope=rho, code="error.not_white", evidence={"samples_alike": alike}
     )
-
-
-def _p(share: float, freedom: int, independent: float) -> float:
-    """Return the probability that chance explains such a share, by the F distribution.
-
-    `independent` is of what is left over: the error itself may be one slow drift.
-    """
-    spare = max(independent - freedom - 1.0, 1.0)
-    f = max(share, 0.0) / freedom / max((1.0 - share) / spare, 1e-300)
-    return float(special.fdtrc(freedom, spare, f))

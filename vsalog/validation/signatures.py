@@ -13,6 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.core.dependence import hats
+
 Array = NDArray[np.float64]
 
 # Knots of a curve of any shape.
@@ -64,9 +66,9 @@ def _of(on: str, *columns: Array) -> Signature:
 def _static(torque: Array, variables: Mapping[str, Array]) -> Iterator[Signature]:
     phi, sigma, setpoint = (variables.get(name) for name in ("deflection", "stiffness", "setpoint"))
     if phi is not None and np.ptp(phi) > 0.0:
-        yield Signature("deflection", _hats(phi, KNOTS))
+        yield Signature("deflection", _curve(phi, KNOTS))
     if setpoint is not None and np.ptp(setpoint) > 0.0:
-        curve = _hats(setpoint, SETPOINT_KNOTS)
+        curve = _curve(setpoint, SETPOINT_KNOTS)
         yield Signature("setpoint", curve)
         # A set-point that is off makes the spring stiffer or softer than predicted.
         yield Signature("setpoint", curve * torque[:, None])
@@ -116,13 +118,9 @@ def _over_time(torque: Array, variables: Mapping[str, Array]) -> Iterator[Signat
         yield _of("zero over time", sigma, t * sigma)
 
 
-def _hats(x: Array, count: int) -> Array:
-    """Return piecewise linear functions over knots that hold equally many samples between them: any curve, shape (N, k)."""
-    knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
-    out = np.zeros((x.size, knots.size))
-    for i in range(knots.size):
-        out[:, i] = np.interp(x, knots, np.eye(knots.size)[i])
-    return out
+def _curve(x: Array, count: int) -> Array:
+    """Return the functions of a curve of any shape, with equally many samples between its knots, shape (N, k)."""
+    return hats(x, np.unique(np.quantile(x, np.linspace(0.0, 1.0, count))))
 
 
 def loops(phi: Array, rows: NDArray[np.int64]) -> dict[str, Array]:
