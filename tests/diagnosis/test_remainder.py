@@ -8,7 +8,6 @@ from vsalog.diagnosis.remainder import curve_of, depends_on, loop_over, predicte
 
 R = 1200
 TIME = np.arange(R) * 0.025
-BLOCKS = np.arange(R) * 16 // R
 
 
 def variables(seed=0):
@@ -34,7 +33,7 @@ SHAPES = {
 def test_the_variable_is_found_whatever_the_shape(name):
     known = variables()
     rows = SHAPES[name](known[name][0]) + 0.3 * np.random.default_rng(1).standard_normal(R)
-    found = depends_on(rows, BLOCKS, known)
+    found = depends_on(rows, known)
     assert found[0].name == name
     signal = SHAPES[name](known[name][0])
     # What can be predicted at most is the signal's part of the square.
@@ -43,7 +42,7 @@ def test_the_variable_is_found_whatever_the_shape(name):
 
 def test_a_drift_depends_on_time():
     rows = 2 * TIME / TIME[-1] + 0.3 * np.random.default_rng(2).standard_normal(R)
-    assert depends_on(rows, BLOCKS, variables())[0].name == "time"
+    assert depends_on(rows, variables())[0].name == "time"
 
 
 def cycles(count):
@@ -58,17 +57,17 @@ def cycles(count):
 def test_what_is_loaded_and_unloaded_once_along_different_ways_is_a_loop():
     known, loop = cycles(1)
     rows = 3.0 * loop + 0.3 * np.random.default_rng(6).standard_normal(R)
-    told = depends_on(rows, BLOCKS, known)
+    told = depends_on(rows, known)
     assert told[0].name == "time"
-    assert loop_over(rows, BLOCKS, known, told) == "deflection"
+    assert loop_over(rows, known, told) == "deflection"
 
 
 def test_a_drift_over_several_cycles_is_no_loop():
     known, _ = cycles(6)
     rows = 3.0 * np.sin(5.0 * TIME / TIME[-1]) + 0.3 * np.random.default_rng(7).standard_normal(R)
-    told = depends_on(rows, BLOCKS, known)
+    told = depends_on(rows, known)
     assert told[0].name == "time"
-    assert loop_over(rows, BLOCKS, known, told) is None
+    assert loop_over(rows, known, told) is None
 
 
 def test_noise_depends_on_nothing():
@@ -76,8 +75,8 @@ def test_noise_depends_on_nothing():
     shares = []
     for seed in range(50):
         rows = np.random.default_rng(seed).standard_normal(R)
-        assert depends_on(rows, BLOCKS, variables(seed)) == []
-        shares += [predicted_share(rows, BLOCKS, x) for x, _ in variables(seed).values()]
+        assert depends_on(rows, variables(seed)) == []
+        shares += [predicted_share(rows, x) for x, _ in variables(seed).values()]
     assert np.mean(shares) < 0.0
 
 
@@ -86,10 +85,10 @@ def test_rows_that_do_not_count_are_left_out():
     rows = SHAPES["motor_velocity"](known["motor_velocity"][0])
     gone = np.random.default_rng(3).random(R) < 0.3
     holed = np.where(gone, np.nan, rows)
-    whole = predicted_share(rows, BLOCKS, known["motor_velocity"][0])
-    assert predicted_share(holed, BLOCKS, known["motor_velocity"][0]) == pytest.approx(whole, abs=0.1)
-    assert predicted_share(np.full(R, np.nan), BLOCKS, known["motor_velocity"][0]) == 0.0
-    assert predicted_share(rows, BLOCKS, np.full(R, 2.0)) == 0.0
+    whole = predicted_share(rows, known["motor_velocity"][0])
+    assert predicted_share(holed, known["motor_velocity"][0]) == pytest.approx(whole, abs=0.1)
+    assert predicted_share(np.full(R, np.nan), known["motor_velocity"][0]) == 0.0
+    assert predicted_share(rows, np.full(R, 2.0)) == 0.0
 
 
 def test_a_curve_is_the_means_over_intervals_of_equal_count():

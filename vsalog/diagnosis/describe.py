@@ -218,8 +218,7 @@ def _view(found: JointDiagnosis, cause: Found, known: dict[str, tuple[Array, str
     without, with_it = (plain_rows(found, j) for j in (found.extended_without(cause), found.extended))
     shape = without - with_it
     i = int(np.nanargmax(mean_squares(shape)))
-    blocks = found.selection.blocks
-    shares = {name: predicted_share(shape[:, i], blocks, x) for name, (x, _) in known.items()}
+    shares = {name: predicted_share(shape[:, i], x) for name, (x, _) in known.items()}
     best = max(shares.values())
     near = [name for name, share in shares.items() if share >= best - AS_GOOD]
     variable = min(near, key=lambda name: next((k for k, word in enumerate(ORDER) if word in name), len(ORDER)))

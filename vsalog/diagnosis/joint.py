@@ -315,10 +315,9 @@ def remainder_depends_on(found: JointDiagnosis, equation: int) -> tuple[list[str
     if unknown is not None:
         return [name for name in (unknown.variable, unknown.rate) if name], unknown.rate or None
     rows = plain_rows(found, found.extended)[:, equation]
-    blocks = found.selection.blocks
     known = variables(found)
-    told = depends_on(rows, blocks, known)
-    loop, names = loop_over(rows, blocks, known, told), [d.name for d in told]
+    told = depends_on(rows, known)
+    loop, names = loop_over(rows, known, told), [d.name for d in told]
     return (names, None) if loop is None else ([loop, rate_of(loop), "time"], rate_of(loop))
 
 

@@ -8,14 +8,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.dependence import (
+    FALSE_ALARM_RATE,
+    LEAST_BLOCKS,
+    MOST_BLOCKS,
+    Association,
+    association,
+    block_index,
+    block_moments,
+    hats,
+)
 from vsalog.residuals.balance import Motion
 from vsalog.residuals.system import System
 
 Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
-# A variable is cut into so many intervals that hold equally many rows; a remainder depends on it where the means of the
-# intervals, learnt from the other blocks, predict at least this part of its square.
+# A variable is cut into so many intervals that hold equally many rows; a remainder depends on it where a curve that is straight
+# in each, learnt from other blocks, predicts at least this part of its square, which is no chance.
 BINS, LEAST = 24, 0.05
 MOST_TOLD = 3
 # A loop is as good as time where it predicts so little less; what is slower than this part of the fastest has no direction.
@@ -49,23 +58,21 @@ def variables_of(system: System, motion: Motion) -> dict[str, tuple[Array, str]]
     return {name: (x, unit) for name, (x, unit) in found.items() if np.isfinite(x).any() and np.nanstd(x) > 0.0}
 
 
-def depends_on(rows: Array, blocks: Integers, variables: Mapping[str, tuple[Array, str]]) -> list[Dependent]:
+def depends_on(rows: Array, variables: Mapping[str, tuple[Array, str]]) -> list[Dependent]:
     """Return the variables that predict a remainder in blocks they were not learnt from, the best first.
 
     Parameters
     ----------
     rows : shape (R,), over its noise; NaN where it does not count
-    blocks : shape (R,)
     variables : name → (values, unit)
     """
-    found = [Dependent(name, predicted_share(rows, blocks, x)) for name, (x, _) in variables.items()]
-    told = sorted((d for d in found if d.share >= LEAST), key=lambda d: -d.share)
-    return told[:MOST_TOLD]
+    found = {name: _predicted(rows, x) for name, (x, _) in variables.items()}
+    likely = {n: f for n, f in found.items() if f is not None and f.p_value * len(variables) <= FALSE_ALARM_RATE}
+    told = [Dependent(name, f.share) for name, f in likely.items() if f.share >= LEAST]
+    return sorted(told, key=lambda d: -d.share)[:MOST_TOLD]
 
 
-def loop_over(
-    rows: Array, blocks: Integers, variables: Mapping[str, tuple[Array, str]], told: Sequence[Dependent]
-) -> str | None:
+def loop_over(rows: Array, variables: Mapping[str, tuple[Array, str]], told: Sequence[Dependent]) -> str | None:
     """Return the deflection over which a remainder that seems to depend on time is a loop; none where there is none.
 
     A joint that is loaded and unloaded once never comes by again: there time tells all that deflection and direction tell. Where
@@ -73,7 +80,7 @@ def loop_over(
 
     Parameters
     ----------
-    rows, blocks, variables : as of `depends_on`
+    rows, variables : as of `depends_on`
     told : by it
     """
     if not told or told[0].name != "time":
@@ -85,8 +92,8 @@ def loop_over(
         x, speed = variables[name][0], variables[rate][0]
         moving = np.where(np.abs(speed) > RESTING * np.nanmax(np.abs(speed)), rows, np.nan)
         apart = np.where(speed < 0.0, x + 2.0 * (np.nanmax(x) - np.nanmin(x)), x)
-        by_time = predicted_share(moving, blocks, variables["time"][0])
-        if predicted_share(moving, blocks, apart, once=True) >= by_time - AS_GOOD:
+        by_time = predicted_share(moving, variables["time"][0])
+        if predicted_share(moving, apart, once=True) >= by_time - AS_GOOD:
             return name
     return None
 
@@ -96,31 +103,33 @@ def rate_of(deflection: str) -> str:
     return deflection.replace("deflection", "deflection_rate") if deflection.startswith("deflection") else ""
 
 
-def predicted_share(rows: Array, blocks: Integers, x: Array, once: bool = False) -> float:
-    """Return the part of a remainder's square that means over intervals of a variable predict, held out by blocks.
+def predicted_share(rows: Array, x: Array, once: bool = False) -> float:
+    """Return the part of a remainder's square that a curve over a variable predicts, held out by blocks.
 
-    Time has no such intervals to learn from in other blocks, nor has what a log passes `once`: there, every other row of a block
-    is held out.
+    Time has no such intervals to learn from in other blocks, nor has what a log passes `once`: there, pairs of neighbouring rows
+    are blocks by turns.
     """
+    found = _predicted(rows, x, once)
+    return 0.0 if found is None else found.share
+
+
+def _predicted(rows: Array, x: Array, once: bool = False) -> Association | None:
     good = np.isfinite(rows) & np.isfinite(x)
     if np.count_nonzero(good) < 4 * BINS:
-        return 0.0
-    e, v, b = rows[good], x[good], blocks[good]
+        return None
+    e, v = rows[good], x[good]
+    knots = np.unique(np.quantile(v, np.linspace(0.0, 1.0, BINS + 1)))
+    if knots.size < 4:
+        return None
+    columns, blocks = np.column_stack((hats(v, knots), e)), block_index(e.size)
     once = once or bool(np.all(np.diff(v) > 0.0))
-    # Neighbours share their bells: in time, pairs of rows are held out by turns.
-    fold = (np.arange(e.size) // 2) % 2 if once else b % 4
-    edges = np.unique(np.quantile(v, np.linspace(0.0, 1.0, BINS + 1)))
-    if edges.size < 4:
-        return 0.0
-    index = np.clip(np.searchsorted(edges, v, side="right") - 1, 0, edges.size - 2)
-    left = 0.0
-    for k in np.unique(fold):
-        out = fold == k
-        count = np.bincount(index[~out], minlength=edges.size)
-        mean = np.bincount(index[~out], e[~out], minlength=edges.size) / np.maximum(count, 1)
-        left += float(np.sum((e[out] - mean[index[out]]) ** 2))
-    whole = float(np.sum(e**2))
-    return 1.0 - left / whole if whole > 0.0 else 0.0
+    if once:
+        # Neighbours share their bells. Each interval has pairs of all blocks.
+        pairs = np.arange(e.size) // 2
+        turns = pairs % int(np.clip(pairs.size // (2 * BINS), LEAST_BLOCKS, MOST_BLOCKS))
+        order = np.argsort(turns, kind="stable")
+        columns, blocks = columns[order], turns[order]
+    return association(block_moments(columns, blocks), range(knots.size), join=not once)
 
 
 def curve_of(rows: Array, x: Array) -> list[tuple[float, float, float, float]]:
