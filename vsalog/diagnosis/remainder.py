@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.dependence import (
-    FALSE_ALARM_RATE,
     LEAST_BLOCKS,
     MOST_BLOCKS,
     Association,
@@ -18,6 +17,7 @@ from vsalog.core.dependence import (
     block_moments,
     hats,
 )
+from vsalog.core.significance import FALSE_ALARM
 from vsalog.residuals.balance import Motion
 from vsalog.residuals.system import System
 
@@ -67,7 +67,7 @@ def depends_on(rows: Array, variables: Mapping[str, tuple[Array, str]]) -> list[
     variables : name → (values, unit)
     """
     found = {name: _predicted(rows, x) for name, (x, _) in variables.items()}
-    likely = {n: f for n, f in found.items() if f is not None and f.p_value * len(variables) <= FALSE_ALARM_RATE}
+    likely = {n: f for n, f in found.items() if f is not None and f.p_value * len(variables) <= FALSE_ALARM}
     told = [Dependent(name, f.share) for name, f in likely.items() if f.share >= LEAST]
     return sorted(told, key=lambda d: -d.share)[:MOST_TOLD]
 

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from vsalog.core.correlation import effective_samples
 from vsalog.core.dependence import (
-    FALSE_ALARM_RATE,
     association,
     block_index,
     block_moments,
@@ -23,6 +22,7 @@ from vsalog.core.dependence import (
     least_squares,
     mean_above_zero,
 )
+from vsalog.core.significance import FALSE_ALARM
 from vsalog.validation.document import Dependence
 from vsalog.validation.scores import bins_of
 from vsalog.validation.signatures import Signature, signatures
@@ -120,7 +120,7 @@ def dependences(
     at = {name: x[keep] for name, x in variables.items()}
     told, rest = _causes(e, torque, at, power)
     last = _itself(rest, power, smoothing / thin, thin)
-    if last is not None and last.share >= LEAST_SHARE and last.p_value <= FALSE_ALARM_RATE:
+    if last is not None and last.share >= LEAST_SHARE and last.p_value <= FALSE_ALARM:
         told.append(last)
     return tuple(told)
 
@@ -133,7 +133,7 @@ def gain_of(error: Array, predicted: Array) -> float | None:
         return None
     moments = block_moments(np.column_stack((np.ones_like(e), torque, e)), block_index(e.size))
     found = association(moments, [1], [0])
-    if found is None or found.share < LEAST_SHARE or found.p_value > FALSE_ALARM_RATE:
+    if found is None or found.share < LEAST_SHARE or found.p_value > FALSE_ALARM:
         return None
     return 1.0 - float(found.coefficients[0])
 
@@ -157,7 +157,7 @@ def _causes(e: Array, torque: Array, at: Mapping[str, Array], power: float) -> t
     while chosen:
         # Beyond the others: what they would leave of the error is no noise.
         p_values = [_p(moments, c, [other for other in chosen if other is not c]) * len(offered) for c in chosen]
-        if max(p_values) <= FALSE_ALARM_RATE:
+        if max(p_values) <= FALSE_ALARM:
             break
         del chosen[int(np.argmax(p_values))]
     told: list[Dependence] = []
@@ -203,7 +203,7 @@ def _best(moments: Array, chosen: Sequence[_Cause], open_to: Sequence[_Cause]) -
 
     def as_well(least: _Cause) -> list[_Cause]:
         """Return the causes beyond which it says nothing (encompassing; Mizon and Richard 1986), the simplest first."""
-        found = [k for k, c in enumerate(open_to) if _p(moments, least, [*chosen, c]) > FALSE_ALARM_RATE]
+        found = [k for k, c in enumerate(open_to) if _p(moments, least, [*chosen, c]) > FALSE_ALARM]
         return [open_to[k] for k in sorted(found, key=lambda k: (len(open_to[k].columns), left[k]))]
 
     best = as_well(open_to[min(left, key=lambda k: left[k])])[0]
@@ -227,7 +227,7 @@ def _simpler(moments: Array, chosen: Sequence[_Cause], curve: _Cause, physical: 
     if _left(moments, [*chosen, one]) - _left(moments, [*chosen, curve]) <= SECOND_ORDER * before:
         return one
     others = [c for c in physical if c.signature.on != one.signature.on]
-    return one if any(_p(moments, curve, [*chosen, one, c]) > FALSE_ALARM_RATE for c in others) else curve
+    return one if any(_p(moments, curve, [*chosen, one, c]) > FALSE_ALARM for c in others) else curve
 
 
 def _said(
