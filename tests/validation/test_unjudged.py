@@ -41,7 +41,7 @@ def holes(i, line, _):
     ("change", "rows", "code", "samples"),
     [
         (stuck, 2000, "validation.reference_constant", None),
-        (lambda _i, line, _s: line, 60, "validation.too_few_samples", 20),
+        (lambda _i, line, _s: line, 60, "validation.too_few_samples", 10),
         (lambda _i, line, _s: line, 130, "validation.too_few_samples", 80),
         (holes, 2000, "validation.nothing_filtered", None),
     ],

@@ -10,6 +10,9 @@ from vsalog.core.resolution import spread_over
 
 Array = NDArray[np.float64]
 
+CORRELATION_TIMES = 4.0
+"""Correlation times [1] after which a signal is independent of what it was: of what is alike e⁻⁴ is left, less than 2 %."""
+
 
 def effective_samples(e: Array) -> float:
     """Return how many independent samples an error signal is worth: N over twice its correlation time.

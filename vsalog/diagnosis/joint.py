@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.dependence import LEAST_BLOCKS
 from vsalog.core.errors import DiagnosisError, SimulationError
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
@@ -34,7 +35,6 @@ from vsalog.residuals.system import BELL, System, build_system
 from vsalog.residuals.windows import WITHIN, Windows, windows_of
 from vsalog.rig.schema import AwasTransmission
 from vsalog.validation.computed_torque import computed_torques
-from vsalog.validation.scores import FEWEST_BLOCKS
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -247,7 +247,7 @@ def _doubts(found: JointDiagnosis) -> Iterator[Finding]:
 def _require_motion(name: str, channels: Channels) -> None:
     """Refuse a log of a joint that rests, or one that is over before a filter has seen it."""
     # As many rows as blocks: they overlap by half.
-    least = channels.window + FEWEST_BLOCKS * round(0.5 * BELL / channels.period)
+    least = channels.window + LEAST_BLOCKS * round(0.5 * BELL / channels.period)
     if len(channels) < least:
         raise DiagnosisError(
             f"joint '{name}': {len(channels)} samples, {len(channels) * channels.period:.3g} s, are too few: the filters alone"

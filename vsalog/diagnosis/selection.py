@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logsumexp
 
+from vsalog.core.dependence import LEAST_BLOCKS
 from vsalog.core.significance import SIGNIFICANCE
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Remainder, Setting, Site
@@ -41,7 +42,6 @@ from vsalog.diagnosis.subsets import BEST, Candidates, Ranked, best_sets, precis
 from vsalog.diagnosis.unknown_spring import spring_sites
 from vsalog.residuals.sensing import torque_role, true_roles
 from vsalog.residuals.system import System, build_system, whitener
-from vsalog.validation.scores import FEWEST_BLOCKS
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -302,7 +302,7 @@ def sites_of(setting: Setting, barred: frozenset[str]) -> list[Site]:
 def blocks_of(system: System) -> Integers:
     """Number the blocks of the rows, shape (R,), rising."""
     time = system.time
-    count = int(np.clip((time[-1] - time[0]) / LEAST_BLOCK, FEWEST_BLOCKS, MOST_BLOCKS))
+    count = int(np.clip((time[-1] - time[0]) / LEAST_BLOCK, LEAST_BLOCKS, MOST_BLOCKS))
     return np.minimum((np.arange(time.size) * count) // max(time.size, 1), count - 1).astype(np.int64)
 
 

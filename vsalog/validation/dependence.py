@@ -13,8 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.core.correlation import effective_samples
+from vsalog.core.column import PART
+from vsalog.core.correlation import CORRELATION_TIMES, effective_samples
 from vsalog.core.dependence import (
+    LEAST_BLOCKS,
+    REPORTED_SHARE,
+    Association,
     association,
     block_index,
     block_moments,
@@ -22,29 +26,15 @@ from vsalog.core.dependence import (
     least_squares,
     mean_above_zero,
 )
-from vsalog.core.significance import FALSE_ALARM
+from vsalog.core.resolution import ROUNDED
+from vsalog.core.significance import FALSE_ALARM, INTERVAL
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.validation.document import Dependence
 from vsalog.validation.scores import bins_of
 from vsalog.validation.signatures import Signature, signatures
 
 Array = NDArray[np.float64]
 
-# A dependence is reported when it explains this part of the error's mean square and is not chance.
-LEAST_SHARE = 0.05
-# Errors this much smaller than the torque's spread are not worth a cause.
-NEGLIGIBLE = 2e-3
-# Samples that tell a dependence; of a longer log only as many are looked at.
-ENOUGH = 50_000
-# Times the filter's own correlation, beyond which nothing of it is left.
-APART = 3.0
-# Causes that are told one after the other, each of what the ones before have left.
-MOST_CAUSES = 3
-# A sensor's steps are what an error is made of when they alone would make this part of its mean square.
-STEPS_ALONE = 0.5
-# Blocks of a log whose means have to rise or fall with time, by Kendall's measure, before a drift is believed.
-BLOCKS, MONOTONE = 8, 0.7
-# Effects have one or two parameters; their shapes are right to first order, which leaves this part of the mean square open.
-PHYSICAL, SECOND_ORDER = 2, 0.01
 # The finding that each kind is.
 CODES = {
     "offset": "error.offset",
@@ -63,10 +53,6 @@ CODES = {
     "zero over time": "error.drift_of_encoder",
     "gain over time": "error.drift_of_gain",
 }
-# A measured torque that is less than so many times the predicted one has another sign.
-SWAPPED = -0.2
-# Shares of the error that are left over are no less than rounding makes them.
-ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +67,7 @@ class _Cause:
 def thinned(use: NDArray[np.bool_]) -> tuple[NDArray[np.int64], int]:
     """Return which samples of those in use to look at, as indices, and of how many each is one."""
     rows = np.flatnonzero(use)
-    thin = max(1, rows.size // ENOUGH)
+    thin = max(1, rows.size // PART)
     return rows[::thin], thin
 
 
@@ -109,18 +95,19 @@ def dependences(
     for x in variables.values():
         keep &= np.isfinite(x)
     e, torque = error[keep], predicted[keep]
-    if e.size < 50:
+    if e.size < LEAST_BLOCKS:
         return ()
     power = float(np.mean(e**2))
-    spread = float(np.std(torque - e))
-    if power <= (NEGLIGIBLE * spread) ** 2 or power == 0.0:
+    if power <= (NEGLIGIBLE_SHARE * float(np.std(torque - e))) ** 2:
         return ()
-    if step is not None and step**2 / 12.0 >= STEPS_ALONE * power:
+    steps = 0.0 if step is None else (ROUNDED * step) ** 2
+    if step is not None and steps >= power - steps:
+        # A sensor's steps make more of the error than all else.
         return (_steps(step, power),)
     at = {name: x[keep] for name, x in variables.items()}
     told, rest = _causes(e, torque, at, power)
     last = _itself(rest, power, smoothing / thin, thin)
-    if last is not None and last.share >= LEAST_SHARE and last.p_value <= FALSE_ALARM:
+    if last is not None and last.share >= REPORTED_SHARE and last.p_value <= FALSE_ALARM:
         told.append(last)
     return tuple(told)
 
@@ -128,14 +115,21 @@ def dependences(
 def gain_of(error: Array, predicted: Array) -> float | None:
     """Return how many times the predicted torque is measured, by least squares; None where it is not clearly other than one."""
     keep = np.isfinite(error) & np.isfinite(predicted)
-    e, torque = error[keep], predicted[keep]
-    if e.size < 50 or np.ptp(torque) == 0.0:
-        return None
-    moments = block_moments(np.column_stack((np.ones_like(e), torque, e)), block_index(e.size))
-    found = association(moments, [1], [0])
-    if found is None or found.share < LEAST_SHARE or found.p_value > FALSE_ALARM:
+    found = _on_torque(error[keep], predicted[keep])
+    if found is None or found.share < REPORTED_SHARE or found.p_value > FALSE_ALARM:
         return None
     return 1.0 - float(found.coefficients[0])
+
+
+def _follows(values: Array, torque: Array) -> bool:
+    found = _on_torque(values, torque)
+    return found is not None and found.p_value <= FALSE_ALARM
+
+
+def _on_torque(values: Array, torque: Array) -> Association | None:
+    """Return how values depend on a torque, beyond their mean."""
+    moments = block_moments(np.column_stack((np.ones_like(torque), torque, values)), block_index(torque.size))
+    return association(moments, [1], [0])
 
 
 def _causes(e: Array, torque: Array, at: Mapping[str, Array], power: float) -> tuple[list[Dependence], Array]:
@@ -145,11 +139,11 @@ def _causes(e: Array, torque: Array, at: Mapping[str, Array], power: float) -> t
     moments = block_moments(np.column_stack((columns, e)), block_index(e.size))
     chosen: list[_Cause] = []
     rest = e
-    while len(chosen) < MOST_CAUSES:
+    while True:
         open_to = [c for c in offered if c.signature.on not in {other.signature.on for other in chosen}]
         open_to = [c for c in open_to if not _over_time(c.signature) or _has_a_trend(rest, c.signature)]
         best = _best(moments, chosen, open_to)
-        if best is None or _left(moments, chosen) - _left(moments, [*chosen, best]) < LEAST_SHARE * power * e.size:
+        if best is None or _left(moments, chosen) - _left(moments, [*chosen, best]) < REPORTED_SHARE * power * e.size:
             break
         chosen.append(best)
         rest = e - columns[:, _all(chosen)] @ least_squares(moments.sum(axis=0), _all(chosen))
@@ -207,8 +201,8 @@ def _best(moments: Array, chosen: Sequence[_Cause], open_to: Sequence[_Cause]) -
         return [open_to[k] for k in sorted(found, key=lambda k: (len(open_to[k].columns), left[k]))]
 
     best = as_well(open_to[min(left, key=lambda k: left[k])])[0]
-    if len(best.columns) > PHYSICAL:
-        physical = [k for k, c in enumerate(open_to) if len(c.columns) <= PHYSICAL]
+    if best.signature.any_shape:
+        physical = [k for k, c in enumerate(open_to) if not c.signature.any_shape]
         best = _simpler(moments, chosen, best, [open_to[k] for k in sorted(physical, key=lambda k: left[k])])
     kinds = dict.fromkeys(c.signature.on for c in as_well(best) if len(c.columns) <= len(best.columns))
     return replace(best, others=tuple(on for on in kinds if on != best.signature.on))
@@ -224,7 +218,7 @@ def _simpler(moments: Array, chosen: Sequence[_Cause], curve: _Cause, physical: 
     if not physical:
         return curve
     one, before = physical[0], _left(moments, chosen)
-    if _left(moments, [*chosen, one]) - _left(moments, [*chosen, curve]) <= SECOND_ORDER * before:
+    if _left(moments, [*chosen, one]) - _left(moments, [*chosen, curve]) <= NEGLIGIBLE_SHARE * before:
         return one
     others = [c for c in physical if c.signature.on != one.signature.on]
     return one if any(_p(moments, curve, [*chosen, one, c]) > FALSE_ALARM for c in others) else curve
@@ -235,7 +229,7 @@ def _said(
 ) -> Dependence:
     on = cause.signature.on
     one = float(coefficients[0]) if coefficients.size == 1 else None
-    code, evidence = _finding(cause.signature, one, e)
+    code, evidence = _finding(cause.signature, one, e, torque)
     x = torque if on == "torque" else at.get(on)
     return Dependence(
         on=on,
@@ -249,14 +243,14 @@ def _said(
     )
 
 
-def _finding(signature: Signature, one: float | None, e: Array) -> tuple[str, dict[str, float]]:
+def _finding(signature: Signature, one: float | None, e: Array, torque: Array) -> tuple[str, dict[str, float]]:
     """Return the code of what an error depends on, and its numbers; `one` is the coefficient of the only column."""
     on = signature.on
     if on == "offset" and one is not None:
         return CODES[on], {"offset": one}
     if on == "torque" and one is not None:
         gain = 1.0 - one  # measured = gain · predicted
-        return "error.sign" if gain < SWAPPED else CODES[on], {"gain": gain}
+        return "error.sign" if gain < 0.0 and _follows(torque - e, torque) else CODES[on], {"gain": gain}
     if on in ("direction", "loading"):
         positive = signature.columns[:, 0] > 0.0
         apart = float(e[positive].mean() - e[~positive].mean()) if positive.any() and not positive.all() else 0.0
@@ -270,20 +264,17 @@ def _over_time(signature: Signature) -> bool:
 
 def _has_a_trend(rest: Array, signature: Signature) -> bool:
     """Tell whether what is left, block by block, rises or falls in the signature's own measure: a drift is no oscillation."""
-    size = rest.size // BLOCKS
-    base = signature.columns[:, 0]
-    means = []
-    for i in range(BLOCKS):
-        part = slice(i * size, (i + 1) * size)
-        norm = float(base[part] @ base[part])
-        means.append(float(base[part] @ rest[part]) / norm if norm > 0.0 else 0.0)
-    # Kendall's measure: pairs of blocks that rise less those that fall, of all pairs.
-    rising = np.sign(np.subtract.outer(means, means))[np.tril_indices(BLOCKS, -1)]
-    return abs(float(rising.mean())) >= MONOTONE
+    n, size = LEAST_BLOCKS, rest.size // LEAST_BLOCKS
+    base, left = (x[: n * size].reshape(n, size) for x in (signature.columns[:, 0], rest))
+    norms = np.sum(base**2, axis=1)
+    means = np.divide(np.sum(base * left, axis=1), norms, out=np.zeros(n), where=norms > 0.0)
+    # Pairs of blocks that rise less those that fall, of all pairs; by chance 0, with the variance of Kendall (1938).
+    rising = float(np.sign(np.subtract.outer(means, means))[np.tril_indices(n, -1)].mean())
+    return abs(rising) >= INTERVAL * float(np.sqrt(2 * (2 * n + 5) / (9 * n * (n - 1))))
 
 
 def _steps(step: float, power: float) -> Dependence:
-    share = min(step**2 / 12.0 / power, 1.0)
+    share = min((ROUNDED * step) ** 2 / power, 1.0)
     return Dependence(
         on="resolution", share=share, p_value=0.0, slope=None, code="error.resolution", evidence={"step": step}
     )
@@ -291,8 +282,8 @@ def _steps(step: float, power: float) -> Dependence:
 
 def _itself(rest: Array, power: float, smoothing: float, thin: int) -> Dependence | None:
     # Further apart than the filter reaches: what is alike there, the filter has not made so.
-    left = (rest - rest.mean())[:: max(1, int(np.ceil(APART * smoothing)))]
-    if left.size < 20:
+    left = (rest - rest.mean())[:: max(1, int(np.ceil(CORRELATION_TIMES * smoothing)))]
+    if left.size <= LEAST_BLOCKS:
         return None
     variance = float(left @ left)
     if variance <= 0.0:

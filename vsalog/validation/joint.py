@@ -11,6 +11,7 @@ from msgspec import structs
 from numpy.typing import NDArray
 
 from vsalog.checks.torque_independence import stuck
+from vsalog.core.dependence import REPORTED_SHARE
 from vsalog.core.finding import Finding
 from vsalog.core.model import JointModel
 from vsalog.core.recording import Channel
@@ -20,7 +21,7 @@ from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Joint
 from vsalog.validation import references as ref
 from vsalog.validation.computed_torque import computed_torques
-from vsalog.validation.dependence import LEAST_SHARE, dependences, gain_of, thinned
+from vsalog.validation.dependence import dependences, gain_of, thinned
 from vsalog.validation.document import Comparison, Dependence, ErrorOver, Reference, Score, TransmissionReport
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
 from vsalog.validation.region import inside_region
@@ -285,7 +286,7 @@ def _dependence(
     if raw is not None:
         still = stuck(raw, predicted, step or 0.0) & use
         share = float(np.sum(error[still] ** 2) / max(np.sum(error[use] ** 2), 1e-300))
-        if share >= LEAST_SHARE:
+        if share >= REPORTED_SHARE:
             told.append(_stuck(share, still, s.time))
             use &= ~still
     rows, thin = thinned(use)

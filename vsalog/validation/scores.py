@@ -10,25 +10,21 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 
-from vsalog.core.correlation import effective_samples
+from vsalog.core.correlation import CORRELATION_TIMES, effective_samples
+from vsalog.core.dependence import KNOTS, LEAST_BLOCKS, MOST_BLOCKS
 from vsalog.core.resolution import ENOUGH, spread_over
+from vsalog.core.significance import DRAWS
 from vsalog.validation.document import Bin, Figure, Score
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Fewer samples have no score.
-LEAST_SCORED = 20
-# A block is this many times as long as errors stay correlated; there are no more blocks than this, which costs nothing.
-CORRELATION_TIMES, MOST_BLOCKS, FEWEST_BLOCKS = 4.0, 400, 8
-DRAWS, SEED = 1000, 0
 # A relative error of a torque means something where the torque is not nearly zero.
 LEAST_TORQUE = 0.05
-BINS = 12
 
 
 def score(prediction: Array, reference: Array, least: float = 0.0, where: Flags | None = None) -> Score | None:
-    """Judge a prediction; None where fewer than 20 samples are there.
+    """Judge a prediction; None where there are fewer samples than a bootstrap needs blocks.
 
     Parameters
     ----------
@@ -38,7 +34,7 @@ def score(prediction: Array, reference: Array, least: float = 0.0, where: Flags 
     """
     use = np.ones(reference.size, np.bool_) if where is None else where
     count, low, high, worst = _seen(prediction, reference, use)
-    if count < LEAST_SCORED:
+    if count < LEAST_BLOCKS:
         return None
     step = max(1, count // ENOUGH)
     span, independent = high - low, effective_samples(_errors(prediction, reference, use, count, step))
@@ -124,7 +120,7 @@ def _sums(prediction: Array, reference: Array, where: Flags, edges: NDArray[np.i
 def _blocks(count: int, independent: float) -> NDArray[np.int64]:
     """Return where blocks begin that are long against the correlation."""
     wanted = independent / CORRELATION_TIMES
-    blocks = int(np.clip(wanted, FEWEST_BLOCKS, min(MOST_BLOCKS, count)))
+    blocks = int(np.clip(wanted, LEAST_BLOCKS, min(MOST_BLOCKS, count)))
     return np.linspace(0, count, blocks + 1).astype(np.int64)[:-1]
 
 
@@ -136,7 +132,7 @@ def _draws(sums: Array) -> Array:
 @cache
 def _drawn(blocks: int) -> Array:
     """Return how often each block is drawn, shape (blocks, draws)."""
-    random = np.random.default_rng(SEED)
+    random = np.random.default_rng(0)
     return random.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=DRAWS).T.astype(np.float64)
 
 
@@ -189,7 +185,7 @@ def bins_of(e: Array, x: Array) -> tuple[Bin, ...]:
     return tuple(out)
 
 
-def binned(x: Array, count: int = BINS) -> tuple[Array, NDArray[np.int64]]:
+def binned(x: Array, count: int = KNOTS) -> tuple[Array, NDArray[np.int64]]:
     """Return the edges of up to `count` intervals that hold equally many samples, and each sample's interval."""
     few = spread_over(x)
     edges = np.quantile(few, np.linspace(0.0, 1.0, count + 1))

@@ -13,19 +13,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.core.dependence import hats
+from vsalog.core.dependence import KNOTS, hats
+from vsalog.core.resolution import ENOUGH
 
 Array = NDArray[np.float64]
 
-# Knots of a curve of any shape.
-KNOTS, SETPOINT_KNOTS = 10, 5
-# Half a gap, and the motion over which a loop changes sides, as parts of the largest deflection and of its span.
-GAPS = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
-LOOPS = (0.01, 0.04, 0.16)
+# Half a gap, and the motion over which a loop changes sides, as parts of the largest deflection and of its span: between two that
+# follow each other, the shape changes by less than the twentieth part of an error that is reported.
+WIDTHS = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
 # Names of positions begin like this.
 POSITIONS = ("link_position", "motor_position")
-# A loop's state is followed over so many samples, which is fine against any motion.
-FOLLOWED = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +33,12 @@ class Signature:
     ----------
     on : what the error depends on; a key of `dependence.CODES`
     columns : shape (N, k)
+    any_shape : whether the columns are those of a curve, which follows any smooth function, rather than an effect's own
     """
 
     on: str
     columns: Array
+    any_shape: bool = False
 
 
 def signatures(torque: Array, variables: Mapping[str, Array]) -> list[Signature]:
@@ -66,16 +65,16 @@ def _of(on: str, *columns: Array) -> Signature:
 def _static(torque: Array, variables: Mapping[str, Array]) -> Iterator[Signature]:
     phi, sigma, setpoint = (variables.get(name) for name in ("deflection", "stiffness", "setpoint"))
     if phi is not None and np.ptp(phi) > 0.0:
-        yield Signature("deflection", _curve(phi, KNOTS))
+        yield Signature("deflection", _curve(phi), True)
     if setpoint is not None and np.ptp(setpoint) > 0.0:
-        curve = _curve(setpoint, SETPOINT_KNOTS)
-        yield Signature("setpoint", curve)
+        curve = _curve(setpoint)
+        yield Signature("setpoint", curve, True)
         # A set-point that is off makes the spring stiffer or softer than predicted.
-        yield Signature("setpoint", curve * torque[:, None])
+        yield Signature("setpoint", curve * torque[:, None], True)
     if sigma is None or phi is None:
         return
     yield _of("zero", sigma)
-    for share in GAPS:
+    for share in WIDTHS:
         half = share * float(np.abs(phi).max())
         yield _of("gap", sigma * np.clip(phi, -half, half))
     for name, at in _positions(variables):
@@ -118,9 +117,9 @@ def _over_time(torque: Array, variables: Mapping[str, Array]) -> Iterator[Signat
         yield _of("zero over time", sigma, t * sigma)
 
 
-def _curve(x: Array, count: int) -> Array:
+def _curve(x: Array) -> Array:
     """Return the functions of a curve of any shape, with equally many samples between its knots, shape (N, k)."""
-    return hats(x, np.unique(np.quantile(x, np.linspace(0.0, 1.0, count))))
+    return hats(x, np.unique(np.quantile(x, np.linspace(0.0, 1.0, KNOTS))))
 
 
 def loops(phi: Array, rows: NDArray[np.int64]) -> dict[str, Array]:
@@ -138,10 +137,10 @@ def loops(phi: Array, rows: NDArray[np.int64]) -> dict[str, Array]:
     known = np.flatnonzero(np.isfinite(phi))
     if known.size < 2 or np.ptp(phi[known]) == 0.0:
         return {}
-    at = known[:: max(1, known.size // FOLLOWED)]
+    at = known[:: max(1, known.size // ENOUGH)]
     span, steps = float(np.ptp(phi[at])), np.diff(phi[at])
     out = {}
-    for share in LOOPS:
+    for share in WIDTHS:
         out[f"loop {share:g}"] = np.interp(rows, at, _slipping(steps / (share * span)))
     return out
 

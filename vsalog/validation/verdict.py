@@ -8,9 +8,10 @@ from functools import partial
 
 from msgspec.structs import replace
 
+from vsalog.core.dependence import LEAST_BLOCKS, REPORTED_SHARE
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
-from vsalog.validation.dependence import CODES, LEAST_SHARE
+from vsalog.validation.dependence import CODES
 from vsalog.validation.document import (
     Comparison,
     Dependence,
@@ -25,14 +26,13 @@ from vsalog.validation.document import (
 )
 from vsalog.validation.joint import Judged
 from vsalog.validation.references import WINDOW
-from vsalog.validation.scores import FEWEST_BLOCKS, LEAST_SCORED
 
 # A model whose torque is this close to the reference holds [% of the torque's span].
 HOLDING_ERROR = 5.0
 # A torque that is measured by more than this part larger or smaller than predicted is another spring's [1].
 GAIN_ERROR = 0.1
 # A verdict needs as many of the filter's windows as a bootstrap needs blocks.
-LEAST_SAMPLES = FEWEST_BLOCKS * WINDOW
+LEAST_SAMPLES = LEAST_BLOCKS * WINDOW
 
 
 def joint_report(
@@ -163,12 +163,12 @@ def _cautions(
     if alone and any(t.transmission == "total" and t.judged_on == "sensor" for t in parts):
         yield found(code="validation.sum_only", part=" and ".join(alone))
     score = None if worst is None else _main(worst)
-    if score is not None and score.effective_samples < FEWEST_BLOCKS:
+    if score is not None and score.effective_samples < LEAST_BLOCKS:
         evidence = {"samples": score.samples}
         yield found(
             code="validation.few_independent_samples",
             value=score.effective_samples,
-            limit=FEWEST_BLOCKS,
+            limit=LEAST_BLOCKS,
             evidence=evidence,
         )
 
@@ -241,11 +241,11 @@ def _nothing_judged(found: partial[Finding], parts: Sequence[TransmissionReport]
         score, evidence = _main(on), {"reference": on.judged_on or ""}
         if score is not None and score.nrmse.value is None:
             return void(code="validation.reference_constant", part=on.transmission, evidence=evidence)
-        samples = LEAST_SCORED if score is None else score.samples
+        samples = LEAST_BLOCKS if score is None else score.samples
         return void(code="validation.too_few_samples", part=on.transmission, value=samples, limit=LEAST_SAMPLES)
     outside = all(t.inside_share == 0.0 for t in parts)
     if outside and not any(c.inside or c.outside for t in parts for c in t.comparisons):
-        return void(code="validation.nothing_filtered", limit=LEAST_SCORED, evidence={"window": WINDOW})
+        return void(code="validation.nothing_filtered", limit=LEAST_BLOCKS, evidence={"window": WINDOW})
     return void(code="validation.all_outside_region" if outside else "validation.no_reference")
 
 
@@ -279,7 +279,7 @@ def _why(found: partial[Finding], part: TransmissionReport, verdict: Verdict) ->
     elif not part.dependence:
         yield about(code="error.noise", severity="info", evidence={"reference": part.judged_on or ""})
     for d in told[:2] if told or verdict == "holds" else part.dependence:
-        yield about(code=d.code, value=d.share, limit=LEAST_SHARE, evidence=d.evidence | {"p_value": d.p_value})
+        yield about(code=d.code, value=d.share, limit=REPORTED_SHARE, evidence=d.evidence | {"p_value": d.p_value})
         if d.not_told_from:
             others = ", ".join(CODES[on].removeprefix("error.").replace("_", " ") for on in d.not_told_from)
             yield about(code="error.ambiguous", evidence={"others": others})
