@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binned_statistic
 
+from vsalog.core.dependence import INTERVALS
 from vsalog.diagnosis.remainder import curve_of, depends_on, loop_over, predicted_share
 
 R = 1200
@@ -96,7 +97,7 @@ def test_a_curve_is_the_means_over_intervals_of_equal_count():
     rows = x**3 + 0.1 * np.random.default_rng(5).standard_normal(R)
     curve = np.array(curve_of(rows, x))
     edges = np.r_[curve[:, 0], curve[-1, 1]]
-    np.testing.assert_allclose(np.diff(np.searchsorted(np.sort(x), edges[1:-1])), R / 24, atol=1)
+    np.testing.assert_allclose(np.diff(np.searchsorted(np.sort(x), edges[1:-1])), R / INTERVALS, atol=1)
     np.testing.assert_allclose(curve[:, 2], binned_statistic(x, rows, "mean", edges).statistic, atol=1e-12)
     deviation = binned_statistic(x, rows, "std", edges).statistic
-    np.testing.assert_allclose(curve[:, 3], deviation / np.sqrt(R / 24 / 2), rtol=0.02)
+    np.testing.assert_allclose(curve[:, 3], deviation / np.sqrt(R / INTERVALS / 2), rtol=0.02)

@@ -46,8 +46,8 @@ Integers = NDArray[np.int64]
 
 # Blocks at most; without as many as the least, nothing is said.
 MOST_BLOCKS, LEAST_BLOCKS = 64, 8
-# Knots of a curve of any shape [1]: it follows what bends as often as a joint's characteristic does.
-KNOTS = 12
+# Intervals of a curve of any shape [1], straight in each: it follows what swings six times over a range.
+INTERVALS = 24
 # A dependence is reported that explains at least this part of a residual's mean square [1] and is not chance.
 REPORTED_SHARE = 0.05
 # Directions in which columns have less than this part of their power are left alone, as are scores that rounding makes.

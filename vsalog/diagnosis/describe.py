@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.dependence import REPORTED_SHARE
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import says
 from vsalog.diagnosis.causes.base import Site
@@ -30,7 +31,7 @@ from vsalog.diagnosis.joint import (
     unexplained_side,
     variables,
 )
-from vsalog.diagnosis.remainder import AS_GOOD, curve_of, predicted_share
+from vsalog.diagnosis.remainder import curve_of, predicted_share
 from vsalog.residuals.channels import span_of
 from vsalog.rig.schema import role_units
 
@@ -220,7 +221,7 @@ def _view(found: JointDiagnosis, cause: Found, known: dict[str, tuple[Array, str
     i = int(np.nanargmax(mean_squares(shape)))
     shares = {name: predicted_share(shape[:, i], x) for name, (x, _) in known.items()}
     best = max(shares.values())
-    near = [name for name, share in shares.items() if share >= best - AS_GOOD]
+    near = [name for name, share in shares.items() if share >= best - REPORTED_SHARE]
     variable = min(near, key=lambda name: next((k for k, word in enumerate(ORDER) if word in name), len(ORDER)))
     scale = float(found.system.deviation[i])
     return CauseEvidence(

@@ -14,14 +14,12 @@ from numpy.typing import NDArray
 
 from vsalog.core.correlation import correlation_time
 from vsalog.diagnosis.linear import Linear, corrected
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.residuals.system import System, whitener
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
-
-# Part of the filters' own error that is left where noise is compared with noise [1]: it keeps equations without noise apart.
-FILTER_ERROR_LEFT = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +49,7 @@ class Weights:
         added = formed[1:] - rows
         noise = np.einsum("kri,krj->ij", added, added) / len(added)
         covariance = np.where(both > 0.0, noise / np.maximum(both, 1.0), system.covariance)
-        covariance += FILTER_ERROR_LEFT * system.exact
+        covariance += NEGLIGIBLE_SHARE**2 * system.exact
         if not np.isfinite(covariance).all():
             return np.inf
         factor = factor_of(covariance)
@@ -104,7 +102,7 @@ def weighted_by(system: System, rows: Array) -> Weights:
     weighted = replace(system, covariance=covariance, whiteners={p: whitener(covariance, p) for p in system.whiteners})
     times = np.array([correlation_time(column) for column in weighted.white(rows).T])
     tempered = {p: w / np.sqrt(times)[:, None] for p, w in weighted.whiteners.items()}
-    bare = factor_of(system.covariance - (1.0 - FILTER_ERROR_LEFT) * system.exact)
+    bare = factor_of(system.covariance - (1.0 - NEGLIGIBLE_SHARE**2) * system.exact)
     return Weights(replace(weighted, whiteners=tempered), _in_units_of(bare, covariance), times)
 
 

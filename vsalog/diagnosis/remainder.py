@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.dependence import (
+    INTERVALS,
     LEAST_BLOCKS,
     MOST_BLOCKS,
+    REPORTED_SHARE,
     Association,
     association,
     block_index,
@@ -18,17 +20,11 @@ from vsalog.core.dependence import (
     hats,
 )
 from vsalog.core.significance import FALSE_ALARM
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.residuals.balance import Motion
 from vsalog.residuals.system import System
 
 Array = NDArray[np.float64]
-
-# A variable is cut into so many intervals that hold equally many rows; a remainder depends on it where a curve that is straight
-# in each, learnt from other blocks, predicts at least this part of its square, which is no chance.
-BINS, LEAST = 24, 0.05
-MOST_TOLD = 3
-# A loop is as good as time where it predicts so little less; what is slower than this part of the fastest has no direction.
-AS_GOOD, RESTING = 0.05, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,17 +55,25 @@ def variables_of(system: System, motion: Motion) -> dict[str, tuple[Array, str]]
 
 
 def depends_on(rows: Array, variables: Mapping[str, tuple[Array, str]]) -> list[Dependent]:
-    """Return the variables that predict a remainder in blocks they were not learnt from, the best first.
+    """Return the variables that predict a remainder in blocks they were not learnt from, each beyond those before it.
 
     Parameters
     ----------
     rows : shape (R,), over its noise; NaN where it does not count
     variables : name → (values, unit)
     """
-    found = {name: _predicted(rows, x) for name, (x, _) in variables.items()}
-    likely = {n: f for n, f in found.items() if f is not None and f.p_value * len(variables) <= FALSE_ALARM}
-    told = [Dependent(name, f.share) for name, f in likely.items() if f.share >= LEAST]
-    return sorted(told, key=lambda d: -d.share)[:MOST_TOLD]
+    told: list[Dependent] = []
+    left = dict(variables)
+    while left:
+        before = [variables[d.name][0] for d in told]
+        found = {name: _predicted(rows, x, beyond=before) for name, (x, _) in left.items()}
+        said = {name: f for name, f in found.items() if f is not None and f.p_value * len(variables) <= FALSE_ALARM}
+        best = max(said, key=lambda name: said[name].share, default=None)
+        if best is None or said[best].share < REPORTED_SHARE:
+            break
+        told.append(Dependent(best, said[best].share))
+        left = {name: left[name] for name in said if name != best}
+    return told
 
 
 def loop_over(rows: Array, variables: Mapping[str, tuple[Array, str]], told: Sequence[Dependent]) -> str | None:
@@ -90,10 +94,10 @@ def loop_over(rows: Array, variables: Mapping[str, tuple[Array, str]], told: Seq
         if rate not in variables:
             continue
         x, speed = variables[name][0], variables[rate][0]
-        moving = np.where(np.abs(speed) > RESTING * np.nanmax(np.abs(speed)), rows, np.nan)
+        moving = np.where(np.abs(speed) > NEGLIGIBLE_SHARE * np.nanmax(np.abs(speed)), rows, np.nan)
         apart = np.where(speed < 0.0, x + 2.0 * (np.nanmax(x) - np.nanmin(x)), x)
         by_time = predicted_share(moving, variables["time"][0])
-        if predicted_share(moving, apart, once=True) >= by_time - AS_GOOD:
+        if predicted_share(moving, apart, once=True) >= by_time - REPORTED_SHARE:
             return name
     return None
 
@@ -113,30 +117,36 @@ def predicted_share(rows: Array, x: Array, once: bool = False) -> float:
     return 0.0 if found is None else found.share
 
 
-def _predicted(rows: Array, x: Array, once: bool = False) -> Association | None:
-    good = np.isfinite(rows) & np.isfinite(x)
-    if np.count_nonzero(good) < 4 * BINS:
+def _predicted(rows: Array, x: Array, once: bool = False, beyond: Sequence[Array] = ()) -> Association | None:
+    """Return how a remainder depends on a curve over a variable, beyond curves over others."""
+    good = (
+        np.isfinite(rows) & np.isfinite(x) & np.isfinite(np.array(beyond).reshape(len(beyond), rows.size)).all(axis=0)
+    )
+    if np.count_nonzero(good) < 4 * INTERVALS:
         return None
-    e, v = rows[good], x[good]
-    knots = np.unique(np.quantile(v, np.linspace(0.0, 1.0, BINS + 1)))
-    if knots.size < 4:
-        return None
-    columns, blocks = np.column_stack((hats(v, knots), e)), block_index(e.size)
-    once = once or bool(np.all(np.diff(v) > 0.0))
+    e, curves = rows[good], []
+    for v in (x[good], *(other[good] for other in beyond)):
+        knots = np.unique(np.quantile(v, np.linspace(0.0, 1.0, INTERVALS + 1)))
+        if knots.size < 4:
+            return None
+        curves.append(hats(v, knots))
+        once = once or bool(np.all(np.diff(v) > 0.0))
+    columns, blocks = np.column_stack((*curves, e)), block_index(e.size)
+    own = curves[0].shape[1]
     if once:
         # Neighbours share their bells. Each interval has pairs of all blocks.
         pairs = np.arange(e.size) // 2
-        turns = pairs % int(np.clip(pairs.size // (2 * BINS), LEAST_BLOCKS, MOST_BLOCKS))
+        turns = pairs % int(np.clip(pairs.size // (2 * INTERVALS), LEAST_BLOCKS, MOST_BLOCKS))
         order = np.argsort(turns, kind="stable")
         columns, blocks = columns[order], turns[order]
-    return association(block_moments(columns, blocks), range(knots.size), join=not once)
+    return association(block_moments(columns, blocks), range(own), range(own, columns.shape[1] - 1), join=not once)
 
 
 def curve_of(rows: Array, x: Array) -> list[tuple[float, float, float, float]]:
     """Return ends, mean and standard error over intervals of a variable."""
     good = np.isfinite(rows) & np.isfinite(x)
     e, v = rows[good], x[good]
-    edges = np.unique(np.quantile(v, np.linspace(0.0, 1.0, BINS + 1)))
+    edges = np.unique(np.quantile(v, np.linspace(0.0, 1.0, INTERVALS + 1)))
     index = np.clip(np.searchsorted(edges, v, side="right") - 1, 0, max(edges.size - 2, 0))
     out = []
     for k in range(edges.size - 1):

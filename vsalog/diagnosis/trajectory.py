@@ -41,9 +41,6 @@ from vsalog.residuals.windows import WITHIN, Shot, Windows, begun, by_states, in
 
 Array = NDArray[np.float64]
 
-# Trajectories are off where a signal's error is more than so many times its noise [1].
-TRAJECTORIES_OFF = 1.5
-
 
 def refined(selection: Selection, windows: Windows) -> Selection:
     """Return a selection whose causes and values fit equations and trajectories best.
@@ -68,14 +65,11 @@ def refined(selection: Selection, windows: Windows) -> Selection:
     if not shot.is_linear or _at_bounds(best):
         return selection
     # Where equations do not close, trajectories mostly cannot either; then they say nothing that is not in the equations.
-    if (
-        np.max(np.diag(selection.weights.inflation)) > WITHIN**2
-        and np.max(_squares(shot, windows)) > TRAJECTORIES_OFF**2
-    ):
+    if np.max(np.diag(selection.weights.inflation)) > WITHIN**2 and np.max(_squares(shot, windows)) > WITHIN:
         return selection
     best, shot, J = _simplified(best, windows, shot, J)
     for _ in range(ITERATIONS):
-        if np.max(_squares(shot, windows)) <= TRAJECTORIES_OFF**2:
+        if np.max(_squares(shot, windows)) <= WITHIN:
             break
         other = _searched(best, windows, shot)
         if other is None:
@@ -85,7 +79,7 @@ def refined(selection: Selection, windows: Windows) -> Selection:
         except SimulationError:
             break
         # What takes away a part of an error only may be anything.
-        if not there.is_linear or np.max(_squares(there, windows)) > TRAJECTORIES_OFF**2 or _at_bounds(other):
+        if not there.is_linear or np.max(_squares(there, windows)) > WITHIN or _at_bounds(other):
             break
         best, shot, J = other, there, changes
     return replace(best, choices=_as_seen(best, windows, J)) if best.posterior.fit else best

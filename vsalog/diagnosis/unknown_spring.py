@@ -14,6 +14,7 @@ from vsalog.binding.joint import offered_roles
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.diagnosis.causes.base import Parameter, Setting, Site, with_signal
+from vsalog.diagnosis.smooth import TERMS
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.sensing import true_roles
 from vsalog.rig.schema import PolynomialTransmission, UnknownTransmission
@@ -21,8 +22,6 @@ from vsalog.uncertainty.long_run import FEWEST_SAMPLES
 
 Array = NDArray[np.float64]
 
-# Highest power of the deflection that a smooth spring is given [1]: what bends more often is not a spring alone.
-HIGHEST_POWER = 7
 # Encoders whose zero may be off.
 ENCODERS = ("motor_position", "link_position")
 # What a spring that is fitted to a log takes up.
@@ -137,7 +136,8 @@ def unknown_in(joint: Any) -> list[str]:
 def fitted_spring(phi: Array, torque: Array) -> tuple[PolynomialTransmission, float]:
     """Return the polynomial spring nearest to a torque over a deflection, shape (N,) each, and the torque at rest [N·m]."""
     scale = float(np.max(np.abs(phi)))
-    powers = (phi / scale)[:, None] ** np.arange(HIGHEST_POWER + 1)
+    # A straight line, and as many terms as any smooth function has: what bends more often is not a spring alone.
+    powers = (phi / scale)[:, None] ** np.arange(TERMS + 2)
     found = np.linalg.lstsq(powers, torque, rcond=1e-10)[0]
     return PolynomialTransmission(coefficients=tuple(float(c) for c in found[1:]), scale=scale), float(found[0])
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding.joint import offered_roles
+from vsalog.core.significance import DETECTED
 from vsalog.effects.backlash import engaged
 from vsalog.effects.cogging import wave
 from vsalog.effects.friction import stribeck
@@ -50,9 +51,6 @@ from vsalog.rig.schema import (
 Array = NDArray[np.float64]
 Mechanical = ElasticJoint | SerialJoint | AntagonisticJoint
 Side = Literal["motor", "transmission", "link", "sensor", "pneumatic"]
-
-SLACK = 4.0
-"""Standard deviations of a deflection's noise below which its changes do not move a loop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,13 +200,13 @@ def motion_of(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread
         if f"deflection{s}" in roles or (link is not None and s in motors):
             phi = roles[f"deflection{s}"] if f"deflection{s}" in roles else remembered(np.subtract, link, motors[s])
             sensed = [f"deflection{s}"] if f"deflection{s}" in roles else ["link_position", f"motor_position{s}"]
-            slack = SLACK * float(np.hypot.reduce([spread.get(r, 0.0) for r in sensed]))
+            slack = DETECTED * float(np.hypot.reduce([spread.get(r, 0.0) for r in sensed]))
             deflections[s], torques[s] = phi, remembered(transmitted, transmission, phi, lever, time, slack)
             continue
         felt = _felt(joint, s, roles, motors)
         if felt is None or s not in motors:
             continue
-        slack = SLACK * spread.get(f"torque_sensor{s}", spread.get(f"motor_torque{s}", 0.0))
+        slack = DETECTED * spread.get(f"torque_sensor{s}", spread.get(f"motor_torque{s}", 0.0))
         deflections[s] = remembered(_deflected, transmission, felt, lever, time, slack)
         torques[s] = felt
         measured.add(s)
@@ -217,8 +215,8 @@ def motion_of(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread
     sides = [s for s in deflections if s in motors]
     if link is None and sides:
         link = remembered(np.add, motors[sides[0]], deflections[sides[0]])
-    slacks = {s: SLACK * spread.get(f"motor_position{s}", 0.0) for s in suffixes}
-    slacks["link"] = SLACK * spread.get("link_position", max(slacks.values()) / SLACK)
+    slacks = {s: DETECTED * spread.get(f"motor_position{s}", 0.0) for s in suffixes}
+    slacks["link"] = DETECTED * spread.get("link_position", max(slacks.values()) / DETECTED)
     return Motion(roles, motors, link, deflections, torques, frozenset(measured), frozenset(spent), slacks)
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 
+from vsalog.core.significance import DETECTED
 from vsalog.mechanics.pneumatic_friction import friction_level, viscous_coefficient
 from vsalog.mechanics.pneumatics import (
     joint_torque,
@@ -31,7 +32,7 @@ from vsalog.mechanics.pneumatics import (
     volume_slope,
 )
 from vsalog.residuals._inverse import LEAST
-from vsalog.residuals.balance import SLACK, Equation, Motion
+from vsalog.residuals.balance import Equation, Motion
 from vsalog.residuals.channels import WINDOW
 from vsalog.residuals.sensing import known
 from vsalog.rig.schema import PneumaticJoint
@@ -91,7 +92,7 @@ def pneumatic_motion(
     torques = {}
     if known(found, ANGLE, *PRESSURES):
         torques[""] = joint_torque(joint, *(found[role][0] for role in (ANGLE, *PRESSURES)))
-    slacks = {"link": SLACK * spread.get(ANGLE, 0.0)}
+    slacks = {"link": DETECTED * spread.get(ANGLE, 0.0)}
     return Motion(found, {}, found.get(ANGLE), {}, torques, frozenset(), spent, slacks)
 
 

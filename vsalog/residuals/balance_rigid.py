@@ -15,11 +15,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.significance import DETECTED
 from vsalog.effects.gravity import holding_torque
 from vsalog.mechanics.links import link_weight
 from vsalog.mechanics.rigid_joint import as_one
 from vsalog.residuals.balance import (
-    SLACK,
     Equation,
     Motion,
     cogged,
@@ -75,7 +75,7 @@ def rigid_motion(joint: RigidJoint, roles: Mapping[str, Array], time: Array, spr
     role = next((r for r in ("motor_position", "link_position") if r in roles), "")
     q = roles.get(role)
     torques = {"": remembered(_value, roles["torque_sensor"])} if "torque_sensor" in roles else {}
-    slack = SLACK * spread.get(role, 0.0)
+    slack = DETECTED * spread.get(role, 0.0)
     motors = {} if q is None else {"": q}
     return Motion(roles, motors, q, {}, torques, frozenset(), frozenset(), {"": slack, "link": slack})
 

@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.core.significance import DETECTED
 from vsalog.effects.delay import LATEST
 from vsalog.residuals.balance import Equation
 from vsalog.residuals.channels import Channels
@@ -28,8 +29,6 @@ Integers = NDArray[np.int64]
 
 BELL = 0.05
 """Seconds of the bell that equations are averaged over: its whole width."""
-STILL = 3.0
-"""Standard deviations of its noise below which a velocity has no sign."""
 ENOUGH = 0.9
 """Part of its weight that an average needs."""
 EXACT = 1e-3
@@ -222,7 +221,7 @@ def _usable(equation: Equation, again: list[Equation], margin: int) -> Flags:
     if equation.rate is not None:
         noise = np.concatenate([e.rate - equation.rate for e in again if e.rate is not None])
         spread = float(np.nanstd(noise)) if noise.size else 0.0
-        usable &= np.abs(equation.rate) > STILL * spread
+        usable &= np.abs(equation.rate) > DETECTED * spread
     return usable
 
 

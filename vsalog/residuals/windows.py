@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.errors import SimulationError
 from vsalog.effects.delay import LATEST
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.residuals.channels import Channels, span_of
 from vsalog.residuals.sensing import known, said, true_roles
 from vsalog.residuals.windows_bench import BenchPlayer
@@ -39,10 +40,6 @@ RUNS = 4
 """Runs that they are chosen in."""
 WITHIN = 2.0
 """Times their noise within which an equation closes, and a simulation is right: noise is measured to about a third."""
-CLOSE = 1.01
-"""Times the mean square that a Newton step promises at which a window is as good as that; above `WITHIN` it begins again."""
-WEAK = 0.02
-"""Part of the usual effect below which a state is not moved."""
 
 
 class Player(Protocol):
@@ -341,13 +338,13 @@ def _nearer(
     J = by_states(joint, windows, shot) if slopes is None else slopes.copy()
     norms = np.linalg.norm(J, axis=1)
     # What sticks does not notice how fast it was: a beginning is not led far away by what says next to nothing.
-    J *= (norms > WEAK * np.median(norms, axis=0))[:, None, :]
+    J *= (norms > NEGLIGIBLE_SHARE * np.median(norms, axis=0))[:, None, :]
     promised = np.zeros(len(windows.spans))
     for _ in range(rounds):
         r = in_windows(shot, windows)
         step = np.stack([_least(J[w], r[w]) for w in range(len(r))])
         promised = np.mean((r - np.einsum("wln,wn->wl", J, step)) ** 2, axis=1)
-        left = np.flatnonzero(_squares(shot, windows) > CLOSE * promised)
+        left = np.flatnonzero(_squares(shot, windows) > (1.0 + NEGLIGIBLE_SHARE) * promised)
         # From Gauss–Newton to a short way down the slope.
         for damping in (0.0, 1e-3, 0.03, 1.0):
             if not left.size:

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from scipy.constants import bar
 
 from vsalog.core.errors import SimulationError
+from vsalog.core.significance import DETECTED
 from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.residuals.balance_pneumatic import ANGLE, PRESSURES, pneumatic_motion
 from vsalog.residuals.channels import DEGREE, Channels
 from vsalog.residuals.sensing import VALVES, true_roles
-from vsalog.residuals.system import STILL
 from vsalog.residuals.windows_mechanical import NUDGES
 from vsalog.rig.schema import PneumaticJoint
 from vsalog.simulation.accuracy import COARSE
@@ -72,7 +72,7 @@ class PneumaticPlayer:
         noise = channels.noise[ANGLE].floor if ANGLE in channels.noise else 0.0
         own = noise * float(np.linalg.norm(savgol_weights(channels.window, DEGREE, 2, channels.period)[1]))
         # One that has no sign begins at rest.
-        rate = np.where(np.abs(psi[1]) <= STILL * own, 0.0, psi[1])
+        rate = np.where(np.abs(psi[1]) <= DETECTED * own, 0.0, psi[1])
         return np.stack([psi[0], np.where(np.isfinite(psi[1]), rate, np.nan), p1, p2], axis=-1)
 
     def free(self, states: Array) -> Mapping[int, tuple[float, Flags]]:

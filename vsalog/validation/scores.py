@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from vsalog.core.correlation import CORRELATION_TIMES, effective_samples
-from vsalog.core.dependence import KNOTS, LEAST_BLOCKS, MOST_BLOCKS
+from vsalog.core.dependence import INTERVALS, LEAST_BLOCKS, MOST_BLOCKS
 from vsalog.core.resolution import ENOUGH, spread_over
 from vsalog.core.significance import DRAWS
 from vsalog.validation.document import Bin, Figure, Score
@@ -185,7 +185,7 @@ def bins_of(e: Array, x: Array) -> tuple[Bin, ...]:
     return tuple(out)
 
 
-def binned(x: Array, count: int = KNOTS) -> tuple[Array, NDArray[np.int64]]:
+def binned(x: Array, count: int = INTERVALS) -> tuple[Array, NDArray[np.int64]]:
     """Return the edges of up to `count` intervals that hold equally many samples, and each sample's interval."""
     few = spread_over(x)
     edges = np.quantile(few, np.linspace(0.0, 1.0, count + 1))

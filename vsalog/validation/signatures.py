@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.core.dependence import KNOTS, hats
+from vsalog.core.dependence import INTERVALS, hats
 from vsalog.core.resolution import ENOUGH
 
 Array = NDArray[np.float64]
@@ -119,7 +119,7 @@ def _over_time(torque: Array, variables: Mapping[str, Array]) -> Iterator[Signat
 
 def _curve(x: Array) -> Array:
     """Return the functions of a curve of any shape, with equally many samples between its knots, shape (N, k)."""
-    return hats(x, np.unique(np.quantile(x, np.linspace(0.0, 1.0, KNOTS))))
+    return hats(x, np.unique(np.quantile(x, np.linspace(0.0, 1.0, INTERVALS + 1))))
 
 
 def loops(phi: Array, rows: NDArray[np.int64]) -> dict[str, Array]:
