@@ -1,35 +1,33 @@
 """Checks: what is suspicious about a joint's signals, or about an estimate; each kind in a file of its own.
 
-Third parties add a check by an entry point in the group ``vsalog.checks`` that names an object like those in `BUILT_IN`.
+A class of a module here that has what a `Check` has is found by itself. Third parties add a check by an entry point in the group
+``vsalog.checks`` that names an object.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib import import_module
 from importlib.metadata import entry_points
+from pkgutil import iter_modules
 
 from vsalog.checks.check import Check, Context, Watch
-from vsalog.checks.cross_check import ReferenceSensors
-from vsalog.checks.nominal import NominalSpring
-from vsalog.checks.residual import ShapeOfResidual
-from vsalog.checks.signals import Signals
-from vsalog.checks.standstill import StandstillOfEncoder
 from vsalog.core.finding import Finding
 from vsalog.core.trace import Trace
 
-# In the order in which findings are listed.
-BUILT_IN: tuple[Check, ...] = (
-    Signals(),
-    StandstillOfEncoder(),
-    NominalSpring(),
-    ReferenceSensors(),
-    ShapeOfResidual(),
-)
 
-
+@cache
 def checks() -> tuple[Check, ...]:
-    """Return every check, those of third parties included."""
-    return (*BUILT_IN, *(point.load() for point in entry_points(group="vsalog.checks")))
+    """Return every check, by name, those of third parties last: the order in which findings are listed."""
+    modules = [import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__)]
+    own: list[Check] = [
+        kind()
+        for module in modules
+        for kind in vars(module).values()
+        if isinstance(kind, type) and kind.__module__ == module.__name__ and {"name", "supersedes"} <= vars(kind).keys()
+    ]
+    return (*sorted(own, key=lambda c: c.name), *(point.load() for point in entry_points(group="vsalog.checks")))
 
 
 class Checks:
