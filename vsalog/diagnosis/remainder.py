@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from vsalog.core.dependence import (
     INTERVALS,
-    LEAST_BLOCKS,
     MOST_BLOCKS,
     REPORTED_SHARE,
     Association,
@@ -134,9 +133,9 @@ def _predicted(rows: Array, x: Array, once: bool = False, beyond: Sequence[Array
     columns, blocks = np.column_stack((*curves, e)), block_index(e.size)
     own = curves[0].shape[1]
     if once:
-        # Neighbours share their bells. Each interval has pairs of all blocks.
+        # Neighbours share their bells. Each block has pairs from all over the log.
         pairs = np.arange(e.size) // 2
-        turns = pairs % int(np.clip(pairs.size // (2 * INTERVALS), LEAST_BLOCKS, MOST_BLOCKS))
+        turns = pairs % min(MOST_BLOCKS, max(pairs.size // 4, 1))
         order = np.argsort(turns, kind="stable")
         columns, blocks = columns[order], turns[order]
     return association(block_moments(columns, blocks), range(own), range(own, columns.shape[1] - 1), join=not once)
