@@ -331,7 +331,7 @@ def test_a_look_has_the_whole_range_and_is_bounded(monkeypatch):
 
 
 def test_an_encoder_that_was_stuck_once_is_told_wherever_that_was(monkeypatch):
-    monkeypatch.setattr(signal_checks, "WHILE", 10_000)
+    monkeypatch.setattr(signal_checks, "ENOUGH", 10_000)
     t = np.arange(100_000) * 1e-3
     q = np.round((np.sin(3.0 * t) + 0.05 * np.sin(7.0 * t)) / 1e-4) * 1e-4
     theta = np.round(np.sin(3.0 * t) / 1e-4) * 1e-4

@@ -10,16 +10,14 @@ from numpy.typing import NDArray
 
 from vsalog.checks import encoder, sensor, torque
 from vsalog.checks.check import Context, OfSignals
-from vsalog.checks.torque_independence import COMPUTED, multiple_of
+from vsalog.checks.torque_independence import COMPUTED_RESIDUAL, multiple_of
 from vsalog.core.errors import EstimatorError
 from vsalog.core.finding import Evidence, Finding
+from vsalog.core.resolution import ENOUGH
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, deflection_of, has_deflection
 
 Array = NDArray[np.float64]
-
-# So many samples of a long log are looked at together for what befell a sensor for a while.
-WHILE = 2**18
 
 
 def refuse_dead_sensors(estimator: str, signals: JointSignals) -> None:
@@ -88,7 +86,7 @@ def signal_findings(device: Device, signals: JointSignals) -> tuple[Finding, ...
             if (multiple := multiple_of(signals.roles[sensor], x)) is not None:
                 computed = partial(Finding, code="torque.computed", joint=signals.joint, part=sensor)
                 evidence: Evidence = {"factor": multiple.factor, "source": name}
-                found.append(computed(value=multiple.left, limit=COMPUTED, evidence=evidence))
+                found.append(computed(value=multiple.left, limit=COMPUTED_RESIDUAL, evidence=evidence))
     for view in device.transmissions:
         if has_deflection(signals.roles, view) and _still(deflection_of(signals.roles, view)):
             still = partial(Finding, joint=signals.joint, severity="invalidates")
@@ -111,7 +109,7 @@ def passing(device: Device, signals: JointSignals) -> Iterator[Finding]:
 
 def passing_findings(device: Device, signals: JointSignals) -> Iterator[Finding]:
     """Yield what befell a sensor at any time of a log of which only stretches were looked at."""
-    return (finding for block in signals.blocks(WHILE) for finding in passing(device, block))
+    return (finding for block in signals.blocks(ENOUGH) for finding in passing(device, block))
 
 
 def first_of_each(findings: Iterable[Finding]) -> tuple[Finding, ...]:

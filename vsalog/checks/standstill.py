@@ -19,9 +19,9 @@ from vsalog.checks.check import Context
 from vsalog.checks.encoder import Standstill, standstills
 from vsalog.checks.residual import CHUNK, basis_rows
 from vsalog.checks.samples import with_both_positions
-from vsalog.checks.signals import WHILE
 from vsalog.core.dependence import LEAST_BLOCKS, least_squares, one_more_above
 from vsalog.core.finding import Finding
+from vsalog.core.resolution import ENOUGH
 from vsalog.core.significance import FALSE_ALARM
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device, deflection_of
@@ -39,7 +39,7 @@ class StandstillOfEncoder:
     def start(self, context: Context) -> Standstills | None:
         """Look for the stretch of each spring in which the other encoder moves farthest; None where none stands still."""
         signals, found = context.signals, dict[str, Standstill]()
-        for block in signals.blocks(WHILE):
+        for block in signals.blocks(ENOUGH):
             for view in with_both_positions(context.device, block):
                 own = [s for s in standstills(block, view) if s.moved <= s.spring]
                 own += [found[view.name]] if view.name in found else []

@@ -6,38 +6,24 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.checks.samples import FEWEST, MOVED, TOGETHER, moved, runs, unlikely_run
 from vsalog.core.finding import Evidence, Finding
+from vsalog.core.precision import ROUNDING
+from vsalog.core.resolution import spread_over
 
 Array = NDArray[np.float64]
 
-# What float32 rounding leaves of an exact multiple, as a share of the torque's spread.
-COMPUTED = 1e-5
-# A torque whose every value follows from another one's neighbours this closely is a function of it.
-FUNCTION = 1e-5
-ENOUGH = 200
-# Looked at in so many samples or a few more, spread over the log.
-LONGEST = 1 << 16
-# A torque that was computed and then delayed, averaged or held follows from so many samples before and after, in powers up to
-# this one, and from its own last value; what is left is less than this share of its spread. Looked at in so many samples.
-BEFORE, AFTER, POWERS, FOLLOWED, ROWS = 12, 2, 5, 1e-5, 4000
-# Values are fresh, neither held nor interpolated, where at least this part of them is.
-FRESH = 0.7
-# Single values may be wild; so many rounds leave out what is off by so many times the median, and this part of all must be told.
-ROUNDS, WILD, MOST = 4, 10.0, 0.9
-# A median error of this part of the spread is that of a sensor: where values may be wild, and where none may be.
-HOPELESS, NOISY = 0.1, 1e-3
-# So many samples in a row, none of which may be off.
-STRETCH = 10_000
-# So many values of x that come up so often each.
-LEVELS, REPEATS = 30, 3
-
-
-# A sensor is stuck that says one and the same for so many samples while the torque changes by this part of its span, and by so
-# many of the sensor's steps.
-STUCK_SAMPLES, STUCK_SHARE, STUCK_STEPS = 100, 0.1, 5.0
+COMPUTED_RESIDUAL = 1e-5
+"""Share of a torque's spread that a function of another signal leaves of it: what float32 rounds to is a hundredth of this, a
+sensor's noise a hundred times as much."""
+LAGS = 12
+"""Samples before and after from which a torque that was delayed or averaged follows."""
+POWERS = 5
+"""Highest power of these samples: springs harden by the third, and the lever arms of a mechanism add one or two."""
+STRETCH = 8000
+"""Samples in a row that are looked at: some hundred for each column, and some swings, at whose ends a loop jumps."""
 
 
 def stuck(torque: Array, predicted: Array, step: float) -> NDArray[np.bool_]:
@@ -54,30 +40,16 @@ def stuck(torque: Array, predicted: Array, step: float) -> NDArray[np.bool_]:
     Shape (N,)
     """
     out = np.zeros(torque.size, dtype=np.bool_)
-    low, high = _range(predicted)
-    _mark(torque, predicted, max(STUCK_SHARE * (high - low), STUCK_STEPS * step), out)
+    if not np.isfinite(predicted).any():
+        return out
+    same = np.diff(torque, prepend=np.nan) == 0.0
+    first, after = runs(same)
+    long = after - first >= unlikely_run(float(same.mean()), same.size)
+    stretches = [slice(begin - 1, end) for begin, end in zip(first[long].tolist(), after[long].tolist(), strict=True)]
+    enough = max(FEWEST * step, MOVED * float(np.nanmax(predicted) - np.nanmin(predicted)))
+    for stretch, _ in moved(stretches, predicted, enough):
+        out[stretch] = True
     return out
-
-
-@njit(cache=True, nogil=True)
-def _range(values: Array) -> tuple[float, float]:
-    low, high = np.inf, -np.inf
-    for v in values:
-        if np.isfinite(v):
-            low, high = min(low, v), max(high, v)
-    return low, high
-
-
-@njit(cache=True, nogil=True)
-def _mark(torque: Array, predicted: Array, least: float, out: NDArray[np.bool_]) -> None:
-    begin = 0
-    for k in range(1, torque.size + 1):
-        if k < torque.size and torque[k] == torque[begin]:
-            continue
-        if k - begin >= STUCK_SAMPLES:
-            low, high = _range(predicted[begin:k])
-            out[begin:k] = high - low > least
-        begin = k
 
 
 def computed_from(torque: Array, joint: str, name: str, x: Array, what: str) -> Finding | None:
@@ -93,7 +65,7 @@ def computed_from(torque: Array, joint: str, name: str, x: Array, what: str) -> 
     found = partial(Finding, joint=joint, part=name, severity="invalidates")
     if (multiple := multiple_of(torque, x)) is not None:
         evidence: Evidence = {"factor": multiple.factor, "source": what}
-        return found(code="torque.computed", value=multiple.left, limit=COMPUTED, evidence=evidence)
+        return found(code="torque.computed", value=multiple.left, limit=COMPUTED_RESIDUAL, evidence=evidence)
     y, known = _both(torque, x)
     if not _vary(y, known):
         return None
@@ -119,13 +91,12 @@ def multiple_of(torque: Array, x: Array) -> Multiple | None:
     a, b = known - known.mean(), y - y.mean()
     factor = float(a @ b / (a @ a))
     left = float(np.sqrt(np.mean((b - factor * a) ** 2) / np.mean(b**2)))
-    return Multiple(factor, left) if left <= COMPUTED else None
+    return Multiple(factor, left) if left <= COMPUTED_RESIDUAL else None
 
 
 def _both(torque: Array, x: Array) -> tuple[Array, Array]:
     """Return samples that have both, spread over the log."""
-    both = np.flatnonzero(np.isfinite(torque) & np.isfinite(x))
-    both = both[:: max(1, both.size // LONGEST)]
+    both = spread_over(np.flatnonzero(np.isfinite(torque) & np.isfinite(x)))
     return torque[both], x[both]
 
 
@@ -144,42 +115,34 @@ def _is_function(y: Array, x: Array) -> bool:
     spread = float(np.std(ys))
     within = float(np.sqrt(np.mean((ys - mean[groups]) ** 2)))
     xs, ys = xs[first], mean
-    if within > FUNCTION * spread:
+    if within > COMPUTED_RESIDUAL * spread:
         return False
-    if int(np.count_nonzero(np.bincount(groups) >= REPEATS)) >= LEVELS:
+    if int(np.count_nonzero(np.bincount(groups) > 1)) >= FEWEST:
         return True  # an encoder's steps: a sensor would see what happens within each
-    if xs.size < ENOUGH:
+    if xs.size < FEWEST:
         return False
     middle = ys[:-2] + (ys[2:] - ys[:-2]) * (xs[1:-1] - xs[:-2]) / (xs[2:] - xs[:-2])
     # Most values, not all: where samples are sparse a straight line between neighbours is off.
-    return float(np.quantile(np.abs(ys[1:-1] - middle), 0.9)) <= FUNCTION * spread
+    return float(np.quantile(np.abs(ys[1:-1] - middle), TOGETHER)) <= COMPUTED_RESIDUAL * spread
 
 
 def _follows(torque: Array, x: Array) -> bool:
     """Tell whether a torque is a smooth function of another signal's samples around it, and of its own value before."""
-    rows = np.flatnonzero(np.isfinite(torque))
-    if rows.size < 2:
-        return False
-    changed = np.append(True, np.diff(torque[rows]) != 0.0)
-    if changed.mean() < FRESH:
-        rows = rows[changed]  # held in between: only fresh values tell
-    elif rows.size == torque.size:
-        bends = np.abs(np.diff(torque, 2)) > 1e-9 * float(np.ptp(torque))
-        if bends.mean() < FRESH:
-            rows = np.flatnonzero(bends) + 1  # of a slower topic, and interpolated: only where the lines meet
-    rows = rows[(rows >= BEFORE) & (rows < torque.size - AFTER)]
-    F, y, _ = _columns(torque, x, rows[:: max(1, rows.size // ROWS)])
-    if _is_told(F, y, MOST):
-        return True
-    # Behind a lag its own last value counts too. That tells a loop as well, except where it jumps: no value may be off.
+    before, here, after = (np.roll(torque, shift)[LAGS:-LAGS] for shift in (1, 0, -1))
+    # Not where it is held or interpolated: only fresh values tell, those of a slower topic where its lines meet.
+    on_a_line = np.abs(before - 2.0 * here + after) <= ROUNDING * float(np.nanmax(torque) - np.nanmin(torque))
+    rows = LAGS + np.flatnonzero(np.isfinite(here) & (here != before) & ~on_a_line)
     first = max(0, (rows.size - STRETCH) // 2)
     F, y, last = _columns(torque, x, rows[first : first + STRETCH])
+    if _is_told(F, y, TOGETHER):
+        return True
+    # Behind a lag its own last value counts too. That tells a loop as well, except where it jumps: no value may be off.
     return bool(np.isfinite(last).all()) and _is_told(np.column_stack((F, last)), y, 1.0)
 
 
 def _columns(torque: Array, x: Array, rows: NDArray[np.int64]) -> tuple[Array, Array, Array]:
     """Return powers of the samples around each row, shape (n, m), the torque there, and its value one sample before."""
-    around = np.stack([x[rows - lag] for lag in range(-AFTER, BEFORE + 1)], axis=1)
+    around = np.stack([x[rows - lag] for lag in range(-LAGS, LAGS + 1)], axis=1)
     good = np.isfinite(around).all(axis=1)
     rows, around = rows[good], around[good]
     scale = float(np.abs(around).max()) if around.size else 0.0
@@ -190,24 +153,25 @@ def _columns(torque: Array, x: Array, rows: NDArray[np.int64]) -> tuple[Array, A
 
 
 def _is_told(F: Array, y: Array, share: float) -> bool:
-    """Tell whether columns tell that share of a signal's values to next to nothing; one half judges what the other has learnt."""
-    learn = np.arange(y.size) % 2 == 0
-    if np.count_nonzero(learn) < 4 * F.shape[1] or np.ptp(y) == 0.0:
+    """Tell whether columns tell that share of a signal's values to next to nothing; one half judges what the other has learnt.
+
+    Of the half that learns the rest may be wild: trimmed least squares, whose sum of the smallest squares falls with every fit to
+    those samples (Rousseeuw, Van Driessen, "Computing LTS regression for large data sets", Data Min. Knowl. Discov. 12, 2006).
+    """
+    learn, judge = F[::2], F[1::2]
+    if len(learn) < 4 * F.shape[1] or np.ptp(y) == 0.0:
         return False
-    size = np.abs(F).max(axis=0)
-    F = F / np.where(size > 0.0, size, 1.0)
     # Few logs need it, and importing it takes a while.
     from scipy.linalg import lstsq
 
-    use = learn
-    for _ in range(ROUNDS):
-        solution = lstsq(F[use], y[use], cond=1e-12, lapack_driver="gelsy", check_finite=False)[0]
-        off = np.abs(y - F @ solution)
-        middle = float(np.median(off[learn]))
-        if middle > (HOPELESS if share < 1.0 else NOISY) * float(np.std(y)):
-            return False
-        kept = learn & (off <= max(WILD * middle, 1e-12 * float(np.ptp(y))))
-        if np.array_equal(kept, use):
+    size = np.abs(F).max(axis=0)
+    size[size == 0.0] = 1.0
+    learn, judge, kept, least = learn / size, judge / size, np.ones(len(learn), dtype=np.bool_), np.inf
+    while True:
+        solution = lstsq(learn[kept], y[::2][kept], cond=1e-12, lapack_driver="gelsy", check_finite=False)[0]
+        off = np.abs(y[::2] - learn @ solution)
+        kept = off <= np.quantile(off, share)
+        if not (squares := float(np.sum(off[kept] ** 2))) < least:
             break
-        use = kept
-    return float(np.quantile(off[~learn], share)) <= FOLLOWED * float(np.std(y))
+        least = squares
+    return float(np.quantile(np.abs(y[1::2] - judge @ solution), share)) <= COMPUTED_RESIDUAL * float(np.std(y))
