@@ -1,7 +1,7 @@
 """Stated probabilities and what follows from them, against scipy's normal distribution and IEEE 754."""
 
 import pytest
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 
 from vsalog.core.precision import ROUNDING
 from vsalog.core.significance import (
@@ -13,6 +13,7 @@ from vsalog.core.significance import (
     draws_for,
     one_sided,
     two_sided,
+    variance_ratio,
 )
 
 
@@ -29,6 +30,11 @@ def test_deviates_leave_that_tail_and_draws_resolve_it(tail):
     assert 2.0 * norm.sf(two_sided(tail)) == pytest.approx(tail, rel=1e-9)
     assert norm.sf(one_sided(tail)) == pytest.approx(tail, rel=1e-9)
     assert 1.0 / draws_for(tail) == pytest.approx(tail, rel=0.1)
+
+
+@pytest.mark.parametrize("degrees", [8, 32])
+def test_a_variance_exceeds_a_ratio_with_the_probability_that_is_stated(degrees):
+    assert chi2.sf(variance_ratio(1e-3, degrees) * degrees, degrees) == pytest.approx(1e-3, rel=1e-9)
 
 
 def test_rounding_is_half_of_a_doubles_digits():

@@ -79,3 +79,25 @@ def test_a_sensor_that_feels_more_than_the_spring_is_not_suspected():
     true, phi = deflection()
     measured = law(true) + 1e-4 * np.gradient(np.gradient(true, T), T)
     assert computed_from(measured, "j", "torque_sensor", phi, "the deflection") is None
+
+
+@pytest.mark.parametrize(("left", "computed"), [(0.7e-5, True), (1.5e-5, False)])
+def test_a_multiple_leaves_a_hundred_thousandth_of_the_spread(left, computed):
+    phi = deflection()[0]
+    noise = np.random.default_rng(2).standard_normal(N)
+    torque = 40.0 * phi + left * 40.0 * np.std(phi) * noise
+    assert (computed_from(torque, "j", "torque_sensor", phi, "the deflection") is not None) == computed
+
+
+@pytest.mark.parametrize(("late", "told"), [(-11, True), (11, True), (14, False), (20, False)])
+def test_a_delay_of_a_dozen_samples_is_seen_through(late, told):
+    phi = deflection()[1]
+    said = computed_from(np.roll(law(phi), late), "j", "torque_sensor", phi, "the deflection")
+    assert (said is not None) == told
+
+
+@pytest.mark.parametrize(("power", "told"), [(5, True), (7, False)])
+def test_a_law_of_the_fifth_power_is_seen_behind_a_delay(power, told):
+    phi = deflection()[1]
+    torque = np.roll(20.0 * phi + 20.0 * phi * (phi / np.max(np.abs(phi))) ** (power - 1), 3)
+    assert (computed_from(torque, "j", "torque_sensor", phi, "the deflection") is not None) == told

@@ -16,47 +16,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.binding.grid import GAP
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.checks.check import Context
 from vsalog.checks.motor_reference import motor_roles, motor_trace
+from vsalog.checks.samples import FEWEST, TOGETHER
 from vsalog.core.errors import VsalogError
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.look import of_signals
 from vsalog.core.recording import Recording
 from vsalog.core.signals import JointSignals
+from vsalog.core.significance import DETECTED_OF_MANY, INTERVAL
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device
+from vsalog.estimators.equation import REPORTED_MISFIT
+from vsalog.estimators.row_moments import AVERAGED_SAMPLES, ROWS_OF_LONG, lasts
 from vsalog.rig.schema import Joint
+from vsalog.uncertainty.errors_in_variables import MOST_NOISE
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Samples that are averaged, and seconds, at least; averages without which nothing is compared.
-BOX, LASTING, AVERAGES = 25, 0.05, 20
-# Least relative error of a slope that is reported, and the same in standard deviations of the stiffness, whichever is more; least
-# share of power that a reference has in common with an estimate of the same torque.
-OFF, BEYOND, SHARED = 0.05, 2.0, 0.5
-# Of the averages so many are kept, those that agree best, and so often is asked which.
-KEPT, TRIALS = 0.9, 5
-# Averages in a long one; the part of a slope (of its logarithm) that has to be left there, and of the power of what is no noise;
-# how many times more power that has which noise cannot make.
-LONG, LASTS, SLOW, LARGE = 4, 0.6, 0.5, 10.0
-# Half the mean square change of averages is all of their variance where they are white noise, and less than this part of it where
-# they are a motion of up to 3 Hz.
-FREE = 0.7
-# A reference has to span at least this many steps of its sensor.
-MOVES = 10.0
-# Least error of an angle that is reported, as a share of its range.
-ASTRAY = 0.05
+# Seconds that are averaged, at least: what an estimator's filters make of quick changes is shorter.
+AVERAGED_TIME = 0.05
 ANGLE = "link_position"
-# Least relative difference of a link's inertia from the rig's that is reported, and the same in its standard deviations.
-ANOTHER, SURE = 0.1, 5.0
 # What is no sensor, but made of the motor's torque and motion.
 MOTOR = "the motor's side by residual-rls"
 # What may be off instead of the stiffness where a sensor's torque differs, and where that of the motor's side does.
 SENSOR_CAUSE, MOTOR_CAUSE = "the sensor's scale", "the motor's torque, its inertia or friction in the rig"
-# Between samples of a sensor further apart than so many of its periods it has no value.
-APART = 3.0
 
 
 def reference_roles(device: Device, joint: Joint, read: Sequence[str]) -> tuple[str, ...]:
@@ -79,7 +66,7 @@ class Sensed:
     def __init__(self, stamps: NDArray[np.int64], values: Array, period: float) -> None:
         known = np.isfinite(values)
         self.first = int(stamps[0]) if stamps.size else 0
-        self.time, self.values, self.apart = (stamps[known] - self.first) * 1e-9, values[known], APART * period
+        self.time, self.values, self.apart = (stamps[known] - self.first) * 1e-9, values[known], GAP * period
 
     def at(self, stamps: NDArray[np.int64]) -> Array:
         """Return it at other stamps, in order, shape (n,), NaN where it has no sample near."""
@@ -156,7 +143,7 @@ class CrossCheck:
         estimator: str = "",
     ) -> None:
         self.device, self.estimator = device, estimator
-        self.box = max(BOX, round(LASTING / period))
+        self.box = max(AVERAGED_SAMPLES, round(AVERAGED_TIME / period))
         self.compared: dict[tuple[str, str], _Compared] = {}
         self.sensors: dict[str, dict[int, Sensed]] = {}
         self.moves: dict[str, float] = {}
@@ -165,7 +152,7 @@ class CrossCheck:
         for role in reference_roles(device, joint, read):
             found = _bound(recordings, device.joint, joint, [role], ()) if _is_sensor(role) else None
             if found is not None:
-                self.moves[role] = MOVES * found.resolution.get(role, 0.0)
+                self.moves[role] = FEWEST * found.resolution.get(role, 0.0)
                 self.sensors[role] = _sensed(found.stamps, found.run, found.roles[role], found.period)
         if motor := motor_roles(device, joint, read):
             signals = _bound(recordings, device.joint, joint, motor, setpoints)
@@ -225,7 +212,7 @@ class CrossCheck:
             found.append(Finding(code="cross_check.none", joint=joint, evidence={"estimator": estimator}))
         for (name, role), compared in self.compared.items():
             estimated, sensed, claimed = compared.all()
-            if estimated.size < AVERAGES or not np.ptp(sensed) > self.moves[role] or not np.isfinite(claimed):
+            if estimated.size < FEWEST or not np.ptp(sensed) > self.moves[role] or not np.isfinite(claimed):
                 continue
             claimed = float(np.hypot(claimed, self.claimed.get(role, 0.0)))
             part = "" if name == "total" else name
@@ -246,7 +233,7 @@ class CrossCheck:
         if rig is None or self.inertia is None:
             return []
         inertia, std = self.inertia
-        limit = max(ANOTHER * rig, SURE * std)
+        limit = max(REPORTED_MISFIT * rig, DETECTED_OF_MANY * std)
         if abs(inertia - rig) <= limit:
             return []
         return [
@@ -276,7 +263,7 @@ def _of_torques(
     """Return by how much the changes of two torques differ; nothing where they agree."""
     (xx, xy), (_, yy) = _without_transients(estimated, sensed)
     shared = max(float(xy), 0.0) ** 2 / (xx * yy) if xx * yy > 0.0 else 0.0
-    if shared < SHARED:
+    if shared < MOST_NOISE:
         if _is_noise(sensed):
             return []
         return [
@@ -285,11 +272,11 @@ def _of_torques(
                 joint=joint,
                 part=part,
                 value=float(shared),
-                limit=SHARED,
+                limit=MOST_NOISE,
                 evidence=evidence,
             )
         ]
-    least, most, margin = xy / xx, yy / xy, max(OFF, BEYOND * claimed)
+    least, most, margin = xy / xx, yy / xy, max(REPORTED_MISFIT, INTERVAL * claimed)
     if 1.0 - margin <= most and least <= 1.0 + margin:
         return []
     slope = float((least * most) ** 0.5)
@@ -312,38 +299,40 @@ def _lasts(estimated: Array, sensed: Array, slope: float) -> bool:
     (xx, xy), (_, yy) = np.cov(_long(estimated), _long(sensed))
     if not min(xx, xy, yy) > 0.0:
         return True
-    return bool(np.log(yy / xx) / 2.0 * np.sign(np.log(slope)) > LASTS * abs(np.log(slope)))
+    return lasts(float(np.log(yy / xx) / 2.0 * np.sign(np.log(slope))), abs(float(np.log(slope))))
 
 
 def _too_noisy(estimated: Array, sensed: Array) -> bool:
-    """Tell whether what an encoder makes, differentiated twice, is a torque of its own: not much larger, and averaging out."""
+    """Tell whether what an encoder makes, differentiated twice, is most of a torque, and averages out."""
     (xx, xy), (_, yy) = np.cov(estimated, sensed)
     own = sensed - xy / xx * estimated if xx > 0.0 else sensed
-    return bool(own.var() > SHARED * yy and yy < LARGE * xx and _long(own).var() < SLOW * own.var())
+    return bool(own.var() > MOST_NOISE * yy and not lasts(float(_long(own).var()), float(own.var())))
 
 
 def _is_noise(averages: Array) -> bool:
     """Tell whether averages differ from the next one as from any, and go out when averaged again: nothing moves there."""
-    variance, changes = averages.var(), np.diff(averages).var() / 2.0
-    return bool(changes > FREE * variance and _long(averages).var() < SLOW * variance)
+    variance, changes = float(averages.var()), float(np.diff(averages).var()) / 2.0
+    return changes > MOST_NOISE * variance and not lasts(float(_long(averages).var()), variance)
 
 
 def _long(averages: Array) -> Array:
     """Average some averages in a row."""
-    return np.asarray(averages[: averages.size // LONG * LONG].reshape(-1, LONG).mean(axis=1))
+    return np.asarray(averages[: averages.size // ROWS_OF_LONG * ROWS_OF_LONG].reshape(-1, ROWS_OF_LONG).mean(axis=1))
 
 
 def _without_transients(estimated: Array, sensed: Array) -> Array:
     """Return the covariance of two torques, without those averages in which one of them lags the other in a quick change."""
-    kept = np.ones(estimated.size, dtype=np.bool_)
-    for _ in range(TRIALS):
+    kept, least = np.ones(estimated.size, dtype=np.bool_), np.inf
+    while True:
         (xx, xy), (_, yy) = cov = np.cov(estimated[kept], sensed[kept])
         if not xx > 0.0:
-            break
+            return cov
         off = sensed - np.sign(xy) * (yy / xx) ** 0.5 * estimated
         off = np.abs(off - np.median(off[kept]))
-        kept = off <= np.quantile(off, KEPT)
-    return cov
+        kept = off <= np.quantile(off, TOGETHER)
+        if not (size := float(off[kept].sum() / yy**0.5)) < least:
+            return cov
+        least = size
 
 
 def _of_angles(
@@ -351,7 +340,7 @@ def _of_angles(
 ) -> list[Finding]:
     """Return how far an angle is off; nothing where that is little."""
     off, span = float(np.sqrt(np.mean((estimated - sensed) ** 2))), float(np.ptp(sensed))
-    limit = max(ASTRAY * span, BEYOND * claimed)
+    limit = max(REPORTED_MISFIT * span, INTERVAL * claimed)
     if off <= limit:
         return []
     return [

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from vsalog.checks.check import Context
 from vsalog.checks.motor_reference import motor_trace
+from vsalog.checks.samples import FEWEST, span
 from vsalog.core.basis import PolynomialBasis
 from vsalog.core.dependence import Association, association, hats, least_squares
 from vsalog.core.finding import Finding
@@ -26,23 +27,19 @@ from vsalog.core.signals import JointSignals
 from vsalog.core.significance import FALSE_ALARM
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, has_deflection
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE, REPORTED_MISFIT
+from vsalog.estimators.folding import BLOCK
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.row_moments import RowMoments, row_moments_block, row_moments_start
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Knots of a function of any shape, fewer where two would have less than so many of the encoders' steps between them, but no fewer
-# than tell a shape.
-KNOTS, STEPS, FEWEST = 41, 2.0, 8
-# A deflection that spans fewer of the encoders' steps may hide a gap of two of them from a stiffness.
-HIDES = 20.0
-# What is beyond these parts of a deflection or a position is too seldom to count.
-RANGE = (0.005, 0.995)
-# What is reported: a part of the stiffness, and of the torque.
-LACKS, PART = 0.05, 0.006
-# Samples whose columns are in memory at a time.
-CHUNK = 8192
+# Knots of a function of any shape [1]: more tell a narrower gap, but those of one block of the log are in no other then, and what
+# is learnt there predicts nothing.
+KNOTS = 31
+# The encoders' steps between two knots, at least [1]: a gap as wide as that shows in two.
+STEPS_PER_KNOT = 2.0
 DEFLECTION = "deflection"
 
 
@@ -127,15 +124,15 @@ class ResidualShapes:
                 knots[role] = own
         if knots:
             size = self.device.basis.size + sum(k.size for k in knots.values()) + 1
-            self.rows[name] = _Rows(knots, row_moments_start(size), np.zeros((KNOTS if phi is None else phi.size, 2)))
+            self.rows[name] = _Rows(knots, row_moments_start(size), np.zeros((0 if phi is None else phi.size, 2)))
 
     def add(self, trace: Trace) -> None:
         """Take a block of the estimates into account."""
         self.excited |= {name for name, columns in trace.transmissions.items() if np.any(columns["excited"])}
-        for begin in range(0, len(trace), CHUNK):
+        for begin in range(0, len(trace), BLOCK):
             for name in self.rows:
                 if name in trace.transmissions:
-                    self._add(name, trace, slice(begin, begin + CHUNK))
+                    self._add(name, trace, slice(begin, begin + BLOCK))
 
     def _add(self, name: str, trace: Trace, part: slice) -> None:
         rows, columns = self.rows[name], trace.transmissions[name]
@@ -181,9 +178,9 @@ class ResidualShapes:
             else [f for name, rows in self.rows.items() if (f := self._over_position(name, rows)) is not None]
         )
         hidden = (
-            Finding(code="deflection.hides_shape", joint=self.device.joint, part=name, value=span, limit=HIDES)
-            for name, span in self.spans.items()
-            if span < HIDES and name in self.excited and name not in lacking
+            Finding(code="deflection.hides_shape", joint=self.device.joint, part=name, value=steps, limit=float(FEWEST))
+            for name, steps in self.spans.items()
+            if steps < FEWEST and name in self.excited and name not in lacking
         )
         return [*(lacking.values() or over_positions), *hidden]
 
@@ -209,7 +206,7 @@ class ResidualShapes:
         weights = np.where(np.isfinite(one * other), count, 0.0)
         one, other = np.nan_to_num(one), np.nan_to_num(other)
         part = float(np.sqrt(max(weights @ (one * other) / weights.sum(), 0.0)))
-        limit = max(LACKS, float(np.sqrt(rows.whole[4] / rows.whole[0])))
+        limit = max(REPORTED_MISFIT, float(np.sqrt(rows.whole[4] / rows.whole[0])))
         if part < limit:
             return None
         lacks = 0.5 * (one + other)
@@ -236,14 +233,14 @@ class ResidualShapes:
         if not best:
             return None
         spread = float(np.sqrt(squares / samples - (torque / samples) ** 2))
-        if size < max(PART * spread, ROUNDED * self.steps[name] * stiffness / samples):
+        if size < max(NEGLIGIBLE_SHARE * spread, ROUNDED * self.steps[name] * stiffness / samples):
             return None
         return Finding(
             code="residual.shape_over_position",
             joint=self.device.joint,
             part=name,
             value=size / spread,
-            limit=PART,
+            limit=NEGLIGIBLE_SHARE,
             evidence={"position": best},
         )
 
@@ -259,18 +256,14 @@ def basis_rows(basis: PolynomialBasis, columns: Mapping[str, NDArray[np.generic]
 
 def _span(values: Array, step: float) -> float:
     """Return how many steps of its encoders a deflection spans."""
-    known = values[np.isfinite(values)]
-    if known.size == 0 or step <= 0.0:
-        return np.inf
-    low, high = np.quantile(known, RANGE)
-    return float(high - low) / step
+    low, high = span(values)
+    return (high - low) / step if step > 0.0 and np.isfinite(values).any() else np.inf
 
 
 def _knots(values: Array, step: float) -> Array | None:
     """Return the knots of functions of a deflection or a position [rad]; None where it hardly moves, or is not recorded."""
-    known = values[np.isfinite(values)]
-    if known.size == 0 or np.ptp(known) == 0.0:
+    low, high = span(values)
+    steps = _span(values, step)
+    if not high > low or steps < FEWEST:
         return None
-    count = int(min(KNOTS, _span(values, step) / STEPS + 1))
-    low, high = np.quantile(known, RANGE)
-    return np.linspace(low, high, count) if count > FEWEST else None
+    return np.linspace(low, high, int(min(KNOTS, steps / STEPS_PER_KNOT + 1)))

@@ -11,14 +11,13 @@ from scipy import special
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import FALSE_ALARM_OF_MANY
 from vsalog.estimators.device import Device, TransmissionView
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 FEWEST = 20
 """Samples, or levels, of which a distribution shows nothing when they are fewer."""
-RARE = 0.01
-"""Part of the samples at either end that may be outliers, and that says nothing of the whole."""
 NOISY = 0.25
 """Part of its steps at which a noisy signal turns back at least, and stays at most; white noise turns back at two thirds."""
 TOGETHER = 0.9
@@ -39,7 +38,7 @@ def span(x: Array) -> tuple[float, float]:
     finite = x[np.isfinite(x)]
     if finite.size < FEWEST:
         return 0.0, 0.0
-    low, high = np.quantile(finite, (RARE, 1.0 - RARE))
+    low, high = np.quantile(finite, (NEGLIGIBLE_SHARE, 1.0 - NEGLIGIBLE_SHARE))
     return float(low), float(high)
 
 

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vsalog.checks.samples import FEWEST, RARE, TOGETHER, is_fine, is_noisy, levels, runs, unlikely_run
+from vsalog.checks.samples import FEWEST, TOGETHER, is_fine, is_noisy, levels, runs, unlikely_run
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 
 REPEATED = 3
 """Samples of the log per value from which on a slower sensor is late enough to bias a stiffness."""
@@ -30,19 +31,19 @@ def _saturated(signals: JointSignals, role: str) -> Iterator[Finding]:
     finite = x[np.isfinite(x)]
     for end, extreme in (("highest", float(finite.max())), ("lowest", float(finite.min()))):
         there = x == extreme
-        if np.count_nonzero(there) <= RARE * finite.size or not is_noisy(x, ~there):
+        if np.count_nonzero(there) <= NEGLIGIBLE_SHARE * finite.size or not is_noisy(x, ~there):
             continue
         still = float(np.mean(np.diff(x[~there]) == 0.0))
         first, after = runs(there)
         long = after - first >= unlikely_run(still, finite.size)
         resting = int((after - first)[long].sum())
-        if resting > RARE * finite.size:
+        if resting > NEGLIGIBLE_SHARE * finite.size:
             yield Finding(
                 code="sensor.saturated",
                 joint=signals.joint,
                 part=role,
                 value=resting / finite.size,
-                limit=RARE,
+                limit=NEGLIGIBLE_SHARE,
                 evidence={"end": end, "at": extreme, "begin": float(signals.time[first[np.argmax(long)]])},
             )
 

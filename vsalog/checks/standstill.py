@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vsalog.checks.check import Context
 from vsalog.checks.encoder import Standstill, standstills
-from vsalog.checks.residual import CHUNK, basis_rows
+from vsalog.checks.residual import basis_rows
 from vsalog.checks.samples import with_both_positions
 from vsalog.core.dependence import LEAST_BLOCKS, least_squares, one_more_above
 from vsalog.core.finding import Finding
@@ -25,6 +25,7 @@ from vsalog.core.resolution import ENOUGH
 from vsalog.core.significance import FALSE_ALARM
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device, deflection_of
+from vsalog.estimators.folding import BLOCK
 from vsalog.estimators.row_moments import RowMoments, row_moments_block, row_moments_start
 
 Array = NDArray[np.float64]
@@ -87,8 +88,8 @@ class Standstills:
     def add(self, trace: Trace) -> None:
         """Take a block of the estimates into account."""
         for name, stretch in self.stretches.items():
-            for begin in range(0, len(trace) if name in trace.transmissions else 0, CHUNK):
-                self._add(stretch, trace.transmissions[name], trace.stamps, slice(begin, begin + CHUNK))
+            for begin in range(0, len(trace) if name in trace.transmissions else 0, BLOCK):
+                self._add(stretch, trace.transmissions[name], trace.stamps, slice(begin, begin + BLOCK))
 
     def _add(
         self, stretch: _Stretch, columns: Mapping[str, NDArray[np.generic]], stamps: NDArray[np.int64], part: slice

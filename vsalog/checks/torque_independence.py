@@ -12,6 +12,7 @@ from vsalog.checks.samples import FEWEST, MOVED, TOGETHER, moved, runs, unlikely
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.precision import ROUNDING
 from vsalog.core.resolution import spread_over
+from vsalog.estimators.folding import BLOCK
 
 Array = NDArray[np.float64]
 
@@ -22,8 +23,6 @@ LAGS = 12
 """Samples before and after from which a torque that was delayed or averaged follows."""
 POWERS = 5
 """Highest power of these samples: springs harden by the third, and the lever arms of a mechanism add one or two."""
-STRETCH = 8000
-"""Samples in a row that are looked at: some hundred for each column, and some swings, at whose ends a loop jumps."""
 
 
 def stuck(torque: Array, predicted: Array, step: float) -> NDArray[np.bool_]:
@@ -132,8 +131,9 @@ def _follows(torque: Array, x: Array) -> bool:
     # Not where it is held or interpolated: only fresh values tell, those of a slower topic where its lines meet.
     on_a_line = np.abs(before - 2.0 * here + after) <= ROUNDING * float(np.nanmax(torque) - np.nanmin(torque))
     rows = LAGS + np.flatnonzero(np.isfinite(here) & (here != before) & ~on_a_line)
-    first = max(0, (rows.size - STRETCH) // 2)
-    F, y, last = _columns(torque, x, rows[first : first + STRETCH])
+    # In a row, as many as there is room for: some swings, at whose ends a loop jumps.
+    first = max(0, (rows.size - BLOCK) // 2)
+    F, y, last = _columns(torque, x, rows[first : first + BLOCK])
     if _is_told(F, y, TOGETHER):
         return True
     # Behind a lag its own last value counts too. That tells a loop as well, except where it jumps: no value may be off.

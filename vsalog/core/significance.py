@@ -24,6 +24,14 @@ def one_sided(tail: float) -> float:
     return NormalDist().inv_cdf(1.0 - tail)
 
 
+def variance_ratio(tail: float, degrees: int) -> float:
+    """Return how many times its expectation a variance of so many independent normal values exceeds with a probability."""
+    # A command that only prints its help needs none of it.
+    from scipy import special
+
+    return float(special.chdtri(degrees, tail)) / degrees
+
+
 def draws_for(tail: float) -> int:
     """Return with how many draws, the data's own among them, a permutation test can give a p-value as small as that."""
     return round(1.0 / tail)

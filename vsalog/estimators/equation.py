@@ -20,10 +20,17 @@ Flags = NDArray[np.bool_]
 SUPPORTED_SHARE = 0.2
 # A change of a stiffness or an inertia is reported beyond this share of it [1]: rigs and springs are hardly known better.
 REPORTED_CHANGE = 0.03
+# What a fit leaves of a torque, an angle or a stiffness is reported beyond this share of it [1]: sensors are hardly truer.
+REPORTED_MISFIT = 0.05
 # What is below this share of a torque, a range or the time does not matter [1].
 NEGLIGIBLE_SHARE = 0.01
 # What holds for less than this share of a log does not hold for the log [1].
 MOST_OF_LOG = 0.5
+
+
+def power_kept(share: float) -> float:
+    """Return which part of a motion's power is left where its amplitude loses a share."""
+    return (1.0 - share) ** 2
 
 
 @dataclass(frozen=True, slots=True)

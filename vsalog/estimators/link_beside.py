@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 from vsalog.core.dependence import association, least_squares
 from vsalog.core.finding import Finding
 from vsalog.core.significance import FALSE_ALARM
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.estimators.row_moments import row_moments_block, row_moments_start
+from vsalog.uncertainty.long_run import ENOUGH_BATCHES
 
 Array = NDArray[np.float64]
-
-# Rows without which nothing is found; what counts of I and N.
-AVERAGES, MOVED = 40, 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +49,7 @@ class Beside:
                 code="link.other_torque",
                 joint=joint,
                 value=max(inertia, damping),
-                limit=MOVED,
+                limit=NEGLIGIBLE_SHARE,
                 evidence={
                     "friction": self.friction,
                     "torque": self.torque,
@@ -76,7 +75,7 @@ def what_else_acts(torque: Array, velocity: Array, acceleration: Array, window: 
     columns = np.column_stack((acceleration, velocity, np.sign(velocity), np.ones_like(torque), torque))
     starts = np.zeros(torque.size, dtype=np.bool_)
     rows = row_moments_block(row_moments_start(5), columns, ~starts, starts, max(window // 2, 1))
-    if rows.rows < AVERAGES:
+    if rows.rows < ENOUGH_BATCHES:
         return NOTHING
     whole = rows.blocks.sum(axis=0)
     plain, nothing = least_squares(whole, [0, 1]), Beside(least_squares(whole, [0, 1]), np.zeros(2))
@@ -89,7 +88,7 @@ def what_else_acts(torque: Array, velocity: Array, acceleration: Array, window: 
     with np.errstate(divide="ignore", invalid="ignore"):
         moved = np.abs(plain / found[:2] - 1.0)
     moved = np.where(np.isfinite(moved), moved, np.inf)
-    if not any(there) or moved.max() < MOVED:
+    if not any(there) or moved.max() < NEGLIGIBLE_SHARE:
         return nothing
     acts = dict(zip(kept, found, strict=True))
     return Beside(plain, moved, float(acts.get(2, 0.0)), -float(acts.get(3, 0.0)))

@@ -14,7 +14,7 @@ by less than its encoders' rounding is not found, for rounding makes as much.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,23 +27,24 @@ from vsalog.core.dependence import (
 )
 from vsalog.core.finding import Finding
 from vsalog.core.resolution import ROUNDED
-from vsalog.core.significance import FALSE_ALARM
-from vsalog.estimators.row_moments import RowMoments, row_moments_block, row_moments_start
-
-if TYPE_CHECKING:
-    from vsalog.estimators.equation import Equation
+from vsalog.core.significance import DETECTED, FALSE_ALARM
+from vsalog.estimators.equation import REPORTED_CHANGE, REPORTED_MISFIT, Equation
+from vsalog.estimators.row_moments import (
+    AVERAGED_SAMPLES,
+    ROWS_OF_LONG,
+    RowMoments,
+    lasts,
+    row_moments_block,
+    row_moments_start,
+)
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Samples that are averaged, at least, and rows of a long average.
-BOX, LONG = 25, 4
-# Of noise a long average leaves at most 1/LONG of a coefficient, of an effect all: the middle, on a logarithmic scale.
-LEFT = LONG**-0.5
-# What is reported: a part of the residual's power; of the stiffness, and of its standard deviation; of a torque.
-TAKEN, MOVED, BEYOND, POOR = 0.15, 0.03, 3.0, 0.05
-# Each is right to first order: another that predicts this part of what the best does explains it as well.
-AS_WELL = 0.8
+# Share of a residual's power that is predicted at least where it follows a motion [1]: any shape follows one a little.
+PREDICTED_SHARE = 0.15
+# Each is right to first order: another that predicts this share of what the best does explains it as well [1].
+ALTERNATIVE_SHARE = 0.8
 SPEED, ACCELERATION, POSITION = "speed", "acceleration", "position"
 SUSPECTS = (SPEED, ACCELERATION, POSITION)
 
@@ -53,7 +54,7 @@ class MotionRows(NamedTuple):
 
     Attributes
     ----------
-    short, long : rows of a window, and of `LONG` windows
+    short, long : rows of a window, and of `ROWS_OF_LONG` windows
     """
 
     short: RowMoments
@@ -114,11 +115,11 @@ def motion_rows_block(
     window : samples of the filter before
     period : [s]
     """
-    columns, window = np.column_stack((F, slopes, *motion, y)), max(window, BOX)
+    columns, window = np.column_stack((F, slopes, *motion, y)), max(window, AVERAGED_SAMPLES)
     speed = 2 * F.shape[1] + 1
     return MotionRows(
         row_moments_block(state.short, columns, use, starts, window, period, speed),
-        row_moments_block(state.long, columns, use, starts, LONG * window, period, speed),
+        row_moments_block(state.long, columns, use, starts, ROWS_OF_LONG * window, period, speed),
     )
 
 
@@ -137,12 +138,12 @@ def residual_findings(joint: str, equation: Equation, state: MotionRows, claimed
     share = misfit(state, step)
     if share is None:
         return []
-    return [Finding(code="residual.not_noise", joint=joint, part=part, value=share, limit=POOR)]
+    return [Finding(code="residual.not_noise", joint=joint, part=part, value=share, limit=REPORTED_MISFIT)]
 
 
 def least_change(claimed: float) -> float:
     """Return how much of a stiffness has to change, for what is claimed of its deviation, both as parts of it."""
-    return max(MOVED, BEYOND * claimed)
+    return max(REPORTED_CHANGE, DETECTED * claimed)
 
 
 def followers(state: MotionRows, claimed: float, step: float, suspects: tuple[str, ...] = SUSPECTS) -> list[Follower]:
@@ -161,20 +162,20 @@ def followers(state: MotionRows, claimed: float, step: float, suspects: tuple[st
     for suspect in suspects:
         place = state.column(suspect)
         shape = association(state.short.blocks, [place], known, y)
-        if shape is None or shape.p_value * len(suspects) > FALSE_ALARM or shape.share < TAKEN:
+        if shape is None or shape.p_value * len(suspects) > FALSE_ALARM or shape.share < PREDICTED_SHARE:
             continue
         unknowns, lasting = (least_squares(m, [*known, place], y) for m in (whole, long))
         now = _stiffness(unknowns[:-1], state)
         moved = _stiffness(unknowns[:-1] - plain, state) / now if now > 0.0 else np.inf
         torque = abs(unknowns[-1]) * float(np.sqrt(whole[place, place] / state.short.rows))
         if (
-            lasting[-1] * np.sign(unknowns[-1]) > LEFT * abs(unknowns[-1])
+            lasts(float(lasting[-1] * np.sign(unknowns[-1])), abs(float(unknowns[-1])))
             and torque > ROUNDED * step * now
             and least_change(claimed) < moved < np.inf
         ):
             found.append(Follower(suspect, shape.share, float(unknowns[-1]), now, moved))
     found.sort(key=lambda f: -f.taken)
-    return [f for f in found if f.taken >= AS_WELL * found[0].taken]
+    return [f for f in found if f.taken >= ALTERNATIVE_SHARE * found[0].taken]
 
 
 def misfit(state: MotionRows, step: float) -> float | None:
@@ -190,17 +191,17 @@ def misfit(state: MotionRows, step: float) -> float | None:
         return None
     whole = state.short.blocks.sum(axis=0)
     left, torque = float(short.sum()) / rows, float(whole[y, y]) / rows
-    # Of white noise, however loud it is now and then, a long average leaves a part of LONG. The difference over the sum of both
-    # is bounded: no stretch counts for more than another, and of few long averages it is below zero rather than above.
+    # Of white noise, however loud it is now and then, a long average leaves a part of ROWS_OF_LONG. The difference over the sum
+    # of both is bounded: no stretch counts for more than another, and of few long averages it is below zero rather than above.
     count = min(short.size, long.size)
     now, then = (_mean_squares(r.sizes, squares, count) for r, squares in zip(state, (short, long), strict=True))
-    both = LONG * then + now
-    lasts = np.divide(LONG * then - now, both, out=np.zeros_like(both), where=both > 0.0)
-    if mean_above_zero(lasts) > FALSE_ALARM:
+    both = ROWS_OF_LONG * then + now
+    slow = np.divide(ROWS_OF_LONG * then - now, both, out=np.zeros_like(both), where=both > 0.0)
+    if mean_above_zero(slow) > FALSE_ALARM:
         return None
-    lasting = (float(long.sum()) / state.long.rows - left / LONG) * LONG / (LONG - 1.0)
+    lasting = (float(long.sum()) / state.long.rows - left / ROWS_OF_LONG) * ROWS_OF_LONG / (ROWS_OF_LONG - 1.0)
     rounding = ROUNDED * step * _stiffness(least_squares(whole, known, y), state)
-    return float(np.sqrt(left / torque)) if lasting > max(POOR**2 * torque, rounding**2) else None
+    return float(np.sqrt(left / torque)) if lasting > max(REPORTED_MISFIT**2 * torque, rounding**2) else None
 
 
 def following(

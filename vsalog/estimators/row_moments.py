@@ -6,6 +6,7 @@ of the noise of differentiated encoders out of both sides alike.
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -18,6 +19,11 @@ from vsalog.core.dependence import MOST_BLOCKS
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
+
+AVERAGED_SAMPLES = 25
+"""Samples that are averaged, at least: half of the usual window of a filter, within which noise is alike."""
+ROWS_OF_LONG = 4
+"""Rows of a long average, of which a motion of a few windows is left and of noise a quarter of the power."""
 
 
 class Count(IntEnum):
@@ -132,3 +138,11 @@ def _run(
             moments[half:] = 0.0
             counts[Count.BLOCK] = half
             counts[Count.PER_BLOCK] *= 2
+
+
+def lasts(long: float, short: float) -> bool:
+    """Tell whether what there is in short averages is there in long ones: of an effect all is, of noise 1/ROWS_OF_LONG.
+
+    The middle between both, on a logarithmic scale, decides.
+    """
+    return long * math.sqrt(ROWS_OF_LONG) > short
