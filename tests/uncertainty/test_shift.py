@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsalog.uncertainty.shift import DEVIATIONS, RANGES, Spread, beyond_noise, spread_over
+from vsalog.core.significance import INTERVAL
+from vsalog.uncertainty.shift import RANGES, Spread, beyond_noise, spread_over
 
 PHI = np.linspace(-1.0, 1.0, 900)
 ALL = np.ones(PHI.size, dtype=bool)
@@ -81,9 +82,9 @@ def test_what_moves_together_is_no_more_than_the_whole_and_nothing_within_noise(
     assert np.linalg.eigvalsh(whole - found).min() >= -1e-9 * max(1.0, whole.max())
     assert np.linalg.eigvalsh(found).min() >= -1e-9 * max(1.0, whole.max())
     distance = moved @ np.linalg.solve(allowed, moved)
-    if distance < 0.99 * DEVIATIONS**2 * 3:
+    if distance < 0.99 * INTERVAL**2 * 3:
         assert not found.any()
-    elif distance > 1.01 * DEVIATIONS**2 * 3:
+    elif distance > 1.01 * INTERVAL**2 * 3:
         assert found.any()
 
 

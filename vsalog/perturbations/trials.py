@@ -15,22 +15,24 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.column import PART
 from vsalog.core.finding import Finding
 from vsalog.core.model import JointModel
 from vsalog.core.signals import JointSignals
+from vsalog.core.significance import INTERVAL
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device
 from vsalog.estimators.equation import REPORTED_CHANGE, SUPPORTED_SHARE
 from vsalog.estimators.fold import Fold, Method
 from vsalog.estimators.folding import Estimated, run
 from vsalog.estimators.tuning import Tuning
-from vsalog.uncertainty.shift import DEVIATIONS, Spread, beyond_noise, change, spread_over
+from vsalog.uncertainty.shift import Spread, beyond_noise, change, spread_over
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Samples that are tried [1], 33 s at 1 kHz: what is in no residual repeats with the motion, and shows as soon as the motion has.
-TRIED_SAMPLES = 1 << 15
+# Samples that are tried [1], a minute at 1 kHz: what is in no residual repeats with the motion, and shows as soon as that has.
+TRIED_SAMPLES = PART
 
 
 class Subject(NamedTuple):
@@ -211,7 +213,7 @@ def _shift(perturbation: Perturbation, subject: Subject, base: Estimated, trials
         spread = spread_over(places, excited, shifted - noise)
         if spread is not None and spread.most > 0.0:
             spreads[name] = spread
-            significant_shift = shifted - DEVIATIONS**2 * noise
+            significant_shift = shifted - INTERVAL**2 * noise
             beyond = spread_over(places, excited, significant_shift)
             significant[name] = 0.0 if beyond is None else beyond.most
             if perturbation.while_learning:

@@ -28,7 +28,8 @@ from vsalog.core.compiled import compiled
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Noise that is this part of a functional's information or more leaves nothing known of it: the series in r diverges soon.
+# Noise that is this part of a rate, of a power or of a functional's information leaves nothing known of it [1]: of the latter the
+# series in r diverges soon.
 MOST_NOISE = 0.5
 
 

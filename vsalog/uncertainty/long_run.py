@@ -43,25 +43,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.compiled import compiled
+from vsalog.core.significance import FALSE_ALARM, variance_ratio
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Samples that are summed first, at least: nothing moves within so few. Octaves that are looked at; samples between two looks.
-BOX, OCTAVES, EVERY = 4, 14, 64
-# Samples without which nothing is said.
-FEWEST_SAMPLES = 256
-# An octave's variance is expected to go on as those before it did, half as steeply, within these factors; the expectation counts
-# as so many coefficients. A logarithm of a variance of few is too small by one over their number, and what is divided by it
-# has the tails, and so the variance, of Student's t: two more.
-STEEPEST_FALL, STEEPEST_RISE, EXPECTED, TAILS = np.log(1.0 / 8.0), np.log(2.0), 8.0, 3.0
-# No power of the frequency is beyond this: what was differentiated twice has 4.
-STEEPEST_POWER = 4.0
-# A variance of nothing at all, whose logarithm is still a number.
-NO_VARIANCE = 1e-300
-# Batches in boxes: their lengths, each twice the one before; how many are enough; and by how much more of a variance the batches
-# have to make than stationary noise would. The variance of 32 batches is off by 25 %, so that chance makes four times that.
-BATCH_LENGTHS, ENOUGH_BATCHES, CLEARLY_NONSTATIONARY = 20, 32, 2.0
+# Samples that are summed first, at least: nothing moves within so few. Octaves that are looked at, and lengths of batches, each
+# twice the one before; samples between two looks.
+BOX, OCTAVES, LOOK_INTERVAL = 4, 14, 64
+# An octave's variance is expected to go on as those before it did, half as steeply; the expectation counts as so many
+# coefficients. A logarithm of a variance of few is too small by one over their number, and what is divided by it has the tails,
+# and so the variance, of Student's t: two more.
+COEFFICIENTS_OF_EXPECTATION, COEFFICIENTS_OF_TAILS = 8.0, 3.0
+# No power of the frequency is beyond this [1]: what was differentiated twice has 4. And no variance is expected to rise towards
+# slow octaves by a higher power than this [1]: flicker noise has 1.
+STEEPEST_POWER, STEEPEST_RISE = 4.0, 1.0
+# Batches, or coefficients of an octave, from which a variance is known well enough: to 25 %.
+ENOUGH_BATCHES = 32
+# By how much more of a variance the batches have to make than stationary noise would.
+CLEARLY_NONSTATIONARY = variance_ratio(FALSE_ALARM, ENOUGH_BATCHES)
 
 # Scaling filter of Daubechies' wavelet with four vanishing moments (Ten Lectures on Wavelets, table 6.1).
 _LOW = np.array([
@@ -73,6 +73,14 @@ _TAPS = _LOW.size
 
 # From this octave on increments have a fit of their own.
 SLOW_OCTAVE = 4
+
+
+def samples_until_known(box: int = BOX) -> int:
+    """Return without how many samples nothing is said: the fastest octave has one coefficient of two boxes."""
+    return 2 * box * ENOUGH_BATCHES
+
+
+FEWEST_SAMPLES = samples_until_known()
 
 
 class Sum(IntEnum):
@@ -123,8 +131,8 @@ class LongRunState(NamedTuple):
     octaves : shape (OCTAVES + 1, 5), see `Octave`
     rings : shape (OCTAVES, 8, n + 2), the last inputs of each octave's filters: regressors and both residuals
     energy : shape (2, OCTAVES + 1, n, n), of the regressors' coefficients, and of all boxes
-    scores : shape (BATCH_LENGTHS, n + 1), of the batches in progress, and how many are complete
-    products : shape (BATCH_LENGTHS, n, n), the sums of the squares of those
+    scores : shape (OCTAVES, n + 1), of the batches in progress, and how many are complete
+    products : shape (OCTAVES, n, n), the sums of the squares of those
     found : shape (2, n, n), covariance of the score; NaN and zero while not known
     """
 
@@ -158,8 +166,8 @@ def long_run_start(size: int, box: int = BOX) -> LongRunState:
         octaves=np.zeros((OCTAVES + 1, len(Octave))),
         rings=np.zeros((OCTAVES, _TAPS, n + 2)),
         energy=np.zeros((2, OCTAVES + 1, n, n)),
-        scores=np.zeros((BATCH_LENGTHS, n + 1)),
-        products=np.zeros((BATCH_LENGTHS, n, n)),
+        scores=np.zeros((OCTAVES, n + 1)),
+        products=np.zeros((OCTAVES, n, n)),
         found=np.stack((np.full((n, n), np.nan), np.zeros((n, n)))),
     )
 
@@ -196,7 +204,7 @@ def long_run_block(
     """
     new, variances = state.copied(), np.empty(T.shape[:2])
     told, since = _observe(new, F, y, residual, use, fresh, integral, forgetting**2, least)
-    _variances(T, told, since, np.empty((4 + T.shape[2], EVERY)), variances)
+    _variances(T, told, since, CLEARLY_NONSTATIONARY, np.empty((4 + T.shape[2], LOOK_INTERVAL)), variances)
     return new, variances
 
 
@@ -228,7 +236,7 @@ def _observe(
 
     Returns what was found of the score at the beginning and at each look, shape (looks + 1, 2, n, n), and from which sample on.
     """
-    most = F.shape[0] // EVERY + 3
+    most = F.shape[0] // LOOK_INTERVAL + 3
     told, since = np.empty((most, *state.found.shape)), np.zeros(most, dtype=np.int64)
     told[0] = state.found
     kept = float(discount ** (2.0 * state.sums[Sum.BOX]))
@@ -239,7 +247,7 @@ def _observe(
 
 
 @compiled
-def _variances(T: Array, told: Array, since: NDArray[np.int64], work: Array, out: Array) -> None:
+def _variances(T: Array, told: Array, since: NDArray[np.int64], clearly: float, work: Array, out: Array) -> None:
     """Fill `out` with Tᵀ M T of the M that was known last: many samples side by side, of which each has its own sum."""
     n, stationary, changing, stationary_row, changing_row = T.shape[2], work[0], work[1], work[2], work[3]
     for look in range(since.size):
@@ -267,7 +275,7 @@ def _variances(T: Array, told: Array, since: NDArray[np.int64], work: Array, out
                 for r in range(width):
                     # Below zero is what rounding makes of what nothing tells.
                     variance = stationary[r] if stationary[r] >= 0.0 else math.nan
-                    out[begin + r, m] = changing[r] if changing[r] > CLEARLY_NONSTATIONARY * variance else variance
+                    out[begin + r, m] = changing[r] if changing[r] > clearly * variance else variance
 
 
 @cache
@@ -287,6 +295,9 @@ def _loop(integral: bool, forgets: bool) -> Callable[..., int]:
         row, mean = vectors[Vector.ROW], vectors[Vector.MEAN]
         this, closed = energy[Run.THIS], energy[Run.CLOSED]
         looks = 0
+        # A variance of nothing at all, whose logarithm is still a number.
+        nothing = np.finfo(np.float64).tiny
+        fall, rise = -STEEPEST_POWER * math.log(2.0), STEEPEST_RISE * math.log(2.0)
         for k in range(count + 1):
             due = look and k == count
             if k < count and use[k] and not math.isnan(residual[k]):
@@ -403,7 +414,7 @@ def _loop(integral: bool, forgets: bool) -> Callable[..., int]:
                             scores[0, i] += detail[n] * detail[i]
                             for j in range(n):
                                 this[octave, i, j] += detail[i] * detail[j]
-                due = int(sums[Sum.SAMPLES]) % EVERY == 0 and sums[Sum.SAMPLES] >= least
+                due = int(sums[Sum.SAMPLES]) % LOOK_INTERVAL == 0 and sums[Sum.SAMPLES] >= least
             if due:
                 # What is known of the score is put together.
                 enough = -1
@@ -411,24 +422,26 @@ def _loop(integral: bool, forgets: bool) -> Callable[..., int]:
                     if scores[length, n] >= ENOUGH_BATCHES:
                         enough = length
                 # The variance of the residuals in each octave and beyond the last.
-                last, slope = math.log(max(sums[Sum.BOXED] / sums[Sum.BOXES], NO_VARIANCE)), 0.0
+                last, slope = math.log(max(sums[Sum.BOXED] / sums[Sum.BOXES], nothing)), 0.0
                 for octave in range(this.shape[0]):
                     now = last + 0.5 * slope
                     if octaves[octave, Octave.OF_FIT] > 0.0:
                         coefficients, squares = octaves[octave, Octave.COUNT], octaves[octave, Octave.OF_FIT]
                         if integral and octave >= SLOW_OCTAVE:
-                            squares = max(min(squares, octaves[octave, Octave.OF_INCREMENTS]), NO_VARIANCE)
+                            squares = max(min(squares, octaves[octave, Octave.OF_INCREMENTS]), nothing)
                         of_octave = coefficients * math.log(squares / coefficients)
-                        now = (of_octave + TAILS + EXPECTED * now) / (coefficients + EXPECTED)
-                    slope = min(max(now - last, STEEPEST_FALL), STEEPEST_RISE) if octave else 0.0
+                        now = (of_octave + COEFFICIENTS_OF_TAILS + COEFFICIENTS_OF_EXPECTATION * now) / (
+                            coefficients + COEFFICIENTS_OF_EXPECTATION
+                        )
+                    slope = min(max(now - last, fall), rise) if octave else 0.0
                     last = now
                     octaves[octave, Octave.VARIANCE] = math.exp(now)
                 # Regressors fall with frequency: what they have in an octave lies at its lower edge, where noise that goes with
                 # f^p, as the octave below tells, has (p + 1)/(2^(p + 1) − 1) of its mean over the octave.
                 beyond = octaves[OCTAVES, Octave.VARIANCE]
                 for octave in range(rings.shape[0]):
-                    rise = math.log2(octaves[octave, Octave.VARIANCE] / octaves[octave + 1, Octave.VARIANCE])
-                    p = min(max(rise, -STEEPEST_POWER), STEEPEST_POWER) + 1.0
+                    power = math.log2(octaves[octave, Octave.VARIANCE] / octaves[octave + 1, Octave.VARIANCE])
+                    p = min(max(power, -STEEPEST_POWER), STEEPEST_POWER) + 1.0
                     part = p / math.expm1(p * math.log(2.0)) if p != 0.0 else 1.0 / math.log(2.0)
                     # What is in no octave lies beyond the last.
                     octaves[octave, Octave.VARIANCE] = octaves[octave, Octave.VARIANCE] * part - beyond

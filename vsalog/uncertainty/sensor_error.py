@@ -13,19 +13,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.column import PART
+from vsalog.core.precision import ROUNDING
 from vsalog.core.resolution import noise_of, step_of
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
 
 Array = NDArray[np.float64]
 
 # So many samples of a log tell what its sensors add.
-ENOUGH = 1 << 16
+ENOUGH = PART
 # So much of a step the motion is shifted by before it is rounded again.
-SHIFTS = (0.25, 0.75)
+ROUNDING_SHIFTS = (0.25, 0.75)
 # What is looked at is the motion behind a filter so many times as long, of this degree: one as long still has the steps in it.
-LONGER, DEGREE = 4, 5
+MOTION_WINDOWS, MOTION_DEGREE = 4, 5
 # What a sensor without noise and steps adds: this part of its largest value.
-LEAST_NOISE = 1e-9
+LEAST_NOISE = ROUNDING
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,9 +85,9 @@ def sensor_error(values: Array, window: int) -> SensorError:
     if step is None or noise > step:
         return SensorError(max(noise, LEAST_NOISE * float(np.abs(values[finite]).max()), LEAST_NOISE))
     whole = values if finite.all() else np.interp(np.arange(values.size), np.flatnonzero(finite), values[finite])
-    longer = min(LONGER * (window - 1) + 1, whole.size)
-    motion = _smoothed(whole, savgol_weights(longer, min(DEGREE, longer - 1))[0])
-    shifted = [motion / step + shift for shift in SHIFTS]
+    longer = min(MOTION_WINDOWS * (window - 1) + 1, whole.size)
+    motion = _smoothed(whole, savgol_weights(longer, min(MOTION_DEGREE, longer - 1))[0])
+    shifted = [motion / step + shift for shift in ROUNDING_SHIFTS]
     # Rounding alone looks like noise, too; what is seen beyond that is there before it.
     alone = noise_of(np.round(shifted[0]), 1.0) or 0.0
     before = max((noise / step) ** 2 - alone**2, 0.0) ** 0.5

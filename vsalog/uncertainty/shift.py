@@ -13,14 +13,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.significance import INTERVAL
+
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Columns = Mapping[str, NDArray[np.generic]]
 
 # Ranges of the deflection and of the set-point, alike in width, that are looked at one by one.
 RANGES = 9
-# Standard deviations of a second estimate within which a shift may be noise.
-DEVIATIONS = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +137,7 @@ def spread_over(places: Sequence[Array], counts: Flags, squares: Array) -> Sprea
 
 
 def beyond_noise(moved: Array, allowed: Array) -> Array:
-    """Return the covariance, shape (n, n), of what coefficients move by beyond `DEVIATIONS` of a covariance `allowed`.
+    """Return the covariance, shape (n, n), of what coefficients move by beyond `INTERVAL` of a covariance `allowed`.
 
     It is their outer product less the part of it that noise may make of a distance of n coefficients (James and Stein, 1961).
     """
@@ -146,5 +146,5 @@ def beyond_noise(moved: Array, allowed: Array) -> Array:
     w, v = np.linalg.eigh(allowed)
     known = w > 0.0
     distance = float(((v.T @ moved)[known] ** 2 / w[known]).sum())
-    noise = DEVIATIONS**2 * np.count_nonzero(known)
+    noise = INTERVAL**2 * np.count_nonzero(known)
     return np.outer(moved, moved) * (1.0 - noise / distance if distance > noise else float(noise == 0.0))
