@@ -20,7 +20,7 @@ from vsalog.binding.grid import GAP
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.checks.check import Context
 from vsalog.checks.motor_reference import motor_roles, motor_trace
-from vsalog.checks.samples import FEWEST, TOGETHER
+from vsalog.checks.samples import FEWEST_LEVELS, SAME_MOTION
 from vsalog.core.errors import VsalogError
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.look import of_signals
@@ -152,7 +152,7 @@ class CrossCheck:
         for role in reference_roles(device, joint, read):
             found = _bound(recordings, device.joint, joint, [role], ()) if _is_sensor(role) else None
             if found is not None:
-                self.moves[role] = FEWEST * found.resolution.get(role, 0.0)
+                self.moves[role] = FEWEST_LEVELS * found.resolution.get(role, 0.0)
                 self.sensors[role] = _sensed(found.stamps, found.run, found.roles[role], found.period)
         if motor := motor_roles(device, joint, read):
             signals = _bound(recordings, device.joint, joint, motor, setpoints)
@@ -212,7 +212,7 @@ class CrossCheck:
             found.append(Finding(code="cross_check.none", joint=joint, evidence={"estimator": estimator}))
         for (name, role), compared in self.compared.items():
             estimated, sensed, claimed = compared.all()
-            if estimated.size < FEWEST or not np.ptp(sensed) > self.moves[role] or not np.isfinite(claimed):
+            if estimated.size < FEWEST_LEVELS or not np.ptp(sensed) > self.moves[role] or not np.isfinite(claimed):
                 continue
             claimed = float(np.hypot(claimed, self.claimed.get(role, 0.0)))
             part = "" if name == "total" else name
@@ -329,7 +329,7 @@ def _without_transients(estimated: Array, sensed: Array) -> Array:
             return cov
         off = sensed - np.sign(xy) * (yy / xx) ** 0.5 * estimated
         off = np.abs(off - np.median(off[kept]))
-        kept = off <= np.quantile(off, TOGETHER)
+        kept = off <= np.quantile(off, SAME_MOTION)
         if not (size := float(off[kept].sum() / yy**0.5)) < least:
             return cov
         least = size

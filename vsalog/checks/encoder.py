@@ -13,7 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.checks.samples import FEWEST, MOVED, go_together, is_noisy, moved, rests, span, with_both_positions
+from vsalog.checks.samples import (
+    FEWEST_LEVELS,
+    MOVED_SHARE,
+    go_together,
+    is_noisy,
+    moved,
+    rests,
+    span,
+    with_both_positions,
+)
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, has_deflection
@@ -21,9 +30,9 @@ from vsalog.estimators.device import Device, TransmissionView, deflection_of, ha
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-CANCELLED = 0.5
+CANCELLED_SHARE = 0.5
 """Part of either position's motion that their sum has at most where one of them counts the other way round."""
-FARTHEST = 100.0
+LARGEST_SPAN = 100.0
 """Radians that no joint goes to and fro: sixteen turns."""
 
 
@@ -132,17 +141,17 @@ def _opposed(signals: JointSignals, view: TransmissionView) -> Iterator[Finding]
     """Yield positions of which one counts the other way round: turned, hardly anything is left of their difference."""
     q, theta = signals.roles["link_position"], signals.roles[view.motor_position]
     both = np.isfinite(q) & np.isfinite(theta)
-    if np.count_nonzero(both) < FEWEST:
+    if np.count_nonzero(both) < FEWEST_LEVELS:
         return
     a, b = q[both] - q[both].mean(), theta[both] - theta[both].mean()
     least = min(float(a.std()), float(b.std()))
-    if float((a + b).std()) < CANCELLED * least:
+    if float((a + b).std()) < CANCELLED_SHARE * least:
         yield Finding(
             code="encoder.sign",
             joint=signals.joint,
             part=f"link_position and {view.motor_position}",
             value=float(np.corrcoef(a, b)[0, 1]),
-            limit=0.5 * CANCELLED**2 - 1.0,
+            limit=0.5 * CANCELLED_SHARE**2 - 1.0,
             evidence={"first_span": float(np.ptp(a)), "second_span": float(np.ptp(b))},
         )
 
@@ -162,13 +171,13 @@ def _too_far(device: Device, signals: JointSignals) -> Iterator[Finding]:
                 )
     for role in signals.roles:
         low, high = span(signals.roles[role]) if role.startswith(("link_position", "motor_position")) else (0.0, 0.0)
-        if high - low > FARTHEST:
+        if high - low > LARGEST_SPAN:
             yield Finding(
                 code="encoder.unit",
                 joint=signals.joint,
                 part=role,
                 value=high - low,
-                limit=FARTHEST,
+                limit=LARGEST_SPAN,
                 unit="rad",
                 evidence={"turns": (high - low) / math.tau},
             )
@@ -184,14 +193,14 @@ def _standstills(signals: JointSignals, role: str, other: str) -> Iterator[Stand
     x, y = signals.roles[role], signals.roles[other]
     found, resting = rests(signals, x)
     elsewhere = ~resting & np.isfinite(x) & np.isfinite(y)
-    if not found or np.count_nonzero(elsewhere) < FEWEST:
+    if not found or np.count_nonzero(elsewhere) < FEWEST_LEVELS:
         return
     # Friction may hold a noiseless joint; a noisy encoder never stands still.
     spring = 0.0 if is_noisy(x, ~resting) else float(np.ptp((x - y)[elsewhere]))
     if not go_together(x[elsewhere], y[elsewhere]):
         spring = np.inf
     low, high = span(y)
-    enough = max(FEWEST * signals.resolution.get(other, 0.0), MOVED * (high - low))
+    enough = max(FEWEST_LEVELS * signals.resolution.get(other, 0.0), MOVED_SHARE * (high - low))
     for stretch, far in moved(found, y, enough):
         first, last = stretch.start, stretch.stop - 1
         within = float(signals.time[first]), float(signals.time[last])

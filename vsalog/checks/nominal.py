@@ -17,7 +17,7 @@ from vsalog.rig.schema import UnknownTransmission
 Array = NDArray[np.float64]
 
 # A scale that is wrong by ten is nearer than a spring that is off by this factor, on a logarithmic scale.
-FARTHEST = 10.0**0.5
+LARGEST_RATIO = 10.0**0.5
 
 
 class NominalSpring:
@@ -73,12 +73,12 @@ class _Ratios:
                 continue
             counts, ratios, rigs = (np.array(x) for x in zip(*medians, strict=True))
             ratio = float(np.exp(np.average(ratios, weights=counts)))
-            if not 1.0 / FARTHEST < ratio < FARTHEST:
+            if not 1.0 / LARGEST_RATIO < ratio < LARGEST_RATIO:
                 yield Finding(
                     code="stiffness.scale",
                     joint=self.device.joint,
                     part=name,
                     value=ratio,
-                    limit=FARTHEST,
+                    limit=LARGEST_RATIO,
                     evidence={"rig": float(np.average(rigs, weights=counts))},
                 )

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vsalog.checks.check import Context
 from vsalog.checks.motor_reference import motor_trace
-from vsalog.checks.samples import FEWEST, span
+from vsalog.checks.samples import FEWEST_LEVELS, span
 from vsalog.core.basis import PolynomialBasis
 from vsalog.core.dependence import Association, association, hats, least_squares
 from vsalog.core.finding import Finding
@@ -178,9 +178,15 @@ class ResidualShapes:
             else [f for name, rows in self.rows.items() if (f := self._over_position(name, rows)) is not None]
         )
         hidden = (
-            Finding(code="deflection.hides_shape", joint=self.device.joint, part=name, value=steps, limit=float(FEWEST))
+            Finding(
+                code="deflection.hides_shape",
+                joint=self.device.joint,
+                part=name,
+                value=steps,
+                limit=float(FEWEST_LEVELS),
+            )
             for name, steps in self.spans.items()
-            if steps < FEWEST and name in self.excited and name not in lacking
+            if steps < FEWEST_LEVELS and name in self.excited and name not in lacking
         )
         return [*(lacking.values() or over_positions), *hidden]
 
@@ -264,6 +270,6 @@ def _knots(values: Array, step: float) -> Array | None:
     """Return the knots of functions of a deflection or a position [rad]; None where it hardly moves, or is not recorded."""
     low, high = span(values)
     steps = _span(values, step)
-    if not high > low or steps < FEWEST:
+    if not high > low or steps < FEWEST_LEVELS:
         return None
     return np.linspace(low, high, int(min(KNOTS, steps / STEPS_PER_KNOT + 1)))

@@ -16,15 +16,15 @@ from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-FEWEST = 20
+FEWEST_LEVELS = 20
 """Samples, or levels, of which a distribution shows nothing when they are fewer."""
-NOISY = 0.25
+NOISY_SHARE = 0.25
 """Part of its steps at which a noisy signal turns back at least, and stays at most; white noise turns back at two thirds."""
-TOGETHER = 0.9
+SAME_MOTION = 0.9
 """Correlation from which on two signals are the same motion; and the part of a signal's changes that all of them nearly are."""
-STUCK = 0.5
+STUCK_TIME = 0.5
 """Seconds that a sensor stands still, and is not merely late by a packet or two."""
-MOVED = 0.2
+MOVED_SHARE = 0.2
 """Part of its range that a signal moves where it can be seen that another one does not."""
 
 
@@ -36,7 +36,7 @@ def with_both_positions(device: Device, signals: JointSignals) -> list[Transmiss
 def span(x: Array) -> tuple[float, float]:
     """Return between what values a signal lies, outliers aside; (0, 0) for one that is too short."""
     finite = x[np.isfinite(x)]
-    if finite.size < FEWEST:
+    if finite.size < FEWEST_LEVELS:
         return 0.0, 0.0
     low, high = np.quantile(finite, (NEGLIGIBLE_SHARE, 1.0 - NEGLIGIBLE_SHARE))
     return float(low), float(high)
@@ -53,16 +53,16 @@ def is_fine(signals: JointSignals, role: str) -> bool:
     if taken.size < 2:
         return False
     step = max(signals.resolution.get(role, 0.0), float(np.diff(taken).min()))
-    return float(taken[-1] - taken[0]) > FEWEST * step
+    return float(taken[-1] - taken[0]) > FEWEST_LEVELS * step
 
 
 def is_noisy(x: Array, among: Flags) -> bool:
     """Tell whether a signal moves to and fro from sample to sample where `among` is set."""
     steps = np.diff(x)[among[1:] & among[:-1]]
     steps = steps[np.isfinite(steps)]
-    if steps.size < FEWEST or float(np.mean(steps == 0.0)) > NOISY:
+    if steps.size < FEWEST_LEVELS or float(np.mean(steps == 0.0)) > NOISY_SHARE:
         return False
-    return float(np.mean(steps[1:] * steps[:-1] < 0.0)) > NOISY
+    return float(np.mean(steps[1:] * steps[:-1] < 0.0)) > NOISY_SHARE
 
 
 def runs(flags: Flags) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -75,7 +75,7 @@ def rests(signals: JointSignals, x: Array) -> tuple[list[slice], Flags]:
     """Return the stretches in which a signal stands still for long, and the samples in them."""
     # A run of the log ends where a sample is the first after a gap.
     first, after = runs(np.concatenate(([False], np.diff(x) == 0.0)) & ~signals.starts)
-    long = (after - first) * signals.period >= STUCK
+    long = (after - first) * signals.period >= STUCK_TIME
     found = [slice(int(begin) - 1, int(end)) for begin, end in zip(first[long], after[long], strict=True)]
     resting = np.zeros(x.shape, dtype=np.bool_)
     for one in found:
@@ -114,4 +114,4 @@ def go_together(x: Array, y: Array) -> bool:
     """Tell whether two signals are the same motion."""
     if not (float(np.ptp(x)) > 0.0 and float(np.ptp(y)) > 0.0):
         return False
-    return float(np.corrcoef(x, y)[0, 1]) > TOGETHER
+    return float(np.corrcoef(x, y)[0, 1]) > SAME_MOTION

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vsalog.checks.samples import FEWEST, TOGETHER, is_fine, is_noisy, levels, runs, unlikely_run
+from vsalog.checks.samples import FEWEST_LEVELS, SAME_MOTION, is_fine, is_noisy, levels, runs, unlikely_run
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 
-REPEATED = 3
+SAMPLES_PER_VALUE = 3
 """Samples of the log per value from which on a slower sensor is late enough to bias a stiffness."""
 MEASURED = ("torque_sensor", "link_position", "motor_position", "deflection")
 
@@ -53,11 +53,11 @@ def _repeated(signals: JointSignals, role: str) -> Iterator[Finding]:
     x, taken = signals.roles[role], levels(signals.roles[role])
     changes = np.abs(np.diff(x))
     at = np.flatnonzero(changes > 0.0)
-    if at.size < FEWEST or taken.size < FEWEST:
+    if at.size < FEWEST_LEVELS or taken.size < FEWEST_LEVELS:
         return
     lengths = np.diff(at)
     each = int(np.median(lengths))
-    if each < REPEATED or float(np.mean(lengths == each)) < TOGETHER:
+    if each < SAMPLES_PER_VALUE or float(np.mean(lengths == each)) < SAME_MOTION:
         return
     if float(np.median(changes[at])) > 1.5 * float(np.diff(taken).min()):
         yield Finding(
@@ -65,6 +65,6 @@ def _repeated(signals: JointSignals, role: str) -> Iterator[Finding]:
             joint=signals.joint,
             part=role,
             value=float(each),
-            limit=float(REPEATED),
+            limit=float(SAMPLES_PER_VALUE),
             evidence={"rate": 1.0 / (each * signals.period)},
         )

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from vsalog.checks.samples import (
-    FEWEST,
-    MOVED,
-    STUCK,
+    FEWEST_LEVELS,
+    MOVED_SHARE,
+    STUCK_TIME,
     beyond_noise,
     go_together,
     is_fine,
@@ -38,13 +38,13 @@ def passing(device: Device, signals: JointSignals) -> Iterator[Finding]:
 
 def _coarse(signals: JointSignals, role: str) -> Iterator[Finding]:
     taken = levels(signals.roles[role])
-    if 2 < taken.size < FEWEST and len(signals) > FEWEST * taken.size:
+    if 2 < taken.size < FEWEST_LEVELS and len(signals) > FEWEST_LEVELS * taken.size:
         yield Finding(
             code="torque.coarse",
             joint=signals.joint,
             part=role,
             value=float(taken.size),
-            limit=float(FEWEST),
+            limit=float(FEWEST_LEVELS),
             evidence={"step": float(np.diff(taken).min())},
         )
 
@@ -61,7 +61,7 @@ def _stuck(signals: JointSignals, role: str) -> Iterator[Finding]:
         joint=signals.joint,
         part=role,
         value=(longest.stop - longest.start - 1) * signals.period,
-        limit=STUCK,
+        limit=STUCK_TIME,
         unit="s",
         evidence={"begin": float(signals.time[longest.start]), "end": float(signals.time[longest.stop - 1])},
     )
@@ -77,12 +77,12 @@ def _stuck_while_moving(device: Device, signals: JointSignals) -> Iterator[Findi
         x, y = signals.roles[role], deflection_of(signals.roles, view)
         found, resting = rests(signals, x)
         elsewhere = ~resting & np.isfinite(x) & np.isfinite(y)
-        if not found or is_noisy(x, ~resting) or np.count_nonzero(elsewhere) < FEWEST:
+        if not found or is_noisy(x, ~resting) or np.count_nonzero(elsewhere) < FEWEST_LEVELS:
             continue
         if not (go_together(x[elsewhere], y[elsewhere]) or go_together(-x[elsewhere], y[elsewhere])):
             continue
         low, high = span(y)
-        enough = MOVED * (high - low)
+        enough = MOVED_SHARE * (high - low)
         for stretch, far in moved(found, y, enough):
             yield Finding(
                 code="torque.stuck_while_moving",
@@ -106,7 +106,7 @@ def _dropouts(signals: JointSignals, role: str) -> Iterator[Finding]:
     low, high = span(x)
     with np.errstate(invalid="ignore"):
         away = np.minimum(np.abs(before), np.abs(behind))
-        lost = (np.abs(before - behind) < 0.5 * away) & (away > max((high - low) / FEWEST, beyond_noise(x)))
+        lost = (np.abs(before - behind) < 0.5 * away) & (away > max((high - low) / FEWEST_LEVELS, beyond_noise(x)))
     # One alone is an outlier.
     if np.count_nonzero(lost) > 1:
         yield Finding(

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.checks.samples import FEWEST, MOVED, TOGETHER, moved, runs, unlikely_run
+from vsalog.checks.samples import FEWEST_LEVELS, MOVED_SHARE, SAME_MOTION, moved, runs, unlikely_run
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.precision import ROUNDING
 from vsalog.core.resolution import spread_over
@@ -45,7 +45,7 @@ def stuck(torque: Array, predicted: Array, step: float) -> NDArray[np.bool_]:
     first, after = runs(same)
     long = after - first >= unlikely_run(float(same.mean()), same.size)
     stretches = [slice(begin - 1, end) for begin, end in zip(first[long].tolist(), after[long].tolist(), strict=True)]
-    enough = max(FEWEST * step, MOVED * float(np.nanmax(predicted) - np.nanmin(predicted)))
+    enough = max(FEWEST_LEVELS * step, MOVED_SHARE * float(np.nanmax(predicted) - np.nanmin(predicted)))
     for stretch, _ in moved(stretches, predicted, enough):
         out[stretch] = True
     return out
@@ -116,13 +116,13 @@ def _is_function(y: Array, x: Array) -> bool:
     xs, ys = xs[first], mean
     if within > COMPUTED_RESIDUAL * spread:
         return False
-    if int(np.count_nonzero(np.bincount(groups) > 1)) >= FEWEST:
+    if int(np.count_nonzero(np.bincount(groups) > 1)) >= FEWEST_LEVELS:
         return True  # an encoder's steps: a sensor would see what happens within each
-    if xs.size < FEWEST:
+    if xs.size < FEWEST_LEVELS:
         return False
     middle = ys[:-2] + (ys[2:] - ys[:-2]) * (xs[1:-1] - xs[:-2]) / (xs[2:] - xs[:-2])
     # Most values, not all: where samples are sparse a straight line between neighbours is off.
-    return float(np.quantile(np.abs(ys[1:-1] - middle), TOGETHER)) <= COMPUTED_RESIDUAL * spread
+    return float(np.quantile(np.abs(ys[1:-1] - middle), SAME_MOTION)) <= COMPUTED_RESIDUAL * spread
 
 
 def _follows(torque: Array, x: Array) -> bool:
@@ -134,7 +134,7 @@ def _follows(torque: Array, x: Array) -> bool:
     # In a row, as many as there is room for: some swings, at whose ends a loop jumps.
     first = max(0, (rows.size - BLOCK) // 2)
     F, y, last = _columns(torque, x, rows[first : first + BLOCK])
-    if _is_told(F, y, TOGETHER):
+    if _is_told(F, y, SAME_MOTION):
         return True
     # Behind a lag its own last value counts too. That tells a loop as well, except where it jumps: no value may be off.
     return bool(np.isfinite(last).all()) and _is_told(np.column_stack((F, last)), y, 1.0)

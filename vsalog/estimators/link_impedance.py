@@ -20,10 +20,11 @@ from vsalog.estimators.device import Device, spread
 from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.link_beside import NOTHING, what_else_acts
 from vsalog.estimators.state_observer import Columns
-from vsalog.estimators.windows import LOUD, most_moved, rms
+from vsalog.estimators.windows import most_moved, rms
 from vsalog.filters.link_ekf import MOST_LOST, LinkNoise, LinkState, State, estimate_link, link_start, restarted
 from vsalog.filters.savitzky_golay import savgol_filter
 from vsalog.mechanics.links import link_weight
+from vsalog.uncertainty.errors_in_variables import MOST_NOISE
 from vsalog.uncertainty.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
 
 Array = NDArray[np.float64]
@@ -60,7 +61,7 @@ class LinkImpedance:
             max(Exactness.SMOOTH, _between(q, weights[2], acceleration)),
         )
         self.beside = what_else_acts(torque, rate, acceleration, weights.shape[1])
-        if sensor_error(q[:ENOUGH], weights.shape[1]).rms(weights[2]) > LOUD * rms(acceleration):
+        if sensor_error(q[:ENOUGH], weights.shape[1]).rms(weights[2]) > MOST_NOISE * rms(acceleration):
             # Least squares of such accelerations say nothing.
             self.beside = NOTHING
         self.doubt = np.maximum(self.bias, self.beside.moved)

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.errors import EstimatorError, SimulationError
 from vsalog.core.source_stamp import source_stamp
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.estimators.pam_noise import PamNoise, filling_rates
 from vsalog.filters import square_root_ukf as ukf
 from vsalog.mechanics import _pneumatic_joint
@@ -35,9 +36,8 @@ from vsalog.rig.schema import PneumaticJoint
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-# A step may turn the fastest swing by this angle [rad] and let a muscle fill by this share; and the most steps in a sample [1].
-# The drift and kick's frequency is off by (ω h)²/24, 0.4 %, far below what a rig's stiffness is known to.
-ANGLE_PER_STEP, FILL_PER_STEP, MOST_STEPS = 0.3, 0.1, 1000
+# The most steps of the model in a sample [1].
+MOST_STEPS = 1000
 # Samples for which a command that is missing is taken to be the one before [1].
 COMMAND_HELD = 10
 # Beyond the fitted range D₁ l² + D₂ l + D₃ falls to zero; a sigma point out there has this share of the volume at rest [1].
@@ -222,7 +222,8 @@ def _steps(joint: PneumaticJoint, period: float) -> int:
     stiffest = 2.0 * abs(float(pneu.trapped_stiffness(joint, 0.0, supply, supply))) + abs(joint.seesaw.return_stiffness)
     swing = np.sqrt(stiffest / joint.seesaw.inertia) if joint.seesaw.held_at is None else 0.0
     fill = max(filling_rates(joint)) / supply
-    needed = max(swing / ANGLE_PER_STEP, fill / FILL_PER_STEP) * period
+    # Drift and kick make a stiffness off by (ω h)²/12 and, first order in filling, a pressure by half the square of what fills.
+    needed = max(swing * (NEGLIGIBLE_SHARE * 12.0) ** -0.5, fill * (NEGLIGIBLE_SHARE * 2.0) ** -0.5) * period
     if not 0.0 < needed <= MOST_STEPS:
         raise EstimatorError(
             f"pam-ukf: a sample period of {period:g} s takes {needed:.3g} steps; are the rig's units right?"

@@ -12,10 +12,11 @@ from vsalog.core.finding import Finding
 from vsalog.core.resolution import step_of
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, deflection_step, encoder_steps
-from vsalog.estimators.equation import REPORTED_CHANGE
+from vsalog.estimators.equation import REPORTED_CHANGE, power_kept
 from vsalog.estimators.tuning import Tuning
-from vsalog.estimators.windows import LOUD, WINDOWS, most_moved, rates_of
+from vsalog.estimators.windows import WINDOWS, most_moved, rates_of
 from vsalog.filters.savitzky_golay import savgol_weights
+from vsalog.uncertainty.errors_in_variables import MOST_NOISE
 
 Array = NDArray[np.float64]
 
@@ -90,7 +91,7 @@ def _smoothed_away(device: Device, signals: JointSignals, tuning: Tuning) -> lis
         return []
     moved = {role for view in device.transmissions for role in view.deflection_roles(signals.roles)}
     # It then changes an amplitude by what is reported.
-    least = (1.0 - REPORTED_CHANGE) ** 2
+    least = power_kept(REPORTED_CHANGE)
     asked, part = 2 * round(0.5 * tuning.window / signals.period) + 1, most_moved(signals, moved)
     if asked <= WINDOWS[0] or asked > len(part):
         return []
@@ -108,5 +109,5 @@ def _smoothed_away(device: Device, signals: JointSignals, tuning: Tuning) -> lis
             evidence={"window": tuning.window},
         )
         for view, rate, noise, left in zip(device.transmissions, *before, now[0], strict=True)
-        if noise < LOUD * rate and left**2 < least * (rate**2 - noise**2)
+        if noise < MOST_NOISE * rate and left**2 < least * (rate**2 - noise**2)
     ]

@@ -12,12 +12,13 @@ from msgspec import Meta, inspect
 from vsalog.core.errors import EstimatorError, did_you_mean
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, deflection_of, largest
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.filters.conditioning import Conditioner, FilterName, Preparation
 
 # Functions of the basis beyond this, or below its reciprocal, cannot be squared and summed up safely.
 LARGEST = 1e50
-# Of the largest function of a basis, the least that counts as the usual one; as the second; and what of a second matters.
-LEAST_USUAL, TENTH, MATTERS = 1e-4, 0.1, 1.0 / 300.0
+# Of the largest function of a basis, the least that counts as the usual one [1]; and as the second [1].
+LEAST_USUAL, LEAST_SECOND = 1e-4, 0.1
 # What of a tuning infinity has a meaning for: a prior that weighs nothing.
 MAY_BE_INFINITE = ("p0",)
 
@@ -138,8 +139,9 @@ def usual_regressor(device: Device, signals: JointSignals, *, second: bool = Fal
         )
     each = np.sort(np.exp(np.mean(np.log(np.maximum(reached.reshape(-1, *powers).max(axis=0), 1.0 / LARGEST)), axis=1)))
     usual, after = each[-1], each[-2:][0]
-    if second and after > MATTERS * usual:
-        usual = max(after, TENTH * usual)
+    # Of a cube the stiffness has three times the share that the torque has.
+    if second and 3.0 * after > NEGLIGIBLE_SHARE * usual:
+        usual = max(after, LEAST_SECOND * usual)
     return max(float(usual), LEAST_USUAL * greatest)
 
 

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, spread
-from vsalog.estimators.equation import NEGLIGIBLE_SHARE
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE, REPORTED_CHANGE, power_kept
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
+from vsalog.uncertainty.errors_in_variables import MOST_NOISE
 from vsalog.uncertainty.sensor_error import ENOUGH, sensor_error
 
 Array = NDArray[np.float64]
@@ -36,12 +37,12 @@ WINDOWS, SHORTER = _octaves_of_the_usual(0, 6), _octaves_of_the_usual(-3, 0)
 WIDER = 1.5
 # No joint's motion is taken away by a window as short as this [s]; a still shorter one keeps noise, and jolts of friction.
 SHORT_WINDOW = 0.15
-# A rate is quiet when its noise is this part of it or less [1]: a stiffness then loses its square, 0.25 %; and noisy when it is
-# more than this part [1]: it then shows nothing of the motion.
-QUIET, LOUD = 0.05, 0.5
+# A rate is quiet when its noise is this part of it or less [1]: a stiffness then loses its square, 0.25 %.
+QUIET = 0.05
 # A window is short enough for a motion when the rate keeps this part of its power [1]; less will do where all orders keep the
 # same; and of a window shorter than the usual more, for what biases a stiffness is its share of the amplitude.
-KEPT, KEPT_ALIKE, KEPT_BY_SHORTER = 0.98, 0.95, 0.9995
+KEPT, KEPT_ALIKE = power_kept(NEGLIGIBLE_SHARE), power_kept(REPORTED_CHANGE)
+KEPT_BY_SHORTER = 0.9995
 # A run loses half a window at either end: no window is longer than this part of the longest run [1].
 PART_OF_RUN = 0.1
 
@@ -62,7 +63,7 @@ class Behind(NamedTuple):
     @property
     def loud(self) -> bool:
         """Whether noise is so much of some rate that it does not tell what motion a window would have to keep."""
-        return bool(np.any(self.noises > LOUD * self.rates))
+        return bool(np.any(self.noises > MOST_NOISE * self.rates))
 
     @property
     def motion(self) -> Array:

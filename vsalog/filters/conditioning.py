@@ -19,14 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.errors import FilterError
+from vsalog.core.look import LONGEST
 from vsalog.core.signals import LONGER, JointSignals
 from vsalog.filters.kinematic import KinematicSettings, kinematic_filter
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-LONGEST = 100_000
-"""Samples in the longest Savitzky–Golay window; its weights are worked out before anything is known of the log's length."""
 FilterName = Literal["kinematic", "pair", "savitzky-golay"]
 
 
@@ -126,6 +125,7 @@ class Conditioner:
             for role in self.moving
         }
         self.settle = 100 if settle is None else round(settle / self.period)
+        # The weights are worked out before anything is known of the log's length.
         if kind != "kinematic" and window > LONGEST * self.period:
             raise FilterError(
                 f"a window of {window:.3g} s has more than {LONGEST} samples at {1.0 / self.period:.4g} Hz; shorten it with"

@@ -20,6 +20,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.core.significance import DETECTED_OF_MANY
+
 Array = NDArray[np.float64]
 
 
@@ -33,8 +35,6 @@ FIRST = 20.0
 """Innovations as large as noise makes them that the mean of the innovations begins with."""
 MOST_LOST = 3
 """Times that a filter may lose its way before the link is known; what does so more often is no such link."""
-SURELY = 6.0
-"""Standard deviations by which a positive number that is negative is impossible."""
 
 
 class LinkState(NamedTuple):
@@ -112,7 +112,7 @@ def estimate_link(
     """
     x, P, last = state.x.copy(), state.P.copy(), state.last.copy()
     xs, Ps, excess = np.empty((position.size, 4)), np.empty((position.size, 4, 4)), np.empty(position.size)
-    _run(x, P, last, position, torque, period, np.array(noise), memory, xs, Ps, excess)
+    _run(x, P, last, position, torque, period, np.array([*noise, DETECTED_OF_MANY]), memory, xs, Ps, excess)
     return xs, Ps, excess, LinkState(x, P, last)
 
 
@@ -121,7 +121,7 @@ def _run(
     x: Array, P: Array, last: Array, q: Array, u: Array, T: float, noise: Array, memory: float,
     xs: Array, Ps: Array, excess: Array,
 ) -> None:  # fmt: skip
-    r, torque, velocity, mobility, decay, wander, first_a, first_b = noise
+    r, torque, velocity, mobility, decay, wander, first_a, first_b, impossible = noise
     F, G, H = np.eye(4), np.zeros(4), np.zeros(4)
     for k in range(q.size):
         if last[2] == 0.0:
@@ -165,7 +165,7 @@ def _run(
                 for i in range(4):
                     for j in range(4):
                         P[i, j] -= H[i] * H[j] * variance
-            if _impossible(x, P, T):
+            if _is_lost(x, P, T, impossible):
                 x[:], P[:, :] = 0.0, 0.0
                 x[2], P[2, 2], x[3], P[3, 3] = first_a, mobility * mobility, first_b, decay * decay
                 # Where the link is, the next sample tells.
@@ -180,9 +180,11 @@ def _run(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _impossible(x: Array, P: Array, T: float) -> bool:
-    """Tell whether the filter has lost its way: 1/I or N/I surely negative, a link that would come to rest within a sample."""
+def _is_lost(x: Array, P: Array, T: float, impossible: float) -> bool:
+    """Tell whether the filter has lost its way: 1/I or N/I negative by more than an `impossible` number of standard deviations, a
+    link that would come to rest within a sample.
+    """
     for i in (2, 3):
-        if x[i] < 0.0 and x[i] * x[i] > SURELY * SURELY * P[i, i]:
+        if x[i] < 0.0 and x[i] * x[i] > impossible * impossible * P[i, i]:
             return True
     return not (np.isfinite(x).all() and np.isfinite(P).all() and abs(x[3]) * T < 1.0)

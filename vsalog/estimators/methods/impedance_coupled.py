@@ -27,11 +27,12 @@ from vsalog.estimators.screening import screened
 from vsalog.estimators.state_observer import Columns, StateObserver, state_columns
 from vsalog.estimators.torque_rates import Rates, typical_speed
 from vsalog.estimators.transmission_torque import Weight, carried_by, effects_left_in
-from vsalog.estimators.windows import KEPT, LOUD, QUIET, rates_of, rms, suitable_windows, with_window
+from vsalog.estimators.windows import KEPT, QUIET, rates_of, rms, suitable_windows, with_window
 from vsalog.filters.coupled_observer import CoupledNoise, CoupledState, coupled_start, observe_coupled
 from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.derivatives import Derivatives, DerivativesState, Differentiated
 from vsalog.filters.savitzky_golay import savgol_filter
+from vsalog.uncertainty.errors_in_variables import MOST_NOISE
 from vsalog.uncertainty.sensor_error import ENOUGH, sensor_error
 
 Array = NDArray[np.float64]
@@ -256,7 +257,7 @@ class ImpedanceCoupledFold(StateObserver):
         std = np.sqrt(deviation**2 * self.average.alike + besides)
         taken = link[:, 0] * part.of["link_position"][2] + link[:, 1] * part.of["link_position"][1]
         torque = part.of["external_torque"][0] - self._weighs(part) - taken
-        known = bool(np.all(self.noisy < LOUD**2)) and not self.look.blind
+        known = bool(np.all(self.noisy < MOST_NOISE**2)) and not self.look.blind
         supported = motion.use & (learnt >= FILLED_MEMORY) & (link[:, 0] > 0.0) & known
         spread = np.sqrt(
             link[:, 2:] ** 2
@@ -348,7 +349,7 @@ def quiet_window(device: Device, signals: JointSignals, tuning: ImpedanceCoupled
         shares.append(noise / (max(jerk, noise) or 1.0))
         if shares[-1] <= QUIET:
             break
-        if shares[-1] <= LOUD:
+        if shares[-1] <= MOST_NOISE:
             # How large noise is, is known no better than to its own size.
             kept = max(kept, KEPT * motion - noise**2)
     return windows[int(np.argmin(shares))]
