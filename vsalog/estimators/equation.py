@@ -20,7 +20,8 @@ Flags = NDArray[np.bool_]
 SUPPORTED_SHARE = 0.2
 # A change of a stiffness or an inertia is reported beyond this share of it [1]: rigs and springs are hardly known better.
 REPORTED_CHANGE = 0.03
-# What a fit leaves of a torque, an angle or a stiffness is reported beyond this share of it [1]: sensors are hardly truer.
+# What a fit or a filter leaves of a torque, an angle, a rate or a stiffness is reported beyond this share of it [1]: sensors are
+# hardly truer.
 REPORTED_MISFIT = 0.05
 # What is below this share of a torque, a range or the time does not matter [1].
 NEGLIGIBLE_SHARE = 0.01

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, spread
-from vsalog.estimators.equation import NEGLIGIBLE_SHARE, REPORTED_CHANGE, power_kept
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE, REPORTED_CHANGE, REPORTED_MISFIT, power_kept
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
@@ -37,8 +37,6 @@ WINDOWS, SHORTER = _octaves_of_the_usual(0, 6), _octaves_of_the_usual(-3, 0)
 WIDER = 1.5
 # No joint's motion is taken away by a window as short as this [s]; a still shorter one keeps noise, and jolts of friction.
 SHORT_WINDOW = 0.15
-# A rate is quiet when its noise is this part of it or less [1]: a stiffness then loses its square, 0.25 %.
-QUIET = 0.05
 # A window is short enough for a motion when the rate keeps this part of its power [1]; less will do where all orders keep the
 # same; and of a window shorter than the usual more, for what biases a stiffness is its share of the amplitude.
 KEPT, KEPT_ALIKE = power_kept(NEGLIGIBLE_SHARE), power_kept(REPORTED_CHANGE)
@@ -57,8 +55,8 @@ class Behind(NamedTuple):
 
     @property
     def quiet(self) -> bool:
-        """Whether noise is a small part of every rate."""
-        return bool(np.all(self.noises <= QUIET * self.rates))
+        """Whether noise is a part of every rate that is not reported: a stiffness loses its square."""
+        return bool(np.all(self.noises <= REPORTED_MISFIT * self.rates))
 
     @property
     def loud(self) -> bool:
@@ -184,17 +182,27 @@ def _quiet_motor(view: TransmissionView, signals: JointSignals, weights: Array) 
         # Noise that the deflection shares with B θ̈ does not average out.
         bias = inertia * abs(added.product(weights[0], weights[2]))
         moved = spread(deflection_of(signals.roles, view)) * spread(torque)
-        return bool(inertia * added.rms(weights[2]) <= QUIET * spread(torque) and bias <= NEGLIGIBLE_SHARE * moved)
-    return not (speed := rms(savgol_filter(theta, weights[1:2])[0])) or bool(added.rms(weights[1]) <= QUIET * speed)
+        return bool(
+            inertia * added.rms(weights[2]) <= REPORTED_MISFIT * spread(torque) and bias <= NEGLIGIBLE_SHARE * moved
+        )
+    return not (speed := rms(savgol_filter(theta, weights[1:2])[0])) or bool(
+        added.rms(weights[1]) <= REPORTED_MISFIT * speed
+    )
 
 
 def noisy_rates(device: Device, signals: JointSignals, weights: Array) -> list[Finding]:
     """Find where a filter of such weights, of value and first derivative at least, leaves φ̇ noisy."""
     rates, noises = rates_of(device, signals[:ENOUGH], weights[:2])
     return [
-        Finding(code="filter.noisy_rate", joint=device.joint, part=view.name, value=float(noise / rate), limit=QUIET)
+        Finding(
+            code="filter.noisy_rate",
+            joint=device.joint,
+            part=view.name,
+            value=float(noise / rate),
+            limit=REPORTED_MISFIT,
+        )
         for view, rate, noise in zip(device.transmissions, rates, noises, strict=True)
-        if noise > QUIET * rate > 0.0
+        if noise > REPORTED_MISFIT * rate > 0.0
     ]
 
 

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.errors import FilterError
+from vsalog.core.look import LONGEST
 from vsalog.core.signals import LONGER, JointSignals
-from vsalog.filters.conditioning import LONGEST, Preparation
+from vsalog.filters.conditioning import Preparation
 from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
 

@@ -20,14 +20,14 @@ from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimators.averaging_error import AveragingError, averaging_error
 from vsalog.estimators.device import Device, deflection_of
-from vsalog.estimators.equation import SUPPORTED_SHARE
+from vsalog.estimators.equation import REPORTED_MISFIT, SUPPORTED_SHARE
 from vsalog.estimators.needs import require
 from vsalog.estimators.observer_fold import FILLED_MEMORY, MEMORIES, ObserverTuning
 from vsalog.estimators.screening import screened
 from vsalog.estimators.state_observer import Columns, StateObserver, state_columns
 from vsalog.estimators.torque_rates import Rates, typical_speed
 from vsalog.estimators.transmission_torque import Weight, carried_by, effects_left_in
-from vsalog.estimators.windows import KEPT, QUIET, rates_of, rms, suitable_windows, with_window
+from vsalog.estimators.windows import KEPT, rates_of, rms, suitable_windows, with_window
 from vsalog.filters.coupled_observer import CoupledNoise, CoupledState, coupled_start, observe_coupled
 from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.derivatives import Derivatives, DerivativesState, Differentiated
@@ -347,7 +347,7 @@ def quiet_window(device: Device, signals: JointSignals, tuning: ImpedanceCoupled
         if motion < kept:
             break
         shares.append(noise / (max(jerk, noise) or 1.0))
-        if shares[-1] <= QUIET:
+        if shares[-1] <= REPORTED_MISFIT:
             break
         if shares[-1] <= MOST_NOISE:
             # How large noise is, is known no better than to its own size.
