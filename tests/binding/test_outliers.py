@@ -185,3 +185,35 @@ def test_an_hour_without_a_spike_costs_next_to_nothing(quantised):
         assert stand_alone(x, TURN) is None
         took.append(time.process_time() - begun)
     assert min(took) < 0.1
+
+
+def far_in_noise(times, share=0.01, n=10_000):
+    """Student's noise with a sample so many times as far as all but one in fifty are; so large a part of it is far."""
+    rng = np.random.default_rng(11)
+    x = rng.standard_t(8, n)
+    usual = np.quantile(np.abs(x), 0.98)
+    at = rng.permutation(np.arange(50, n - 50, 50))[: max(1, int(share * n))]
+    x[at] = times * usual
+    return x, sorted(at.tolist())
+
+
+@pytest.mark.parametrize(("times", "found"), [(15.0, False), (40.0, True)])
+def test_one_sample_in_a_million_is_beyond_by_chance(times, found):
+    # P(|x| > k u) = P(|x| > u) / k^3 of Student's t with three degrees of freedom, far out: of 0.02 a millionth at k = 27.1.
+    x, at = far_in_noise(times, share=0.0)
+    assert indices(x) == (at if found else [])
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.015, True), (0.02, False)])
+def test_more_than_one_in_fifty_are_no_outliers(share, found):
+    x = np.tile(motion(), 2)
+    at = np.arange(100, x.size - 100, round(1.0 / share) if found else 45)
+    x[at] = 30.0
+    assert indices(x) == (at.tolist() if found else [])
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.03, False), (0.09, True)])
+def test_what_is_off_by_less_than_a_twentieth_of_the_range_spoils_nothing(share, found):
+    x = np.sin(T)
+    x[5000] += 2.0 * share
+    assert indices(x) == ([5000] if found else [])

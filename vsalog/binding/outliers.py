@@ -11,29 +11,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.binding.unwrapping import JUMP, wraps_around
 from vsalog.core.resolution import step_of
+from vsalog.core.significance import FALSE_ALARM_OF_MANY
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 # Roles that no command makes jump; a push or a blow seen by an accelerometer may be as short as it likes.
 ROLES = ("motor_position", "link_position", "deflection", "torque_sensor", "pressure")
-# So many samples in a row may stand alone: a running median of this width passes over them, and keeps steps as they are.
-LONGEST, WIDTH = 3, 7
-# How far they are from that median: in robust standard deviations of what it leaves, in steps of the sensor, in parts of the
-# range that the signal is usually in.
-DEVIATIONS, STEPS, SHARE = 100.0, 20.0, 0.05
-# And as a multiple of what all but this part of the samples (or these few, where that is less) keep to: a signal of short
-# pulses, or noise with heavy tails, is far from its median often.
-FEW, FEWEST, BEYOND = 0.02, 4, 20.0
-# The samples on either side go on where they were, but for this part of how far the ones between are away.
-CALM = 0.2
-# A shorter log does not show what is usual.
-SHORTEST = 100
-# What is usual in a long log, some stretches of it show as well: their number and length.
-STRETCHES, STRETCH = 8, 4_096
-# A turn that is counted again is a jump of more than this part of it.
-WRAPS, WITHIN = 0.9, 1.01
+LONGEST_OUTLIER = 3
+"""Samples in a row that may stand alone [1]: two packets, and the one between them; a push takes longer. A running median of twice
+as many and one passes over them, and keeps steps as they are."""
+
+MOST_OUTLIERS = 0.02
+"""Part of the samples that may stand alone [1]; of pulses that come more often, or noise with heavy tails, it is how far they
+usually are from the median. Where it is less than one outlier of that length, the log is too short to show what is usual."""
+
+TAIL_INDEX = 3.0
+"""Power with which the tail of a sensor's noise falls off, at least [1]: Student's t of three degrees of freedom, the heaviest that
+has a variance."""
+
+LEAST_SHARE = 0.05
+"""How far a sample is off that stands alone, as part of the range that the signal is usually in [1]; less does not spoil a fit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,10 +64,10 @@ class Outliers:
     def __init__(self, seen: Array, turn: float | None = None, *, whole: bool = True) -> None:
         _, known, steps = _known(seen)
         self._turn, self._usual = turn, None
-        if known.size < SHORTEST:
+        if known.size * MOST_OUTLIERS < LONGEST_OUTLIER + 1:
             return
-        self._wraps, self._jump = _wraps_in(known, steps, turn), _jump(known, turn)
-        # Cheap, and most logs end here: whoever stands alone was jumped to.
+        self._wraps, self._jump = _wraps_in(known, steps, turn), 0.5 * LEAST_SHARE * _usual_range(known)
+        # Cheap, and most logs end here: whoever stands alone was jumped to, and not by steps half as large.
         if not whole or _greatest(steps, turn, self._wraps) > self._jump:
             self._usual = _usual(known, _middle(known), turn)
 
@@ -76,7 +76,7 @@ class Outliers:
         if self._usual is None:
             return None
         kept, known, steps = _known(values)
-        if known.size < WIDTH or not _greatest(steps, self._turn, self._wraps) > self._jump:
+        if known.size <= 2 * LONGEST_OUTLIER or not _greatest(steps, self._turn, self._wraps) > self._jump:
             return None
         left = _left(known, _middle(known), self._turn, self._wraps, self._usual)
         return _everywhere(values, kept, _alone(known, left, self._usual, self._turn))
@@ -103,25 +103,16 @@ def _everywhere(values: Array, kept: Flags | None, alone: Flags) -> Flags | None
 
 
 def _wraps_in(known: Array, steps: Array, turn: float | None) -> bool:
-    return turn is not None and _greatest(steps, None, False) > WRAPS * turn and _wraps_around(known, turn)
+    return turn is not None and _greatest(steps, None, False) > JUMP * turn and wraps_around(_usual_range(known), turn)
 
 
 def _greatest(steps: Array, turn: float | None, wraps: bool) -> float:
     """Return the greatest step, the shorter way round where the encoder wraps."""
     greatest = max(float(steps.max()), -float(steps.min()))
-    if turn is not None and wraps and greatest > WRAPS * turn:
+    if turn is not None and wraps and greatest > JUMP * turn:
         steps = steps - turn * np.round(steps / turn)
         greatest = max(float(steps.max()), -float(steps.min()))
     return greatest
-
-
-def _jump(known: Array, turn: float | None) -> float:
-    return (1.0 - CALM) * max(SHARE * _usual_range(known), 0.5 * DEVIATIONS * _usual_deviation(known, turn))
-
-
-def _wraps_around(known: Array, turn: float) -> bool:
-    """Tell whether an encoder wraps after a turn: it stays within one, but for the few samples that may be wrong."""
-    return _usual_range(known) <= WITHIN * turn
 
 
 def _middle(known: Array) -> Array:
@@ -129,7 +120,7 @@ def _middle(known: Array) -> Array:
     from scipy.ndimage import median_filter
 
     # The mirror does not repeat the first sample: alone, it would be three of seven.
-    return np.asarray(median_filter(known, WIDTH, mode="mirror"))
+    return np.asarray(median_filter(known, 2 * LONGEST_OUTLIER + 1, mode="mirror"))
 
 
 def _left(
@@ -137,12 +128,12 @@ def _left(
 ) -> Array:
     """Return how far each sample is from the running median, the shorter way round where the encoder wraps."""
     left = known - middle
-    if turn is not None and bool((np.abs(left) > WRAPS * turn).any()):
-        if not (_wraps_around(known, turn) if wraps is None else wraps):
+    if turn is not None and bool((np.abs(left) > JUMP * turn).any()):
+        if not (wraps_around(_usual_range(known), turn) if wraps is None else wraps):
             return left
         low, high = (usual.low, usual.high) if usual is not None else (middle.min(), middle.max())
         # What is out of the turn altogether was counted by nobody.
-        within = np.maximum(known, high) - np.minimum(known, low) <= WITHIN * turn
+        within = wraps_around(np.maximum(known, high) - np.minimum(known, low), turn)
         left = np.where(within, left - turn * np.round(left / turn), left)
     return left
 
@@ -152,32 +143,20 @@ def _usual_range(known: Array) -> float:
     return float(high - low)
 
 
-def _usual_deviation(known: Array, turn: float | None) -> float:
-    if known.size <= STRETCHES * STRETCH:
-        return _deviation(_left(known, _middle(known), turn))
-    starts = np.linspace(0, known.size - STRETCH, STRETCHES).astype(int)
-    pieces = [known[i : i + STRETCH] for i in starts]
-    return float(np.median([_deviation(_left(piece, _middle(piece), turn)) for piece in pieces]))
-
-
-def _deviation(left: Array) -> float:
-    return 1.4826 * float(np.median(np.abs(left)))
-
-
 def _usual(known: Array, middle: Array, turn: float | None) -> Usual:
-    """Return what is usual of numbers that have this running median."""
+    """Return what is usual of numbers that have this running median.
+
+    Of a tail that falls off as a power, P(|x| > k u) = P(|x| > u) / k^TAIL_INDEX, one sample in a million is beyond `least`.
+    """
     left = _left(known, middle, turn)
     size = np.abs(left)
-    few = min(known.size - 1, max(FEWEST, int(FEW * known.size)))
+    few = int(MOST_OUTLIERS * known.size)
     usual = float(np.partition(size, known.size - 1 - few)[known.size - 1 - few])
-    least = max(
-        DEVIATIONS * _deviation(left),
-        BEYOND * usual,
-        SHARE * _usual_range(known),
-    )
+    times = (MOST_OUTLIERS / FALSE_ALARM_OF_MANY) ** (1.0 / TAIL_INDEX)
+    least = max(times * usual, LEAST_SHARE * _usual_range(known))
     far = size > least
     # Of few samples a sensor's steps make a large part.
-    least = max(least, STEPS * _step(known, far)) if far.any() else least
+    least = max(least, times * _step(known, far)) if far.any() else least
     return Usual(least, float(middle.min()), float(middle.max()))
 
 
@@ -188,7 +167,7 @@ def _alone(known: Array, left: Array, usual: Usual, turn: float | None) -> Flags
     for first in np.flatnonzero(far & ~np.concatenate(([False], far[:-1]))):
         after = int(np.searchsorted(good, first))
         last = int(good[after]) if after < good.size else known.size
-        if last - first > LONGEST or not _calm(known, good, after, float(size[first:last].max()), turn):
+        if last - first > LONGEST_OUTLIER or not _calm(known, good, after, float(size[first:last].max()), turn):
             far[first:last] = False
     return far
 
@@ -200,10 +179,13 @@ def _step(known: Array, far: Flags) -> float:
 
 
 def _calm(known: Array, good: NDArray[np.intp], after: int, size: float, turn: float | None) -> bool:
-    """Tell whether the good samples around `good[after]`, before which others stand alone, go on as if nothing were between."""
+    """Tell whether the good samples around `good[after]`, before which others stand alone, go on as if nothing were between.
+
+    A motion by such steps, or twice such, is less far from its running median than those are.
+    """
     around = known[good[max(0, after - 2) : after + 2]]
     steps = np.diff(around)
     if turn is not None:
-        wraps = np.abs(steps) > WRAPS * turn
+        wraps = np.abs(steps) > JUMP * turn
         steps = np.where(wraps, steps - turn * np.round(steps / turn), steps)
-    return bool((np.abs(steps) <= CALM * size).all())
+    return bool((2 * LONGEST_OUTLIER * np.abs(steps) <= size).all())

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vsalog.binding.drive_model import acting_torque, shift_of
 from vsalog.binding.findings import Tally
 from vsalog.binding.grid import GAP, Bound, is_even, less, stamps_where
-from vsalog.binding.outliers import LONGEST, Outliers
+from vsalog.binding.outliers import LONGEST_OUTLIER, Outliers
 from vsalog.binding.role_source import Source
 from vsalog.binding.unwrapping import JUMP, Unwrapping, unwrapped_on, wraps_around
 from vsalog.binding.zero_order_hold import MARGIN as AROUND
@@ -151,7 +151,7 @@ class Role:
             return False
         values = (self.channel.values[first:last] for first, last in parts(self.channel.values))
         # Where samples are left out a jump may be cut in as many pieces, and one more.
-        if _span_and_jump(values)[1] * (LONGEST + 1) <= JUMP * turn:
+        if _span_and_jump(values)[1] * (LONGEST_OUTLIER + 1) <= JUMP * turn:
             return False
         span, jump = _span_and_jump(values for _, values, *_ in self._recorded())
         return jump > JUMP * turn and wraps_around(span, turn)
