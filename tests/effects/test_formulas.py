@@ -37,6 +37,18 @@ def test_an_eccentricity_is_undone_with_its_slope(gain, amplitude, phase):
     np.testing.assert_allclose(disc.slope(ANGLE, gain), difference, atol=1e-5)
 
 
+@given(
+    gain=st.floats(-2.0, 2.0).filter(lambda gain: abs(gain) > 0.1),
+    share=st.floats(0.0, 0.999),
+    phase=st.floats(-4.0, 4.0),
+)
+def test_a_large_eccentricity_is_undone_in_as_many_rounds_as_a_double_has_bits(gain, share, phase):
+    disc = Eccentricity(amplitude=share * abs(gain), phase=phase)
+    said = gain * ANGLE + disc.error(ANGLE)
+    x = disc.centred(said, gain, 52, 1e-8)
+    np.testing.assert_allclose(gain * x + disc.error(x), said, atol=1e-12)
+
+
 @given(gain=st.floats(0.1, 10.0), offset=FINITE)
 def test_a_drive_delivers_what_it_was_told_for(gain, offset):
     np.testing.assert_allclose(delivered(commanded_for(ANGLE, gain, offset), gain, offset), ANGLE, atol=1e-9)

@@ -8,11 +8,8 @@ from functools import partial
 
 import numpy as np
 
-from vsalog.binding.grid import Bound
+from vsalog.binding.grid import Bound, lacks_samples
 from vsalog.core.finding import Finding
-
-# A step of so many periods lacks a sample.
-LACKING = 1.5
 
 
 @dataclass(slots=True)
@@ -44,8 +41,8 @@ class Tally:
     def add(self, b: Bound) -> None:
         """Take the next part of a role into account; there is at least one sample in it."""
         self.samples += b.stamps.size
-        self.lost += int(np.count_nonzero(np.diff(b.stamps) > LACKING * b.period))
-        self.lost += self.last is not None and bool(b.stamps[0] - self.last > LACKING * b.period)
+        self.lost += int(np.count_nonzero(lacks_samples(np.diff(b.stamps), b.period)))
+        self.lost += self.last is not None and bool(lacks_samples(b.stamps[0] - self.last, b.period))
         self.last = int(b.stamps[-1])
         finite = b.values[np.isfinite(b.values)]
         self.bad += b.values.size - finite.size

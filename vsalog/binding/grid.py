@@ -16,10 +16,11 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Stamps = NDArray[np.int64]
 
-# A gap longer than this many sample times of a channel ends the run.
 GAP = 2.5
-# Stamps that stray less than this share of the period from an even spacing are on the grid as they are.
+"""Longest gap within a run [periods of the channel]: one lost sample and jitter, across which a motion is nearly a line."""
+
 EVEN = 0.02
+"""How far stamps may stray from an even spacing and are on the grid as they are [periods]: what a recorder's clock jitters by."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +106,11 @@ def _overlap(a: list[tuple[int, int]], b: list[tuple[int, int]]) -> list[tuple[i
         else:
             j += 1
     return out
+
+
+def lacks_samples(steps: Stamps, period: int) -> Flags:
+    """Tell behind which steps between stamps [ns] samples are lacking: those that are nearer to two periods than to one."""
+    return np.asarray(np.rint(steps / period) > 1)
 
 
 def is_even(least: int, greatest: int, period: int) -> bool:

@@ -21,19 +21,19 @@ Flags = NDArray[np.bool_]
 # Roles that no command makes jump; a push or a blow seen by an accelerometer may be as short as it likes.
 ROLES = ("motor_position", "link_position", "deflection", "torque_sensor", "pressure")
 LONGEST_OUTLIER = 3
-"""Samples in a row that may stand alone [1]: two packets, and the one between them; a push takes longer. A running median of twice
-as many and one passes over them, and keeps steps as they are."""
+"""Samples in a row that may stand alone [1]: two packets, and the one between them; a push takes longer. A running median of
+twice as many and one passes over them, and keeps steps as they are."""
 
 MOST_OUTLIERS = 0.02
 """Part of the samples that may stand alone [1]; of pulses that come more often, or noise with heavy tails, it is how far they
-usually are from the median. Where it is less than one outlier of that length, the log is too short to show what is usual."""
+usually are from the median. Where one outlier of that length is more, the log is too short to show what is usual."""
 
 TAIL_INDEX = 3.0
-"""Power with which the tail of a sensor's noise falls off, at least [1]: Student's t of three degrees of freedom, the heaviest that
-has a variance."""
+"""Power with which the tail of a sensor's noise falls off, at least [1]: Student's t of three degrees of freedom, the heaviest
+that has a variance."""
 
 LEAST_SHARE = 0.05
-"""How far a sample is off that stands alone, as part of the range that the signal is usually in [1]; less does not spoil a fit."""
+"""How far a sample is off that stands alone, in parts of the signal's usual range [1]; less does not spoil a fit."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ range and which samples stand alone are those of all samples.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
@@ -18,8 +19,7 @@ from vsalog.binding.grid import GAP, Bound, is_even, less, stamps_where
 from vsalog.binding.outliers import LONGEST_OUTLIER, Outliers
 from vsalog.binding.role_source import Source
 from vsalog.binding.unwrapping import JUMP, Unwrapping, unwrapped_on, wraps_around
-from vsalog.binding.zero_order_hold import MARGIN as AROUND
-from vsalog.binding.zero_order_hold import held
+from vsalog.binding.zero_order_hold import LONGEST_HOLD, held
 from vsalog.core.column import parts
 from vsalog.core.look import stretches
 from vsalog.core.recording import Channel
@@ -30,9 +30,6 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Stamps = NDArray[np.int64]
 Segments = list[tuple[int, int]]
-
-# Samples on either side by which an outlier is known, and samples that reach across what is bridged.
-MARGIN, BRIDGE = 64, 4
 
 
 class Role:
@@ -131,18 +128,14 @@ class Role:
             if self.outliers is None:
                 yield self.channel.stamps[first:last], self.channel.values[first:last], None, None
                 continue
-            begin, end = max(0, first - AROUND), min(last + AROUND, len(self.channel.values))
-            stamps, alone = self.channel.stamps[begin:end], self._alone(self.outliers, begin, end)
+            # A hold, and twice as much around it, on either side of a part; its ends tell no outlier of the part.
+            begin, end = max(0, first - 4 * LONGEST_HOLD), min(last + 4 * LONGEST_HOLD, len(self.channel.values))
+            stamps, alone = self.channel.stamps[begin:end], self.outliers.among(self.channel.values[begin:end])
             values = less(self.channel.values[begin:end], alone)
             stuck = held(stamps, values, self.period, self.source.turn)
             here = slice(first - begin, last - begin)
             alone, stuck = (None if flags is None else flags[here] for flags in (alone, stuck))
             yield stamps[here], less(values[here], stuck), alone, stuck
-
-    def _alone(self, outliers: Outliers, first: int, last: int) -> Flags | None:
-        begin = max(0, first - MARGIN)
-        found = outliers.among(self.channel.values[begin : last + MARGIN])
-        return None if found is None else found[first - begin : last - begin]
 
     def _unwraps(self) -> bool:
         """Tell whether the role is an encoder that wraps after a turn: it jumps, and stays within one."""
@@ -179,13 +172,14 @@ class Ahead:
 
     def __init__(self, role: Role) -> None:
         self._parts = role.parts()
+        self._bridge = math.ceil(GAP) + 1  # samples that reach across what is bridged
         self._held = next(self._parts)
 
     def around(self, first: int, last: int) -> Bound:
         """Return the samples from some before a stamp to some that are not before another."""
         ours = self._held
         # What is missing at either end is bridged from beyond.
-        while ours.stamps[-BRIDGE:][0] < last and (part := next(self._parts, None)) is not None:
+        while ours.stamps[-self._bridge :][0] < last and (part := next(self._parts, None)) is not None:
             ours = self._from(ours, first)
             ours = replace(
                 ours,
@@ -200,7 +194,6 @@ class Ahead:
         for _ in self._parts:
             pass
 
-    @staticmethod
-    def _from(ours: Bound, first: int) -> Bound:
-        begin = max(0, min(int(np.searchsorted(ours.stamps, first)) - BRIDGE, ours.stamps.size - BRIDGE))
+    def _from(self, ours: Bound, first: int) -> Bound:
+        begin = max(0, min(int(np.searchsorted(ours.stamps, first)) - self._bridge, ours.stamps.size - self._bridge))
         return replace(ours, stamps=ours.stamps[begin:], values=ours.values[begin:])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import msgspec
@@ -11,7 +12,6 @@ from numpy.typing import NDArray
 from vsalog.binding.grid import Bound
 from vsalog.binding.outliers import ROLES
 from vsalog.binding.sensor_model import seen_by
-from vsalog.binding.unwrapping import TURN
 from vsalog.core.errors import BindingError, UnitError
 from vsalog.core.finding_texts import sentence
 from vsalog.core.recording import Channel, Recording
@@ -21,9 +21,6 @@ from vsalog.rig.schema import Joint, Motor, PneumaticJoint, Run, SerialJoint, Si
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
-
-# No position or torque is larger, in SI.
-HUGEST = 1e30
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +75,7 @@ class Source:
             values = self.lever.start - self.lever.travel * values
             resolution = None if resolution is None else resolution * abs(self.lever.travel)
         greatest = float(np.fmax.reduce(np.abs(values)))
-        if greatest > HUGEST:
+        if greatest > np.finfo(np.float32).max:  # of which squares and their products are finite
             raise BindingError(
                 f"{self.where} reaches {greatest:.3g} in SI: is its unit, its offset or the gear ratio in the rig right?"
             )
@@ -151,7 +148,7 @@ def _turn(channel: Channel, signal: Signal, role: str) -> float | None:
     unit = _unit(channel, signal) or "rad"
     if not role.startswith(("motor_position", "link_position")) or not _converts(unit, "rad"):
         return None
-    return TURN / si_factor(unit, "rad")
+    return math.tau / si_factor(unit, "rad")
 
 
 def _check(recording: Recording, channel: Channel, role: str) -> None:

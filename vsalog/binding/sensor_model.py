@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.precision import ROUNDING
 from vsalog.core.resolution import resolution_of
 from vsalog.effects.calibration import zeroed
 from vsalog.rig.roles import Signal
 
 Array = NDArray[np.float64]
-
-# Rounds of taking an eccentricity out, each of which leaves amplitude / gain of the error, and what may be left [rad].
-ROUNDS, LEFT = 500, 1e-14
 
 
 def seen_by(m: Array, signal: Signal, time: Array | None) -> tuple[Array, float | None]:
@@ -30,7 +28,7 @@ def seen_by(m: Array, signal: Signal, time: Array | None) -> tuple[Array, float 
         resolution = resolution_of(m)
     m = zeroed(m, time, signal.offset, signal.drift)
     if disc is not None:
-        m = disc.centred(m, signal.gain, ROUNDS, LEFT)
+        m = disc.centred(m, signal.gain, np.finfo(np.float64).nmant, ROUNDING)  # halving alone is done by then
     elif signal.gain != 1.0:
         m = m / signal.gain
     return m, None if resolution is None else resolution / signal.gain

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,11 +13,11 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-TURN = 2.0 * np.pi
+JUMP = 0.9
+"""A jump of more is one to the next turn [turns]: what a joint turns from one sample to the next is less than the rest."""
 
-
-# A jump of more than this part of a turn is a new beginning; an encoder that wraps stays within so many turns.
-JUMP, WITHIN = 0.9, 1.01
+WITHIN = 1.01
+"""Range that the readings of an encoder that wraps stay in [turns]: one, and its noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +106,7 @@ def turned_on(link: Array, theta: Array, starts: Flags, state: SameTurn) -> Arra
             known = phi[first:last][np.isfinite(phi[first:last])]
             if not known.size:
                 continue
-            state.shift = TURN * np.ceil((known[0] - state.near) / TURN - 0.5)
+            state.shift = math.tau * np.ceil((known[0] - state.near) / math.tau - 0.5)
             state.near = known[0] - state.shift
         if state.shift:
             turned[first:last] += state.shift

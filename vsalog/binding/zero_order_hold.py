@@ -9,18 +9,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.binding.grid import lacks_samples
+
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# So many samples repeat the one before, at least; more than so many are no hitch.
-FEWEST, MOST = 8, 1000
-# So many samples on either side tell whether a reading was held.
-MARGIN = 3 * MOST + 2
-# The jump is so many times the greatest step around it, over twice the time that the reading was held for on either side; the
-# same time before and behind moves it by so much of the jump each, and by so much the more lively one of them.
-TIMES, MOVES, LIVELY = 5.0, 0.25, 0.5
-# Behind so many periods without a sample a jump is no wonder.
-APART = 1.5
+SHORTEST_HOLD = 8
+"""Samples that repeat the one before, at least [1]; fewer are a coarse encoder, or a packet that came twice."""
+
+LONGEST_HOLD = 1000
+"""Samples that repeat the one before, at most [1]; more are no hitch but a rest."""
+
+JUMP_RATIO = 5.0
+"""The jump behind a hold over the greatest step around it, at least, and over the way in the same time before and behind it, at
+most [1]: a motion that goes on makes both, over twice the time that the reading was held for on either side."""
 
 
 def held(stamps: NDArray[np.int64], values: Array, period: int, turn: float | None = None) -> Flags | None:
@@ -43,11 +45,12 @@ def held(stamps: NDArray[np.int64], values: Array, period: int, turn: float | No
     after = np.flatnonzero(known[1:] != known[:-1]) + 1
     first = np.append(0, after)[:-1]
     length = after - 1 - first
-    likely = (length >= FEWEST) & (length <= MOST) & (first >= length) & (after + length < known.size)
+    likely = (length >= SHORTEST_HOLD) & (length <= LONGEST_HOLD) & (first >= length) & (after + length < known.size)
     first, after = first[likely], after[likely]
     jumps, ahead, behind = (_steps(known, at, turn) for at in (after, first, after + 1))
-    likely = TIMES * np.fmax(np.abs(ahead), np.abs(behind)) <= np.abs(jumps)
-    likely &= when[after] - when[after - 1] <= APART * period
+    likely = JUMP_RATIO * np.fmax(np.abs(ahead), np.abs(behind)) <= np.abs(jumps)
+    # Behind lost samples a jump is no wonder.
+    likely &= ~lacks_samples(when[after] - when[after - 1], period)
     pairs = zip(first[likely].tolist(), after[likely].tolist(), strict=True)
     if not (found := [pair for pair in pairs if _caught_up(known, *pair, turn)]):
         return None
@@ -64,10 +67,11 @@ def _caught_up(x: Array, first: int, after: int, turn: float | None) -> bool:
     # Nearest first, as far as there are samples.
     before = _steps(x, np.arange(first, max(first - 2 * length, 0), -1), turn)
     behind = _steps(x, np.arange(after + 1, min(after + 1 + 2 * length, x.size)), turn)
-    if TIMES * max(np.abs(before).max(initial=0.0), np.abs(behind).max(initial=0.0)) > abs(jump):
+    if JUMP_RATIO * max(np.abs(before).max(initial=0.0), np.abs(behind).max(initial=0.0)) > abs(jump):
         return False
     moved = float(before[:length].sum()), float(behind[:length].sum())
-    return min(map(abs, moved)) >= MOVES * abs(jump) and max(way / jump for way in moved) >= LIVELY
+    # At least half as fast on one side, and that way; on the other the motion may turn.
+    return JUMP_RATIO * min(map(abs, moved)) >= abs(jump) and 2.0 * max(way / jump for way in moved) >= 1.0
 
 
 def _steps(x: Array, k: NDArray[np.int64], turn: float | None) -> Array:

@@ -30,18 +30,23 @@ class Eccentricity(Base, frozen=True):
     def centred(self, m: Array, gain: float, rounds: int, left: float) -> Array:
         """Return x of m = gain · x + amplitude · sin(x + phase), shape of `m`.
 
-        Each round leaves amplitude / gain of the error.
+        A Newton iteration in brackets (Kepler's equation): halves them where a step would leave them.
 
         Parameters
         ----------
         m : [rad]
         gain : of the encoder
         rounds : at most
-        left : ends once a round changes no angle by more than this part of the largest, or of 1 rad
+        left : ends once a round changes no angle by more than this part of the largest, or of 1 rad; what is left is its square
         """
         x = m / gain
+        far = abs(self.amplitude / gain)
+        low, high = x - far, x + far
         for _ in range(rounds):
-            last, x = x, (m - self.error(x)) / gain
+            beyond = x - (m - self.error(x)) / gain
+            low, high = np.where(beyond > 0.0, low, x), np.where(beyond > 0.0, x, high)
+            last, x = x, x - beyond * gain / self.slope(x, gain)
+            x = np.where((x >= low) & (x <= high) | np.isnan(x), x, 0.5 * (low + high))
             if not np.fmax.reduce(np.abs(x - last)) > left * max(1.0, float(np.fmax.reduce(np.abs(x)))):
                 break
         return x
