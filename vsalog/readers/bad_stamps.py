@@ -18,9 +18,6 @@ from vsalog.core.recording import Stamps
 from vsalog.readers.clock_steps import AHEAD, FAR, NEAR
 from vsalog.readers.reach import Nanoseconds, Stamp
 
-COUNTED = 20 * 365 * Nanoseconds.DAY
-"""Stamps below it are counted from some start; dates that go back are those of logs that were put together in another order."""
-
 FEW = 20
 """One in so many stamps may be none; of more, it is the clock that is not believed."""
 

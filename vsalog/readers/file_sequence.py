@@ -17,9 +17,6 @@ from vsalog.readers.chunk_index import Needed, Part
 from vsalog.readers.container import Connection, Container
 from vsalog.readers.packets import Packet
 
-CONNECTIONS_PER_FILE = 2**32
-"""Numbers of connections that a file may use: formats count them by 32 bits."""
-
 
 class SeveralContainer:
     """Files, which are `parts`, one after the other; see `vsalog.readers.container.Container`.
@@ -73,7 +70,7 @@ class SeveralContainer:
         first = 0
         for container in self.parts:
             most = max((one.id for one in container.connections()), default=0)  # a file may be several itself
-            last = first + CONNECTIONS_PER_FILE * (1 + most // CONNECTIONS_PER_FILE)
+            last = first + (most | np.iinfo(np.uint32).max) + 1  # formats count connections by 32 bits
             yield range(first, last), container
             first = last
 

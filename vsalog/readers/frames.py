@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import IntEnum
 
 import numpy as np
 
@@ -12,8 +13,14 @@ from vsalog.readers.fields import MAX_NAME
 from vsalog.readers.limits import MOST_PARTS
 from vsalog.readers.packets import Bytes, Integers, Messages
 
-FRAME_OFFSET = 4 + 8
-"""Bytes of a message ahead of its frame: a sequence number (ROS 1) or what tells the byte order (ROS 2), and the time stamp."""
+
+class At(IntEnum):
+    """Byte of a message at which a part of it begins (std_msgs/Header).
+
+    Ahead of the stamp is a sequence number (ROS 1) or what tells the byte order (ROS 2).
+    """
+
+    STAMP, FRAME = 4, 4 + 8
 
 
 def has_frame(root: Struct, cdr: bool) -> bool:
@@ -91,8 +98,8 @@ class Frames:
 def _places(data: Bytes, start: Integers, length: Integers, cdr: bool, place: Integers, sizes: Integers) -> None:
     """Write down where each message's frame begins and how long it is, -1 where that is not clear."""
     for k in range(start.size):
-        at, place[k], sizes[k] = start[k] + FRAME_OFFSET, 0, -1
-        if length[k] < FRAME_OFFSET + 4:
+        at, place[k], sizes[k] = start[k] + At.FRAME, 0, -1
+        if length[k] < At.FRAME + 4:
             continue
         size = 0
         for i in range(4):

@@ -23,6 +23,12 @@ class Size(IntEnum):
     CHUNK = HEAD + 28 + 4 + LONGEST_COMPRESSION + 8  # a chunk's beginning, up to the length of its records
 
 
+class Reserved(IntEnum):
+    """Opcodes from which on records are not of the format (mcap.dev/spec)."""
+
+    PRIVATE = 0x80
+
+
 class Width(IntEnum):
     """Bytes of a number. Members have one type: what takes numbers is compiled once more for each that is written out."""
 

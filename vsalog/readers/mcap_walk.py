@@ -17,14 +17,10 @@ from mcap.opcode import Opcode
 from vsalog.core.finding import Finding
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.limits import GLANCE_BYTES, PIECE_BYTES
-from vsalog.readers.mcap_scan import Size, next_sure_record
+from vsalog.readers.mcap_scan import Reserved, Size, next_sure_record
 from vsalog.readers.walk_findings import walk_findings
 
 MAGIC = b"\x89MCAP0\r\n"
-
-
-FIRST_PRIVATE = 0x80
-"""From here on kinds of records are not of the format (mcap.dev/spec)."""
 
 
 KEPT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA)
@@ -120,7 +116,7 @@ class Walk:
                 self.cut = (position, self._size)
                 return
             self._chunked |= kind == Opcode.CHUNK
-            self.unknown += Opcode.DATA_END < kind < FIRST_PRIVATE
+            self.unknown += Opcode.DATA_END < kind < Reserved.PRIVATE
             if keep:
                 yield kind, content, position
             position += _HEAD.size + length

@@ -33,10 +33,6 @@ _LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl"}
 _COLUMNS = {"topic_id", "timestamp", "data"}
 
 
-LAST_ROW = 2**62
-"""Numbers of rows have 64 bits; those beyond are never given."""
-
-
 _Rows = tuple[tuple[Any, ...], tuple[int, ...], tuple[bytes, ...]]
 """Topics, times and messages."""
 
@@ -156,11 +152,11 @@ class SqliteContainer:
             From the first row to `start` all was read; -1 where nothing was.
         """
         query = f"SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid > ? {only} ORDER BY rowid"
-        last, lost, stretch = start, 0, 0
+        last, lost, stretch, last_row = start, 0, 0, np.iinfo(np.int64).max
         count = 0 if start < 0 else start - first + 1
         nonsense, at_once = 0, FIRST_ROWS
         most = self.size()  # more rows than bytes come only of pages that are there several times
-        while start < LAST_ROW and count < most:
+        while start < last_row and count < most:
             try:
                 cursor = self._database.execute(query, (start,))
                 while count < most and (rows := list(islice(cursor, at_once))):
@@ -193,7 +189,7 @@ class SqliteContainer:
             self.findings.add(Finding(code="recording.rows_without_message", value=nonsense))
         if count >= most:
             self.findings.add(Finding(code="recording.database_repeats"))
-        elif start >= LAST_ROW:
+        elif start >= last_row:
             self.findings.add(Finding(code="recording.database_end_unreadable"))
         elif lost:
             self.findings.add(Finding(code="recording.rows_unreadable", value=lost))

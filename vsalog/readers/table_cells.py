@@ -15,10 +15,6 @@ from vsalog.readers.headers import printable_cell
 from vsalog.readers.limits import SAMPLE_ROWS
 from vsalog.readers.table_text import LIKE_NUMBERS, NUMBER
 
-EXACT = 2 ** (np.finfo(np.float64).nmant + 1)
-"""Whole numbers up to it are doubles."""
-
-
 _CELL = NUMBER.replace("^", "^(", 1)[:-1] + r"|[+-]?(?i:inf|infinity)|[+-]?(?i:nan))$"
 
 _EMPTY = arrow_texts(["", *LIKE_NUMBERS])
@@ -85,7 +81,7 @@ class Cells:
 
 def _rounded(cells: pa.Array, values: Values) -> str:
     """Return a whole number that floating point cannot hold, "" where none was found."""
-    large = np.abs(values) > EXACT
+    large = np.abs(values) * np.finfo(np.float64).epsneg > 1.0  # beyond, whole numbers are left out
     for at in np.flatnonzero(large & np.isfinite(values))[:SAMPLE_ROWS].tolist():
         cell = str(cells[at].as_py()).strip()
         if _WHOLE.match(cell) and int(cell) != int(values[at]):

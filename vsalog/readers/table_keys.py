@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.alternating import APART
-from vsalog.readers.bad_stamps import COUNTED
 from vsalog.readers.limits import ENOUGH, MAX_ARRAY, MOST_PARTS, TELLING
+from vsalog.readers.reach import Stamp
 from vsalog.readers.table_cells import numbers_and_words
 from vsalog.readers.time_columns import ClockColumn, ClockPlan, nanoseconds
 from vsalog.readers.time_dates import trimmed
@@ -200,7 +200,7 @@ def _in_blocks(candidate: _Candidate, first: pa.Array, keys: Sequence[int], cloc
         names, stamps = names.filter(kept), stamps[good]
         if not len(names):
             continue
-        if not candidate.called and stamps.min() < COUNTED:
+        if not candidate.called and stamps.min() < Stamp.YEAR_2000:
             return False
         changed, fell = _steps(names, stamps, others.filter(kept) if others is not None else None, last)
         changes, falls = changes + int(changed.sum()), falls + int(fell.sum())

@@ -9,8 +9,9 @@ import numpy as np
 
 from vsalog.core.column import parts
 from vsalog.core.recording import Stamps
-from vsalog.readers.bad_stamps import COUNTED, REACH, are_few
+from vsalog.readers.bad_stamps import REACH, are_few
 from vsalog.readers.clock_steps import AHEAD
+from vsalog.readers.reach import Stamp
 
 
 def stamps_that_are_none(stamps: Stamps) -> Stamps:
@@ -28,7 +29,7 @@ def stamps_that_are_none(stamps: Stamps) -> Stamps:
 
 def _of_other_times(stamps: Stamps) -> Stamps:
     """Return the rows of dates where most stamps are counted from some start, or the other way round."""
-    dated = [np.flatnonzero(stamps[first:last] >= COUNTED) + first for first, last in parts(stamps)]
+    dated = [np.flatnonzero(stamps[first:last] >= Stamp.YEAR_2000) + first for first, last in parts(stamps)]
     count = sum(rows.size for rows in dated)
     if not 0 < count < len(stamps):
         return np.empty(0, np.int64)

@@ -6,6 +6,7 @@ import codecs
 import io
 import re
 import zlib
+from enum import IntEnum
 from pathlib import Path
 from typing import IO, cast
 
@@ -25,8 +26,10 @@ _CHECKS = ("data check", "length check")
 _GZIP = b"\x1f\x8b"
 
 
-GZIP = 16 + zlib.MAX_WBITS
-"""What zlib is told of a stream that has gzip's header, and its checksum behind (zlib's manual, inflateInit2)."""
+class WindowBits(IntEnum):
+    """What zlib is told of a stream's header, and the checksum behind it (zlib's manual, inflateInit2)."""
+
+    GZIP = 16 + zlib.MAX_WBITS
 
 
 def open_text(path: Path) -> IO[bytes]:
@@ -58,7 +61,7 @@ class BoundedGzip(io.RawIOBase):
         super().__init__()
         self._path = path
         self._compressed = file
-        self._stream = zlib.decompressobj(GZIP)
+        self._stream = zlib.decompressobj(WindowBits.GZIP)
         self._left = b""
         self._size = 0
 
@@ -97,7 +100,7 @@ class BoundedGzip(io.RawIOBase):
         while self._left and not (left := self._left.lstrip(b"\0")):  # files may be filled up with zeros
             self._left = self._compressed.read(GLANCE_BYTES)
         if self._left:
-            self._left, self._stream = left, zlib.decompressobj(GZIP)
+            self._left, self._stream = left, zlib.decompressobj(WindowBits.GZIP)
         return bool(self._left)
 
     def _some(self, most: int) -> bytes:

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps
-from vsalog.readers.bad_stamps import COUNTED
 from vsalog.readers.limits import ENOUGH
-from vsalog.readers.reach import Nanoseconds
+from vsalog.readers.reach import Nanoseconds, Stamp
 
 _FULL = tuple(2**32 * unit for unit in (1, 10**3, 10**6))
 """How far counters of nanoseconds, microseconds and milliseconds reach that have 32 bits [ns]."""
@@ -134,12 +133,12 @@ class Restarts:
     def _shifts(self, times: Stamps, before: Stamps, falls: NDArray[np.bool_]) -> Stamps:
         """Return by how much each sample is put later."""
         assert self._first is not None
-        steps = np.clip(times - before, -COUNTED, COUNTED)
+        steps = np.clip(times - before, -Stamp.YEAR_2000, Stamp.YEAR_2000)
         few = ENOUGH * int(np.median(steps[steps > 0])) if (steps > 0).any() else 0
         earlier, later = np.append(self._step, steps[:-1]), np.append(steps[1:], 0)
         # The clock goes on from the first stamps; a single stamp that is wrong, before or here, is left where it is.
         anew = falls & (-steps > few) & (times <= self._first + few) & (np.maximum(earlier, later) < -steps // 2)
-        anew &= (self._first < COUNTED) & (-steps < COUNTED)
+        anew &= (self._first < Stamp.YEAR_2000) & (-steps < Stamp.YEAR_2000)
         anew &= 2 * np.count_nonzero(falls) <= len(steps)  # else the newest rows are first
         full = np.zeros(len(steps), np.int64)
         for size in _FULL:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
-from vsalog.readers.bad_stamps import COUNTED
 from vsalog.readers.clock_steps import LEAST
 from vsalog.readers.limits import BLOCK_ROWS, ENOUGH, MOST_PARTS
 from vsalog.readers.reach import Stamp
@@ -60,7 +59,7 @@ class StepsBack:
         forward = steps[steps > 0]
         few = ENOUGH * int(np.median(forward)) if forward.size else 0
         for k in np.flatnonzero(steps < -few)[:MOST_PARTS].tolist() if few else ():
-            if self._shift - steps[k] > COUNTED:
+            if self._shift - steps[k] > Stamp.YEAR_2000:
                 break
             if self._is_set_back(times, steps, k, few) and not self._are_copies(times, k, good, marks):
                 size = few // ENOUGH - int(steps[k])

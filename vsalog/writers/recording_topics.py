@@ -19,10 +19,6 @@ JOINT_FIELDS = ("position", "velocity", "effort")
 _JOINT_CHANNEL = re.compile(r"^(?P<topic>.+)\.(?P<field>position|velocity|effort)\[(?P<name>[^\[\]]+)\]$")
 
 
-END_OF_ROS_TIME = 2**31
-"""Seconds that a stamp cannot have: they are signed and have 32 bits in ROS 2."""
-
-
 @dataclass(frozen=True, slots=True)
 class Topic:
     """One topic: a stamp per message and the columns its messages are made of.
@@ -44,7 +40,7 @@ class Topic:
 
     def __post_init__(self) -> None:
         if self.stamps.size and (
-            int(self.stamps[0]) < 0 or int(self.stamps[-1]) >= END_OF_ROS_TIME * Nanoseconds.SECOND
+            int(self.stamps[0]) < 0 or int(self.stamps[-1]) // Nanoseconds.SECOND > np.iinfo(np.int32).max
         ):
             raise WriteError(f"topic {self.name}: its stamps are outside of what ROS can hold (0 to 2³¹ s)")
         if any(values.shape != self.stamps.shape for values in self.columns.values()):
