@@ -57,7 +57,7 @@ def small(monkeypatch):
     """Small pieces, so that short logs have many edges."""
     monkeypatch.setattr(core_column, "PART", 97)
     monkeypatch.setattr(run, "PART", 101)
-    monkeypatch.setattr(job, "ROOM", 0)
+    monkeypatch.setattr(job, "AT_ONCE_BYTES", 0)
 
 
 def reader_of(blocks):
@@ -269,7 +269,7 @@ def test_estimates_are_those_in_memory(monkeypatch, samples, names, options):
     (expected,) = prepare(logs, Options(**options)).run()
     for module, name, value in ((core_column, "PART", 997), (run, "PART", 1013)):
         monkeypatch.setattr(module, name, value)
-    monkeypatch.setattr(job, "ROOM", 0)
+    monkeypatch.setattr(job, "AT_ONCE_BYTES", 0)
     prepared = prepare(logs, Options(**options))
     assert prepared.is_long
     long = [one.log for one in prepared.findings if one.code == "recording.too_long_for_memory"]
@@ -286,7 +286,7 @@ def test_estimates_are_those_in_memory(monkeypatch, samples, names, options):
 
 
 def test_a_later_log_is_long_when_the_first_fills_the_memory(monkeypatch, samples):
-    monkeypatch.setattr(job, "ROOM", 10**6)
+    monkeypatch.setattr(job, "AT_ONCE_BYTES", 10**6)
     prepared = prepare([samples / "awas_exp2.mcap"] * 2, Options())
     assert [r.in_file for r in prepared.recordings] == [False, True]
 
@@ -307,7 +307,6 @@ def in_files(starts, **roles):
 
 def test_a_look_has_the_whole_range_and_is_bounded(monkeypatch):
     monkeypatch.setattr(look, "STRETCH", 100)
-    monkeypatch.setattr(look, "LONGEST", 200)
     rng = np.random.default_rng(0)
     q = 0.01 * rng.normal(size=100_000)
     theta = q + 0.01 * rng.normal(size=q.size)
@@ -348,7 +347,7 @@ def test_an_encoder_that_was_stuck_once_is_told_wherever_that_was(monkeypatch):
 
 
 def test_what_needs_the_whole_trace_in_memory_is_refused_at_once(monkeypatch, samples, tmp_path):
-    monkeypatch.setattr(job, "ROOM", 0)
+    monkeypatch.setattr(job, "AT_ONCE_BYTES", 0)
     prepared = prepare([samples / "sea_exp1.csv"], Options())
     outputs = Outputs(tmp_path / "a.parquet", tmp_path / "a.toml", mcap=tmp_path / "a.mcap")
     with pytest.raises(WriteError, match="--start and --end"):
@@ -357,7 +356,7 @@ def test_what_needs_the_whole_trace_in_memory_is_refused_at_once(monkeypatch, sa
 
 
 def test_a_full_disk_is_told_with_what_to_do(monkeypatch, samples):
-    monkeypatch.setattr(job, "ROOM", 0)
+    monkeypatch.setattr(job, "AT_ONCE_BYTES", 0)
 
     class Full:
         def close(self):
@@ -376,7 +375,7 @@ def test_figures_of_a_long_trace_are_drawn_of_a_part_of_its_rows(monkeypatch, sa
 
     outputs = Outputs(tmp_path / "a.parquet", tmp_path / "a.toml", page=tmp_path / "a.html")
     prepared = prepare([samples / "vsa2_exp1.mcap"], Options())
-    monkeypatch.setattr(page_estimate, "ROOM", 3000 * 8 * 9)  # nine columns of eight bytes
+    monkeypatch.setattr(page_estimate, "AT_ONCE_BYTES", 3000 * 8 * 9)  # nine columns of eight bytes
     (estimate,) = write_results(prepared, outputs)
     every = page_estimate.thinned(estimate)
     assert every == 7
@@ -395,9 +394,9 @@ from vsalog.core import look
 from vsalog.estimation import job
 from vsalog.report.estimate_files import Outputs, write_results
 
-job.ROOM = int(sys.argv[1])
+job.AT_ONCE_BYTES = int(sys.argv[1])
 # In proportion to logs of minutes instead of hours.
-look.LOOK_BYTES, look.STRETCH, look.LONGEST = 2**20, 8192, 16384
+look.LOOK_BYTES, look.STRETCH = 2**20, 8192
 rig = 'preset = "sea"\\n[joint.sea.signals]\\nmotor_position = "m"\\nlink_position = "l"\\nmotor_torque = "t"\\n'
 peaks = []
 for count in (300_000, 1_200_000):

@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsalog.batch.dataset import trace_name
-from vsalog.batch.names import LONGEST, decoded, device_name, encoded, readable, told_apart
+from vsalog.batch.names import decoded, device_name, encoded, readable, told_apart
+from vsalog.core.printable import LONGEST_NAME
 
 HOSTILE = [
     "../../x", "..", ".", "/etc/passwd", "a=b", "line\nend", "tab\there", "nul\0here", "50%", "%2F", "a b+c", "ü€🦾", "~",
@@ -33,7 +34,7 @@ def test_any_text_is_one_harmless_name_that_can_be_read_back(text):
 def test_other_paths_have_other_names(paths):
     names = told_apart([readable(path) for path in paths])
     assert len({encoded(name).casefold() for name in names}) == len(paths)
-    assert all(len(encoded(name)) <= LONGEST + 40 for name in names)
+    assert all(len(encoded(name)) <= LONGEST_NAME + 40 for name in names)
 
 
 def test_bytes_that_are_no_text_are_not_taken_for_text_that_looks_like_them():

@@ -22,7 +22,7 @@ ROWS = 12_000
 @pytest.fixture
 def large(tmp_path, monkeypatch):
     """A table with one gap, large for the limits that are set here."""
-    monkeypatch.setattr(sampling, "SAMPLE_BYTES", 40_000)
+    monkeypatch.setattr(sampling, "LOOK_BYTES", 2 * 40_000)
     path = tmp_path / "log.csv"
     values = np.random.default_rng(1).standard_normal(ROWS)
     # The gap of 0.1 s is within the first stretch.
@@ -173,7 +173,7 @@ def test_an_empty_compressed_file_is_empty(tmp_path):
 
 def test_dates_of_a_large_log_are_told_from_the_sample(tmp_path, monkeypatch):
     """Its first rows are of 4 March or 3 April; a stretch from the end tells, and the large log itself is not read for it."""
-    monkeypatch.setattr(sampling, "SAMPLE_BYTES", 40_000)
+    monkeypatch.setattr(sampling, "LOOK_BYTES", 2 * 40_000)
     begin = datetime(2024, 4, 3, 23, 50)
     rows = [begin + i * timedelta(minutes=2) for i in range(ROWS)]
     path = tmp_path / "log.csv"

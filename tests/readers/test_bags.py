@@ -311,7 +311,7 @@ def test_nothing_is_left_beside_a_database(unfinished, monkeypatch, how):
     folder, before = unfinished.parent, contents(unfinished.parent)
     assert f"{unfinished.name}-wal" in before
     if how == "sample":
-        monkeypatch.setattr(sampling, "SAMPLE_BYTES", 4000)
+        monkeypatch.setattr(sampling, "LOOK_BYTES", 2 * 4000)
         recording, sample = sampling.read_sample(unfinished)
         assert sample is not None
         stamps = recording.channel("/joint_states.position[elbow]").stamps

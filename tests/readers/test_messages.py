@@ -10,7 +10,8 @@ from random_messages import STORES, make, numbers, same_number, stamp_of
 
 from vsalog.readers.definitions import DefinitionError, parse_definition
 from vsalog.readers.layout import DamagedMessageError, learn
-from vsalog.readers.messages import MAX_LAYOUTS, MAX_NUMBERS, RosDecoder
+from vsalog.readers.limits import MOST_PARTS, MOST_STEPS
+from vsalog.readers.messages import RosDecoder
 from vsalog.readers.packets import Messages
 
 UNSUPPORTED = ("wstring", "float128")
@@ -113,14 +114,14 @@ def test_damaged_messages_are_left_out():
 
 
 @pytest.mark.parametrize(
-    ("of_one_length", "numbers_in_all"), [(1, MAX_NUMBERS), (MAX_LAYOUTS, 500), (MAX_LAYOUTS, MAX_NUMBERS)]
+    ("of_one_length", "numbers_in_all"), [(1, MOST_STEPS), (MOST_PARTS, 500), (MOST_PARTS, MOST_STEPS)]
 )
 def test_more_shapes_than_are_remembered(monkeypatch, of_one_length, numbers_in_all):
-    monkeypatch.setattr("vsalog.readers.messages.MAX_LAYOUTS", of_one_length)
-    monkeypatch.setattr("vsalog.readers.messages.MAX_NUMBERS", numbers_in_all)
+    monkeypatch.setattr("vsalog.readers.messages.MOST_PARTS", of_one_length)
+    monkeypatch.setattr("vsalog.readers.messages.MOST_STEPS", numbers_in_all)
     root = parse_definition("a/B", "uint8 n\nfloat64[] values\nstring tail", "msg", True)
     rng = np.random.default_rng(4)
-    shapes = [(int(a), int(b)) for a, b in rng.integers(0, 30, (6 * MAX_LAYOUTS, 2))]
+    shapes = [(int(a), int(b)) for a, b in rng.integers(0, 30, (6 * MOST_PARTS, 2))]
     raws = []
     for count, tail in shapes:
         values = np.arange(count, dtype="<f8") + tail

@@ -516,7 +516,7 @@ def test_a_footer_that_contradicts_itself_ends_no_process(tmp_path):
 
 
 def test_a_matlab_bomb_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("vsalog.readers.matlab_v5.MAX_BYTES", 2**20)
+    monkeypatch.setattr("vsalog.readers.matlab_v5.AT_ONCE_BYTES", 2**20)
     path = tmp_path / "log"
     savemat(path, {"zeros": np.zeros(1_000_000), "x": np.arange(9.0)}, do_compression=True, appendmat=False)
     assert path.stat().st_size < 2**14

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from write_logs import MS, START, McapLog, at
 
+from vsalog.core.memory import PIECE_BYTES
 from vsalog.readers import read
 from vsalog.readers.definitions import DefinitionError
-from vsalog.readers.limits import PIECE_BYTES
 from vsalog.readers.packets import Messages
 from vsalog.readers.protobuf_messages import ProtobufDecoder
 

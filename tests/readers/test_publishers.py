@@ -51,8 +51,8 @@ def bag1(path, sent):
 @pytest.mark.parametrize(("write", "names"), [(mcap, "12"), (bag1, ["/node0", "/node1"])])
 def test_the_same_joint_of_two_at_a_time_is_two_streams(tmp_path, monkeypatch, write, names, shift, large):
     if large:
-        monkeypatch.setattr(streams, "LEAST_BYTES", 0)
-        monkeypatch.setattr("vsalog.readers.bag.LEAST_BYTES", 0)
+        monkeypatch.setattr(streams, "LOOK_BYTES", 0)
+        monkeypatch.setattr("vsalog.readers.bag.LOOK_BYTES", 0)
     path = write(tmp_path / "log.bag", publications("aa", shift))
     for recording in (read(path), read(path, room=0), read(path, start=0)):
         assert set(recording.streams) == {f"/j@{name}" for name in names}
@@ -245,7 +245,7 @@ def test_a_frame_that_changes_for_a_moment_or_for_good_is_one_publishers(tmp_pat
 def test_frames_that_were_not_seen_in_time_are_told(tmp_path, monkeypatch):
     """Of a large log without an index, only the beginning is looked at beforehand."""
     monkeypatch.setattr(streams, "PACKED_BYTES", 0)
-    monkeypatch.setattr(streams, "ENOUGH", 0)
+    monkeypatch.setattr(streams, "REPEATS", 0)
     monkeypatch.setattr("vsalog.readers.mcap_file.McapContainer.glimpses", lambda container, ids: iter(()))
     recording = read(framed(tmp_path / "log", of_two(("left", "right"), 0.5)))
     assert set(recording.streams) == {"/j"}

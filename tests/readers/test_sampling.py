@@ -29,7 +29,7 @@ BUDGET = 10_000
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """Make everything a large log."""
-    monkeypatch.setattr(sampling, "SAMPLE_BYTES", BUDGET)
+    monkeypatch.setattr(sampling, "LOOK_BYTES", 2 * BUDGET)
 
 
 def bag(path, ros1):
@@ -108,7 +108,7 @@ def test_a_sample_is_stretches_of_the_log_from_its_begin_to_its_end(tmp_path, ki
 
 @pytest.mark.parametrize("kind", LOGS)
 def test_a_small_log_is_read_as_a_whole(tmp_path, monkeypatch, kind):
-    monkeypatch.setattr(sampling, "SAMPLE_BYTES", 2**25)
+    monkeypatch.setattr(sampling, "LOOK_BYTES", 2 * 2**25)
     path = LOGS[kind](tmp_path / "log")
     part, sample = sampling.read_sample(path)
     assert sample is None

@@ -131,7 +131,7 @@ def test_rows_from_a_gap_on_are_looked_at_one_by_one(tmp_path, by_range):
     del rows[700:710]
     container = SqliteContainer(write(tmp_path / "bag.db3", rows))
     assert found(container) == [row[1:] for row in rows]
-    assert by_range() == 64  # the next range holds the gap
+    assert by_range() == 32  # the next range holds the gap
     assert values_of(container, "recording.row_numbers_missing") == [10]
 
 

@@ -93,7 +93,7 @@ def test_a_sample_is_not_held_against_the_metadata(tmp_path, monkeypatch):
     database.close()
     metadata = path.with_name("metadata.yaml")
     metadata.write_text(metadata.read_text().replace(f"message_count: {COUNT}", f"message_count: {COUNT + 500}"))
-    monkeypatch.setattr(sampling, "SAMPLE_BYTES", 4000)
+    monkeypatch.setattr(sampling, "LOOK_BYTES", 2 * 4000)
     for log in path, path.parent:
         recording, sample = sampling.read_sample(log)
         assert sample is not None

@@ -7,7 +7,7 @@ import pytest
 from finding_codes import codes, found, values_of
 
 from vsalog.readers import read
-from vsalog.readers.table_rows import BLOCK_BYTES
+from vsalog.readers.limits import DECODED_BYTES
 
 
 def table(header, rows):
@@ -259,7 +259,7 @@ def test_a_header_at_the_border_of_two_blocks(tmp_path):
     """Whatever lines of it lie on which side."""
     head = "time,motor\ns,rad\n"
     row = "{:09.2f},{:09.0f}\n"
-    size = BLOCK_BYTES // len(row.format(0, 0))
+    size = DECODED_BYTES // len(row.format(0, 0))
     for shift in range(-3, 2):
         first = "".join(row.format(i / 100, i) for i in range(size + shift))
         again = "".join(f"{i},{(size + shift + i) / 100}\n" for i in range(5))

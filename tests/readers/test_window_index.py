@@ -60,7 +60,7 @@ KINDS = pytest.mark.parametrize("kind", ["mcap", "rosbag1", "sqlite3"])
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """Small logs are read like large ones."""
-    monkeypatch.setattr("vsalog.readers.bag.LEAST_BYTES", 0)
+    monkeypatch.setattr("vsalog.readers.bag.LOOK_BYTES", 0)
     monkeypatch.setattr("vsalog.readers.streams.PACKED_BYTES", 0)
     monkeypatch.setattr(delays, "AHEAD", 2 * S)
 
@@ -103,8 +103,8 @@ def test_little_more_is_read_than_asked_for(tmp_path, kind, time, begin, end, de
 
 @KINDS
 def test_a_rare_stream_is_read_throughout(tmp_path, kind, monkeypatch):
-    monkeypatch.setattr("vsalog.readers.chunk_index.GLIMPSES", 10)
-    monkeypatch.setattr("vsalog.readers.rosbag2_sqlite.GLIMPSES", 10)
+    monkeypatch.setattr("vsalog.readers.chunk_index.SAMPLE_ROWS", 10)
+    monkeypatch.setattr("vsalog.readers.rosbag2_sqlite.SAMPLE_ROWS", 10)
     path = write(kind, tmp_path / "log", rare=lambda i: plain(i) - 150 * S * (i == 900))
     found = equal_to_the_whole(path, 25, 35)
     assert found.channel("/rare.position[b]").values.tolist() == [900]
@@ -137,7 +137,7 @@ def test_a_stream_that_stands_still_in_that_part_alone(tmp_path, monkeypatch):
 
 
 def test_what_was_not_among_the_samples_is_noticed_where_it_is_read(tmp_path, monkeypatch, decoded):
-    monkeypatch.setattr("vsalog.readers.chunk_index.GLIMPSES", 10)
+    monkeypatch.setattr("vsalog.readers.chunk_index.SAMPLE_ROWS", 10)
     path = write("mcap", tmp_path / "log", lambda i: plain(i) - (100 * S if i == 1525 else 0))
     equal_to_the_whole(path, 300, 310)
     decoded.clear()

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from vsalog.core.errors import UnitError
 from vsalog.core.unit_tables import ATOMS, KINDS, QUANTITIES
 from vsalog.core.units import (
-    MAX_UNIT_LENGTH,
+    LINE_LENGTH,
     matching,
     parse_quantity,
     parse_unit,
@@ -53,7 +53,7 @@ def test_products_and_quotients_agree_with_pint(parts):
         sign = "" if not ours else "/" if divide else "*"
         ours += f"{sign}{name}^{power}"
         theirs += f"{sign}({TO_PINT.get(name, name)})**({power})"
-    if len(ours) > MAX_UNIT_LENGTH:
+    if len(ours) > LINE_LENGTH:
         return
     factor, dimension = oracle(theirs)
     unit = parse_unit(ours)
@@ -121,7 +121,7 @@ def test_units_with_a_zero_of_their_own_are_refused(unit, like):
 
 @pytest.mark.parametrize(
     "text",
-    ["", " ", "((((", "m)", "m/", "*m", "m**m", "9**9**9**9", "m^999", "m^-13", "2 m", "m" * 65, "__import__('os')",
+    ["", " ", "((((", "m)", "m/", "*m", "m**m", "9**9**9**9", "2 m", "m" * 81, "__import__('os')",
      "m;m", "m\nm\0", "km^12*km^12*km^12*km^12/um^12/um^12/um^12", "nosuchunit", "é"],
 )  # fmt: skip
 def test_what_is_no_unit_is_refused(text):

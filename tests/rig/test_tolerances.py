@@ -8,18 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsalog.core.errors import RigError, SimulationError, UnitError
-from vsalog.core.units import MAX_TEXT_LENGTH
+from vsalog.core.printable import LONGEST_TEXT
+from vsalog.core.significance import INTERVAL
 from vsalog.rig import Rig
 from vsalog.rig.schema_file import structures
 from vsalog.rig.tolerance import DEFAULTS, default_deviation, table_text
-from vsalog.rig.uncertain import (
-    HALF_WIDTH_IN_DEVIATIONS,
-    Tolerance,
-    UncertainNumber,
-    parse_stated,
-    parse_stated_number,
-    stated,
-)
+from vsalog.rig.uncertain import Tolerance, UncertainNumber, parse_stated, parse_stated_number, stated
 from vsalog.simulation.scenario import Scenario
 
 DOCS = Path(__file__).parents[2] / "docs" / "rig.md"
@@ -104,17 +98,13 @@ def motor(line: str) -> str:
 def test_a_deviation_is_what_covers_95_per_cent():
     from scipy.stats import norm
 
-    assert 2.0 * norm.cdf(HALF_WIDTH_IN_DEVIATIONS) - 1.0 == pytest.approx(0.95, abs=1e-4)
+    assert 2.0 * norm.cdf(INTERVAL) - 1.0 == pytest.approx(0.95, abs=1e-4)
 
 
 def test_every_quantity_states_its_tolerance():
     rig = Rig.from_toml(ARM)
-    assert rig.tolerances["arm"] == pytest.approx(
-        {key: half / HALF_WIDTH_IN_DEVIATIONS for key, half in STATED.items()}
-    )
-    assert rig.chain_tolerances == pytest.approx(
-        {"gravity[2]": 9.81e-3 / HALF_WIDTH_IN_DEVIATIONS, "link[0].mass": 0.1 / HALF_WIDTH_IN_DEVIATIONS}
-    )
+    assert rig.tolerances["arm"] == pytest.approx({key: half / INTERVAL for key, half in STATED.items()})
+    assert rig.chain_tolerances == pytest.approx({"gravity[2]": 9.81e-3 / INTERVAL, "link[0].mass": 0.1 / INTERVAL})
 
 
 def test_the_structures_are_those_of_a_rig_without_tolerances():
@@ -215,7 +205,7 @@ def test_a_value_over_another_brings_its_own_tolerance():
 def test_settings(key, value, half):
     rig = Rig.from_toml(ARM).with_setting(f"joint.arm.{key}", value)
     others = {k: v for k, v in Rig.from_toml(ARM).tolerances["arm"].items() if k != key}
-    assert rig.tolerances["arm"] == pytest.approx({**others, key: half / HALF_WIDTH_IN_DEVIATIONS})
+    assert rig.tolerances["arm"] == pytest.approx({**others, key: half / INTERVAL})
 
 
 def test_a_preset_keeps_its_tolerances_where_nothing_is_put_over_it(monkeypatch):
@@ -261,7 +251,7 @@ def test_a_rig_is_renamed_with_its_tolerances():
         "0.08 kg*m^2 ± nan kg*m^2", "0.08 kg*m^2 ± inf %", "0.08 kg*m^2 ± 1e999 kg*m^2", "0.08 kg*m^2 ± 1e999 %",
         "0.08 kg*m^2 ± 1e155 kg*m^2", "1e999 kg*m^2 ± 10 %", "0.08 kg*m^2 ± 0.01", "0.08 kg*m^2 ±", "± 0.1 kg*m^2",
         "0.08 kg*m^2 ± x", "0.08 kg*m^2 ± 1 % ± 2 %", "0.08 ± 10 %", "0.08 kg*m^2 ± 10 % kg", "0.08 ± 0 ",
-        "0.08 kg*m^2 ± 1" + "0" * MAX_TEXT_LENGTH + " %", "0.08 kg*m^2 ± 0.1 " + "m*" * 40 + "m", "-0.08 kg*m^2 ± 10 %",
+        "0.08 kg*m^2 ± 1" + "0" * LONGEST_TEXT + " %", "0.08 kg*m^2 ± 0.1 " + "m*" * 40 + "m", "-0.08 kg*m^2 ± 10 %",
         "0 kg*m^2 ± 10 %", "0.08 % ± 0.01 %", "0.08 kg*m^2 ± \\u0000", "0.08 kg*m^2 \\n± 1\\n0 %",
     ],
 )  # fmt: skip
@@ -398,7 +388,7 @@ def test_no_name_is_in_the_table_twice():
     ],
 )
 def test_defaults(quantity, nominal, scale, half):
-    assert default_deviation(quantity, nominal, scale) == pytest.approx(half / HALF_WIDTH_IN_DEVIATIONS)
+    assert default_deviation(quantity, nominal, scale) == pytest.approx(half / INTERVAL)
 
 
 @pytest.mark.parametrize("quantity", ["", "channel", "nosuch", "motor", "start", "inertia.nosuch", "cogging.order"])

@@ -17,7 +17,8 @@ from vsalog.core.errors import BatchError
 
 NAME = ".lock"
 BEAT = 20.0
-"""Seconds between signs of life of a lock in an object store: whose owner misses four is taken for dead, within two minutes."""
+"""Seconds between signs of life: lines of progress where there is no terminal, and of a lock in an object store, whose owner is
+taken for dead that misses four, within two minutes."""
 
 
 @contextmanager

@@ -6,8 +6,8 @@ import hashlib
 from collections.abc import Sequence
 from urllib.parse import quote, unquote
 
-LONGEST = 180
-"""Bytes of an encoded name: file systems end at 255, and a prefix (``device=``), an ending (``.rig.toml``) come with it."""
+from vsalog.core.printable import LONGEST_NAME
+
 # Readers take this for "no value".
 UNNAMED = "unnamed"
 
@@ -76,13 +76,13 @@ def told_apart(texts: Sequence[str]) -> list[str]:
 
 
 def _fits(text: str) -> bool:
-    return len(encoded(text)) <= LONGEST
+    return len(encoded(text)) <= LONGEST_NAME
 
 
 def _cut(text: str, origin: bytes) -> str:
     """Return the end of a text, which says more of a path than its beginning, with a hash."""
     mark = f"~{hashlib.sha256(origin).hexdigest()[:12]}"
-    begin = max(len(text) - LONGEST, 0)
+    begin = max(len(text) - LONGEST_NAME, 0)
     while not _fits(text[begin:] + mark):
         begin += 1
     return text[begin:] + mark

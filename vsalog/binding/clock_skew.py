@@ -9,8 +9,11 @@ from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
 from vsalog.core.recording import Recording, Stream
 
-FAR, TOLD = 0.1, 1e-3
-"""A log's time that is so much later than the stamps [s] is no matter of the way between them; so much less is no finding."""
+LONGEST_TRANSPORT = 0.1
+"""A log's time that is later than the stamps by more [s] is no matter of the way between them."""
+
+LEAST_CLOCK_SKEW = 1e-3
+"""Of clocks that are less apart [s] nothing is found: no joint moves in a millisecond."""
 
 
 def clock_findings(recording: Recording, name: str, channels: Iterable[str]) -> tuple[Finding, ...]:
@@ -29,12 +32,12 @@ def clock_findings(recording: Recording, name: str, channels: Iterable[str]) -> 
     """
     streams = dict.fromkeys(recording.channels[channel].stream for channel in channels)
     used = [recording.streams[stream] for stream in streams if stream in recording.streams]
-    stamped = [one for one in used if one.time_source == "header" and abs(one.delay_median) >= TOLD]
+    stamped = [one for one in used if one.time_source == "header" and abs(one.delay_median) >= LEAST_CLOCK_SKEW]
     others = [one for one in used if one.time_source in ("log", "publish")]
     if not stamped or not others:
         return ()
     far = max(stamped, key=lambda one: abs(one.delay_median))
-    if abs(far.delay_median) > FAR and not all(map(_lacks_stamps, others)):
+    if abs(far.delay_median) > LONGEST_TRANSPORT and not all(map(_lacks_stamps, others)):
         header = "" if any(one.time_finding for one in others) else ", --time header takes them as they are"
         raise BindingError(
             f"{recording.path.name}: joint '{name}': {printable(far.name)} is on header stamps and"
@@ -46,7 +49,7 @@ def clock_findings(recording: Recording, name: str, channels: Iterable[str]) -> 
             code="recording.clocks_apart",
             joint=name,
             value=abs(far.delay_median),
-            limit=TOLD,
+            limit=LEAST_CLOCK_SKEW,
             unit="s",
             evidence={
                 "stamped": printable(far.name),

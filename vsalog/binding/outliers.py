@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.binding.unwrapping import JUMP, wraps_around
+from vsalog.binding.unwrapping import WRAP_JUMP, WRAPPED_SPAN, wraps_around
 from vsalog.core.resolution import step_of
 from vsalog.core.significance import FALSE_ALARM_OF_MANY
 
@@ -103,13 +103,17 @@ def _everywhere(values: Array, kept: Flags | None, alone: Flags) -> Flags | None
 
 
 def _wraps_in(known: Array, steps: Array, turn: float | None) -> bool:
-    return turn is not None and _greatest(steps, None, False) > JUMP * turn and wraps_around(_usual_range(known), turn)
+    return (
+        turn is not None
+        and _greatest(steps, None, False) > WRAP_JUMP * turn
+        and wraps_around(_usual_range(known), turn)
+    )
 
 
 def _greatest(steps: Array, turn: float | None, wraps: bool) -> float:
     """Return the greatest step, the shorter way round where the encoder wraps."""
     greatest = max(float(steps.max()), -float(steps.min()))
-    if turn is not None and wraps and greatest > JUMP * turn:
+    if turn is not None and wraps and greatest > WRAP_JUMP * turn:
         steps = steps - turn * np.round(steps / turn)
         greatest = max(float(steps.max()), -float(steps.min()))
     return greatest
@@ -128,12 +132,12 @@ def _left(
 ) -> Array:
     """Return how far each sample is from the running median, the shorter way round where the encoder wraps."""
     left = known - middle
-    if turn is not None and bool((np.abs(left) > JUMP * turn).any()):
+    if turn is not None and bool((np.abs(left) > WRAP_JUMP * turn).any()):
         if not (wraps_around(_usual_range(known), turn) if wraps is None else wraps):
             return left
         low, high = (usual.low, usual.high) if usual is not None else (middle.min(), middle.max())
         # What is out of the turn altogether was counted by nobody.
-        within = wraps_around(np.maximum(known, high) - np.minimum(known, low), turn)
+        within = np.maximum(known, high) - np.minimum(known, low) <= WRAPPED_SPAN * turn
         left = np.where(within, left - turn * np.round(left / turn), left)
     return left
 
@@ -186,6 +190,6 @@ def _calm(known: Array, good: NDArray[np.intp], after: int, size: float, turn: f
     around = known[good[max(0, after - 2) : after + 2]]
     steps = np.diff(around)
     if turn is not None:
-        wraps = np.abs(steps) > JUMP * turn
+        wraps = np.abs(steps) > WRAP_JUMP * turn
         steps = np.where(wraps, steps - turn * np.round(steps / turn), steps)
     return bool((2 * LONGEST_OUTLIER * np.abs(steps) <= size).all())

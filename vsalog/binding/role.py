@@ -18,7 +18,7 @@ from vsalog.binding.findings import Tally
 from vsalog.binding.grid import GAP, Bound, is_even, less, stamps_where
 from vsalog.binding.outliers import LONGEST_OUTLIER, Outliers
 from vsalog.binding.role_source import Source
-from vsalog.binding.unwrapping import JUMP, Unwrapping, unwrapped_on, wraps_around
+from vsalog.binding.unwrapping import WRAP_JUMP, Unwrapping, unwrapped_on, wraps_around
 from vsalog.binding.zero_order_hold import LONGEST_HOLD, held
 from vsalog.core.column import parts
 from vsalog.core.look import stretches
@@ -144,10 +144,10 @@ class Role:
             return False
         values = (self.channel.values[first:last] for first, last in parts(self.channel.values))
         # Where samples are left out a jump may be cut in as many pieces, and one more.
-        if _span_and_jump(values)[1] * (LONGEST_OUTLIER + 1) <= JUMP * turn:
+        if _span_and_jump(values)[1] * (LONGEST_OUTLIER + 1) <= WRAP_JUMP * turn:
             return False
         span, jump = _span_and_jump(values for _, values, *_ in self._recorded())
-        return jump > JUMP * turn and wraps_around(span, turn)
+        return jump > WRAP_JUMP * turn and wraps_around(span, turn)
 
 
 def _span_and_jump(parts_of: Iterable[Array]) -> tuple[float, float]:

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-JUMP = 0.9
+WRAP_JUMP = 0.9
 """A jump of more is one to the next turn [turns]: what a joint turns from one sample to the next is less than the rest."""
 
-WITHIN = 1.01
+WRAPPED_SPAN = 1.01
 """Range that the readings of an encoder that wraps stay in [turns]: one, and its noise."""
 
 
@@ -32,7 +32,7 @@ def wraps_around(span: float, turn: float) -> bool:
     """Tell whether an encoder that jumps wraps: only one who stays within a turn does; whoever has counted further jumps for
     another reason.
     """
-    return span <= WITHIN * turn
+    return span <= WRAPPED_SPAN * turn
 
 
 def unwrapped_on(values: Array, turn: float, before: Unwrapping) -> tuple[Array, Unwrapping]:

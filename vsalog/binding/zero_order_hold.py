@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding.grid import lacks_samples
+from vsalog.core.significance import REPEATS
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-SHORTEST_HOLD = 8
-"""Samples that repeat the one before, at least [1]; fewer are a coarse encoder, or a packet that came twice."""
 
 LONGEST_HOLD = 1000
 """Samples that repeat the one before, at most [1]; more are no hitch but a rest."""
@@ -41,11 +39,11 @@ def held(stamps: NDArray[np.int64], values: Array, period: int, turn: float | No
     """
     kept = np.isfinite(values)
     known, when = (values, stamps) if kept.all() else (values[kept], stamps[kept])
-    # A reading is the same from one change on up to the sample before the next.
+    # A coarse encoder repeats a few. A reading is the same from one change on up to the sample before the next.
     after = np.flatnonzero(known[1:] != known[:-1]) + 1
     first = np.append(0, after)[:-1]
     length = after - 1 - first
-    likely = (length >= SHORTEST_HOLD) & (length <= LONGEST_HOLD) & (first >= length) & (after + length < known.size)
+    likely = (length >= REPEATS) & (length <= LONGEST_HOLD) & (first >= length) & (after + length < known.size)
     first, after = first[likely], after[likely]
     jumps, ahead, behind = (_steps(known, at, turn) for at in (after, first, after + 1))
     likely = JUMP_RATIO * np.fmax(np.abs(ahead), np.abs(behind)) <= np.abs(jumps)

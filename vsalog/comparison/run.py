@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from vsalog.comparison.references import References, references_of
 from vsalog.core.errors import BindingError, EstimatorError, FilterError, OtherKindError, VsalogError
 from vsalog.core.finding import Finding, Findings
+from vsalog.core.significance import INTERVAL
 from vsalog.core.trace import Trace
 from vsalog.estimation.job import Job, Options, prepare
 from vsalog.estimation.joint import PAPER, PRESET, JointEstimate, no_preset
 from vsalog.estimators.registry import method
 from vsalog.estimators.tuning import read_tuning
-from vsalog.rig.uncertain import HALF_WIDTH_IN_DEVIATIONS
 from vsalog.validation.document import Score
 from vsalog.validation.scores import score
 
@@ -268,7 +268,7 @@ def _agreement(mine: Mapping[str, Array], theirs: Mapping[str, Array]) -> tuple[
     gap = (mine["stiffness"] - theirs["stiffness"])[both]
     spread = np.hypot(mine["stiffness_std"], theirs["stiffness_std"])[both]
     relative = gap / theirs["stiffness"][both]
-    return float(np.mean(np.abs(gap) <= HALF_WIDTH_IN_DEVIATIONS * spread)), float(np.sqrt(np.mean(relative**2)))
+    return float(np.mean(np.abs(gap) <= INTERVAL * spread)), float(np.sqrt(np.mean(relative**2)))
 
 
 def _against(trace: Trace, true: Array | None, mine: Mapping[str, Array]) -> Score | None:

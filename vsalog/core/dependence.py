@@ -40,18 +40,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from vsalog.core.precision import ROUNDING
+
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-# Blocks at most; without as many as the least, nothing is said.
-MOST_BLOCKS, LEAST_BLOCKS = 64, 8
-# Intervals of a curve of any shape [1], straight in each: it follows what swings six times over a range.
+MOST_BLOCKS = 64
+"""Blocks of time [1]: as many degrees of freedom make Student's distribution nearly normal; longer blocks share less noise."""
+
+LEAST_BLOCKS = 8
+"""Blocks without which nothing is said [1]: of fewer, with their neighbours left out, half is learnt from."""
+
 INTERVALS = 24
-# A dependence is reported that explains at least this part of a residual's mean square [1] and is not chance.
+"""Intervals of a curve of any shape [1], straight in each: it follows what swings six times over a range."""
+
 REPORTED_SHARE = 0.05
-# Directions in which columns have less than this part of their power are left alone, as are scores that rounding makes.
-RANK, ROUNDING = 1e-8, 1e-12
+"""Part of a residual's mean square [1] that a dependence explains at least, besides being no chance, to be reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,7 +248,7 @@ def _beyond(moments: Array, shape: list[int], controls: list[int], residual: int
         W[:c] = -_inverse(total[:c, :c]) @ total[:c, c:]
         part = W.T @ part @ W
         # What the controls are made of is rounding now.
-        nothing = np.diagonal(part.sum(axis=0))[:-1] <= RANK * np.diagonal(total)[c:-1]
+        nothing = np.diagonal(part.sum(axis=0))[:-1] <= ROUNDING * np.diagonal(total)[c:-1]
         part[:, np.append(nothing, False)] = 0.0
         part[:, :, np.append(nothing, False)] = 0.0
     return part[:, :-1, :-1], part[:, :-1, -1], part[:, -1, -1]
@@ -254,7 +259,7 @@ def _inverse(gram: Array) -> Array:
     size = np.sqrt(np.maximum(np.diagonal(gram, axis1=-2, axis2=-1), 0.0))
     size = np.where(size > 0.0, size, 1.0)
     scale = size[..., :, None] * size[..., None, :]
-    return np.asarray(np.linalg.pinv(gram / scale, rcond=RANK, hermitian=True) / scale)
+    return np.asarray(np.linalg.pinv(gram / scale, rcond=ROUNDING, hermitian=True) / scale)
 
 
 def _tail(eigenvalues: Array, score: float, freedom: float, scale: float) -> float:

@@ -8,9 +8,7 @@ from typing import Any
 import msgspec
 
 from vsalog.core.errors import VsalogError
-
-MAX_TEXT = 1_000_000
-"""Bytes of a rig or a scenario: a hundred times the longest preset, and TOML of as many is read in a second."""
+from vsalog.core.memory import PIECE_BYTES
 
 
 def document_text(document: Any) -> str:
@@ -59,7 +57,7 @@ def _readable(value: Any) -> Any:
     return value
 
 
-def read_text(path: Path, what: str, kind: type[VsalogError], most: int | None = MAX_TEXT) -> str:
+def read_text(path: Path, what: str, kind: type[VsalogError], most: int | None = PIECE_BYTES) -> str:
     """Read a text file that a person wrote or was given.
 
     Parameters
@@ -76,7 +74,7 @@ def read_text(path: Path, what: str, kind: type[VsalogError], most: int | None =
     """
     try:
         if most is not None and path.stat().st_size > most:
-            raise kind(f"{path.name}: more than {most // 1000} kB is no {what}")
+            raise kind(f"{path.name}: more than {most // 1024} KiB is no {what}")
         return path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise kind(f"{path.name}: cannot be read ({error.strerror})") from error

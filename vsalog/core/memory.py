@@ -9,6 +9,13 @@ from pathlib import Path
 RESERVE = 0.2
 """Part of what is free that is left to others and to what no estimate counts: fragments, buffers, page tables."""
 
+PIECE_BYTES = 2**20
+"""Bytes of a file that are read at once: enough that calls cost nothing, few enough for memory and the processor's cache. No text
+that a person writes is as long."""
+
+AT_ONCE_BYTES = 256 * 2**20
+"""Bytes of a chunk, an array or a log's columns that are in memory at once; a small machine has sixteen times as many."""
+
 
 def usable_memory() -> int:
     """Return the bytes that can be used without pushing others out, as far as the system says; else those of a small machine."""

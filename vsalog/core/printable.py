@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+LONGEST_TEXT = 256
+"""Characters of a name or a quantity in a file: nested fields are put behind one another, numbers have all their digits."""
+
+LONGEST_NAME = 180
+"""Characters of a name, and bytes in a file's: file systems end at 255, and a prefix (``device=``), an ending come with it."""
+
 
 def printable(text: str) -> str:
     """Return a text with everything replaced that a terminal would obey, or that has no looks."""

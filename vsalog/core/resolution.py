@@ -7,6 +7,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.significance import REPEATS, SIGNIFICANCE
+
 Array = NDArray[np.float64]
 Number = TypeVar("Number", np.float64, np.int64)
 
@@ -16,10 +18,6 @@ ENOUGH = 2**18
 """Samples that show a distribution as well as more would: its quantiles are those of the whole to 0.1 %."""
 STRETCHES = 8
 """Stretches that so many samples are taken in where neighbouring ones are needed: noise may differ over a log."""
-MULTIPLES = 0.95
-"""Part of the differences between levels that are multiples of the smallest where a signal has a step."""
-LEVELS = 8
-"""Steps in a signal's range from which on they are believed in place of the rig's: held levels are steps too."""
 
 
 def resolution_of(values: Array) -> float:
@@ -35,10 +33,13 @@ def resolution_of(values: Array) -> float:
 
 
 def coarser(said: float, values: Array) -> float:
-    """Return the step that a rig says, or that of the values where they are rounded more coarsely than that."""
+    """Return the step that a rig says, or that of the values where they are rounded more coarsely than that.
+
+    Of a few levels nothing is known: those that are held are steps, too.
+    """
     finite = values[np.isfinite(values)]
     shown = step_of(finite) or 0.0
-    return shown if shown > said and float(np.ptp(finite)) >= LEVELS * shown else said
+    return shown if shown > said and float(np.ptp(finite)) >= REPEATS * shown else said
 
 
 def step_of(values: Array) -> float | None:
@@ -58,7 +59,7 @@ def step_of(values: Array) -> float | None:
     fitting = np.abs(multiples[near] - np.round(multiples[near])) < 0.05
     # A few levels are always multiples of the smallest step; noise needs many samples to show that it has none.
     repeats = levels.size < 0.8 * sample.size
-    return least if repeats and float(np.mean(fitting)) >= MULTIPLES else None
+    return least if repeats and float(np.mean(fitting)) >= 1.0 - SIGNIFICANCE else None
 
 
 def sensor_noise(values: Array, step: float, least: float) -> float:

@@ -1,7 +1,8 @@
-"""How sure a conclusion has to be: stated probabilities, and the normal deviates and numbers of draws that follow from them."""
+"""How sure a conclusion has to be: stated probabilities, and the normal deviates, draws and repeats that follow from them."""
 
 from __future__ import annotations
 
+import math
 from statistics import NormalDist
 
 SIGNIFICANCE = 0.05
@@ -37,8 +38,14 @@ def draws_for(tail: float) -> int:
     return round(1.0 / tail)
 
 
+def repeats_for(tail: float) -> int:
+    """Return how often something has to turn out alike, which chance would one time in two, to do so with that probability."""
+    return math.ceil(-math.log2(tail))
+
+
 INTERVAL = two_sided(SIGNIFICANCE)
 INTERVAL_BELOW = one_sided(SIGNIFICANCE)
 DETECTED = two_sided(FALSE_ALARM)
 DETECTED_OF_MANY = two_sided(FALSE_ALARM_OF_MANY)
 DRAWS = draws_for(FALSE_ALARM)
+REPEATS = repeats_for(FALSE_ALARM)

@@ -16,17 +16,11 @@ from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 from vsalog.core.errors import UnitError
-from vsalog.core.printable import printable
+from vsalog.core.printable import LONGEST_TEXT, printable
 from vsalog.core.unit_tables import ATOMS, KINDS, OFFSET_UNITS, ONE, QUANTITIES, Dimension
 
-MAX_UNIT_LENGTH = 64
-"""Characters of a unit: products of all base units with their powers, and brackets that are not nested beyond reason."""
-MAX_EXPONENT = 12.0
-"""Largest power in a unit; no quantity of a joint has one beyond six."""
-MAX_TEXT_LENGTH = 1024
-"""Characters of a text that holds a quantity, or of a column's heading: numbers with all their digits, and the longest units."""
-SHOWN = 80
-"""Characters of a text from a file in a message: a line of a terminal."""
+LINE_LENGTH = 80
+"""Characters of a text from a file in a message: a line of a terminal; no unit (all base units with powers) is longer."""
 
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _PRODUCT_SIGNS = str.maketrans("·⋅•∙×", "*****")
@@ -138,7 +132,7 @@ def split_header(text: str) -> tuple[str, str | None]:
     A bracket that holds no unit known by heart stays in the name: "q (min)" is likelier a minimum than minutes, and pint
     knows a unit for nearly every short word.
     """
-    if len(text) > MAX_TEXT_LENGTH:
+    if len(text) > LONGEST_TEXT:
         return text.strip(), None
     match = re.fullmatch(r"(.*\S)\s*(?:\[([^\[\]()]*)\]|\(([^()\[\]]*(?:\([^()]*\)[^()\[\]]*)?)\))\s*", text, re.DOTALL)
     if match is None or _is_label(text, match[1]):
@@ -195,7 +189,7 @@ def quantity(like: str) -> str:
 def shown(text: str) -> str:
     """Return text from a file fit for a message: no control characters, not endless."""
     safe = printable(text)
-    return safe if len(safe) <= SHOWN else safe[: SHOWN - 1] + "…"
+    return safe if len(safe) <= LINE_LENGTH else safe[: LINE_LENGTH - 1] + "…"
 
 
 def _same(a: Dimension, b: Dimension) -> bool:
@@ -209,8 +203,8 @@ def _normalised(unit: str) -> str:
 
 
 def _parse(unit: str, ask_pint: bool) -> Unit:
-    if len(unit) > MAX_UNIT_LENGTH:
-        raise UnitError(f"'{shown(unit)}' is too long for a unit (more than {MAX_UNIT_LENGTH} characters)")
+    if len(unit) > LINE_LENGTH:
+        raise UnitError(f"'{shown(unit)}' is too long for a unit (more than {LINE_LENGTH} characters)")
     text = _normalised(unit)
     if not text:
         raise UnitError("the unit is empty")
@@ -258,8 +252,6 @@ class _Parser:
             return base
         self.pos = token.end()
         exponent = float(token["power"].lstrip("^ ").strip("()"))
-        if abs(exponent) > MAX_EXPONENT:
-            raise self.error()
         return _times(Unit(1.0, ONE), base, exponent)
 
     def atom(self) -> Unit:

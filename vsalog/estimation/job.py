@@ -19,6 +19,7 @@ from vsalog.core.errors import BindingError, EstimatorError, ReadError, RigError
 from vsalog.core.finding import Finding, Findings, of_log
 from vsalog.core.finding_texts import sentence
 from vsalog.core.look import of_recording
+from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.core.model import UNITS, ModelFile
 from vsalog.core.recording import Recording
 from vsalog.core.trace import Trace
@@ -38,10 +39,8 @@ from vsalog.rig.template import rig_template
 
 Progress = Callable[[str], None]
 
+
 # Bytes of samples that are held in memory; what is beyond is worked on in a temporary file.
-ROOM = 256 * 2**20
-
-
 @dataclass(frozen=True, slots=True)
 class Options:
     """What can be asked of `estimate`; the command line's options of the same names.
@@ -248,7 +247,7 @@ def _read_all(
 ) -> list[Recording]:
     """Read logs, the first of them `opened`; where they do not fit in memory together, the later ones go to files."""
     found: list[Recording] = []
-    room = ROOM
+    room = AT_ONCE_BYTES
     for log, channels, reader in zip(logs, wanted, [opened, *[None] * (len(logs) - 1)], strict=True):
         found.append(_read(log, channels, options, progress, room, reader))
         if not found[-1].in_file:

@@ -14,10 +14,8 @@ import numpy as np
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Values
 from vsalog.core.resolution import STRETCHES
-from vsalog.readers.limits import ENOUGH
-
-STRETCH_SAMPLES = 512
-"""Samples of a stretch that is looked at."""
+from vsalog.core.significance import REPEATS
+from vsalog.readers.limits import SAMPLE_ROWS
 
 MOST_TURNS = 6
 """Samples after which it is the same publisher's turn, at most."""
@@ -37,15 +35,15 @@ def alternating(stream: str, columns: Mapping[str, Values]) -> list[Finding]:
 
 def _goes_back_and_forth(column: Values) -> bool | None:
     """Tell whether a channel does so in most of its stretches, None where it hardly varies."""
-    begins = np.unique(np.linspace(0, max(0, len(column) - STRETCH_SAMPLES), STRETCHES).astype(np.int64)).tolist()
-    found = [_alternates(column[begin : begin + STRETCH_SAMPLES]) for begin in begins]
+    begins = np.unique(np.linspace(0, max(0, len(column) - SAMPLE_ROWS), STRETCHES).astype(np.int64)).tolist()
+    found = [_alternates(column[begin : begin + SAMPLE_ROWS]) for begin in begins]
     known = [one for one in found if one is not None]
     return 2 * sum(known) > len(known) if known else None
 
 
 def _alternates(values: Values) -> bool | None:
     values = values[np.isfinite(values)]
-    if values.size < ENOUGH * MOST_TURNS or np.unique(values).size <= ENOUGH:
+    if values.size < REPEATS * MOST_TURNS or np.unique(values).size <= REPEATS:
         return None
     values = values / np.abs(values).max()  # whose differences are finite
     if float(np.ptp(values)) == 0:
@@ -71,7 +69,7 @@ def _by_more(values: Values, turns: int) -> bool | None:
     if APART * float(all_turns.mean()) >= step or APART**2 * step <= float(np.ptp(values)) or all_turns.max() > step:
         return False
     rounds = values[: values.size // turns * turns].reshape(-1, turns)
-    apart = [float(part.mean()) for part in np.array_split(rounds.var(axis=1), ENOUGH)]
+    apart = [float(part.mean()) for part in np.array_split(rounds.var(axis=1), REPEATS)]
     if 2 * (max(apart) - min(apart)) <= float(np.mean(apart)):
         return False
     return True if any(np.diff(apart) > 0) else None

@@ -10,25 +10,23 @@ import numpy as np
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Evidence, Finding
+from vsalog.core.look import LOOK_BYTES
 from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import Block, Catalogue, ChannelInfo
 from vsalog.readers.chunk_index import IndexContradictsError, Part
 from vsalog.readers.compressed_messages import plain, plain_packets
-from vsalog.readers.container import CATALOGUE_MESSAGES, Connection, Container
+from vsalog.readers.container import Connection, Container
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError, normal_type
-from vsalog.readers.delays import LEAST_BYTES, Delays, Promise
+from vsalog.readers.delays import Delays, Promise
 from vsalog.readers.fields import MAX_FIELDS
 from vsalog.readers.frames import Frames
-from vsalog.readers.limits import BLOCK_ROWS, MOST_STEPS, PACKED_BYTES
+from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS, MOST_STEPS, PACKED_BYTES, SAMPLE_ROWS
 from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages, Packet
 from vsalog.readers.publishers import FrameWatch, mixed_up, publisher_stream
 from vsalog.readers.streams import Named, Streams
-
-FEW_CONNECTIONS = 16
-"""So many connections are looked for one by one; of more, those that are there are found first."""
 
 
 @dataclass(slots=True)
@@ -133,7 +131,7 @@ class BagReader:
         if time == "log" or not stamped:
             self._narrowed = self._container.narrow(Part(low, high))
             return self._narrowed
-        delays = self._sampled(stamped) if self._container.size() >= LEAST_BYTES else None
+        delays = self._sampled(stamped) if self._container.size() >= LOOK_BYTES else None
         if delays is None:
             return False
         rare = delays.rare({batch.stream for batch in stamped.values()})
@@ -161,7 +159,7 @@ class BagReader:
         packets = self._first_of(batches.keys()) if first_only else self._container.packets(batches.keys())
         for packet in plain_packets(packets):
             for batch, rows in _shared_out(packet, batches):
-                if rows.size >= BLOCK_ROWS // FEW_CONNECTIONS:  # are decoded where they lie; fewer wait for others
+                if rows.size >= SAMPLE_ROWS:  # are decoded where they lie; fewer wait for others
                     if batch.messages:
                         yield self._flush(batch, total, damaged)
                     while rows.size:
@@ -184,7 +182,7 @@ class BagReader:
     def _first_of(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the first messages of each connection; ends where the container says that no more come."""
         counts = self._container.counts()
-        missing = {number: min(CATALOGUE_MESSAGES, counts.get(number, CATALOGUE_MESSAGES)) for number in ids}
+        missing = {number: min(FIRST_ROWS, counts.get(number, FIRST_ROWS)) for number in ids}
         missing = {number: count for number, count in missing.items() if count}
         packets = self._container.packets(ids, lambda number: number in missing or not missing)
         while missing:
@@ -318,9 +316,8 @@ def _all(batches: Mapping[int, _Batch]) -> list[_Batch]:
 
 def _shared_out(packet: Packet, batches: Mapping[int, _Batch]) -> Iterator[tuple[_Batch, Integers]]:
     """Yield each batch with the rows of a packet that belong to it."""
-    numbers = list(batches) if len(batches) <= FEW_CONNECTIONS else np.unique(packet.connection).tolist()
     shared: dict[int, list[int]] = {}
-    for number in numbers:
+    for number in np.unique(packet.connection).tolist():
         shared.setdefault(id(batches[number]), []).append(number)
     for group in shared.values():
         own = packet.connection == group[0] if len(group) == 1 else np.isin(packet.connection, group)

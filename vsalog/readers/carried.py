@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 from vsalog.core.column import ABSENT_BITS, PART, let_go
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.recording import Values
-from vsalog.readers.limits import ENOUGH, MOST_PARTS
+from vsalog.core.significance import REPEATS
+from vsalog.readers.limits import MOST_DAMAGED, MOST_PARTS
 
 MOSTLY = 0.75
 """Values come together that share this part of the messages that have either; the others of these lack it, NaN."""
 
 
-LEAST, STRAYS = 1000, 2
-"""Of so many messages, what only so few of them carry may be a damaged name, unless there are many of these."""
+STRAYS = 2
+"""Messages that may carry a damaged name: it is another one the next time. Such names are few, and among many messages."""
 
 _Bits = NDArray[np.uint8]
 
@@ -135,7 +136,7 @@ def _strays(
     Beside them is a choice of others that no other message has, or nothing at all, and they are called much as others are.
     """
     few = [k for k, group in enumerate(groups) if _count(patterns[group[0]]) <= STRAYS]
-    if count < LEAST or len(few) > ENOUGH:
+    if count * MOST_DAMAGED < 1 or len(few) > REPEATS:
         return set()
     others = [i for k, group in enumerate(groups) if k not in few for i in group]
     strays = set()

@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from vsalog.core.errors import ReadError
+from vsalog.readers.limits import SAMPLE_ROWS
 
 Needed = Callable[[int], bool]
 """Tells of a connection whether messages of it are still asked for."""
@@ -13,10 +14,6 @@ Needed = Callable[[int], bool]
 
 class IndexContradictsError(ReadError):
     """A log's index says two things of what is in a chunk: all of the log has to be read."""
-
-
-GLIMPSES = 512
-"""Of so many chunks, evenly spread, the first messages are looked at to learn what is common in a log."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +56,6 @@ def some_of(chunks: Mapping[int, Chunk], ids: Collection[int]) -> Iterator[int]:
     positions: Sequence[int] = [
         at for at, chunk in sorted(chunks.items()) if chunk.may_hold(frozenset(ids).__contains__)
     ]
-    count = min(GLIMPSES, len(positions))
+    count = min(SAMPLE_ROWS, len(positions))
     for k in range(count):
         yield positions[k * (len(positions) - 1) // max(count - 1, 1)]

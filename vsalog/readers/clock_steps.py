@@ -13,7 +13,7 @@ import numpy as np
 
 from vsalog.core.column import PART
 from vsalog.core.recording import Stamps
-from vsalog.readers.limits import MOST_PARTS, TELLING
+from vsalog.readers.limits import MOST_EXCEPTIONS, MOST_PARTS
 
 AHEAD = 60_000_000_000
 """A clock that leaps farther ahead of the log's time [ns] was set; less may be messages that were lost on the way."""
@@ -21,12 +21,14 @@ AHEAD = 60_000_000_000
 NEAR = 1_000_000_000
 """So much [ns] do the delays of samples vary by themselves."""
 
+REACH = 3
+"""Samples in a row whose stamps may be none, and samples on each side that tell where theirs belongs; more were moved by a step
+of the clock."""
 
-LEAST = 4
-"""Samples that a step moves among others; fewer are jitter."""
-LEVEL = 64
-"""Samples that tell how far stamps are from the log's times."""
-FAR = 4
+DELAY_SAMPLES = 64
+"""Samples that tell how far stamps are from the log's times: six on either side are the exceptions."""
+
+TIMES_FARTHER = 4
 """So many times longer than usual is an interval, or farther off a stamp, that is one for itself."""
 
 
@@ -49,9 +51,11 @@ class ClockSteps:
         if self._waiting <= PART:
             return
         header, log = np.concatenate(self._headers), np.concatenate(self._logs)
-        new = PART - FAR * LEVEL  # the others are seen again with the next piece, for steps at its end
+        new = (
+            PART - TIMES_FARTHER * DELAY_SAMPLES
+        )  # the others are seen again with the next piece, for steps at its end
         while header.size > PART:
-            self._look(header[:PART], log[:PART], 2 * LEVEL)
+            self._look(header[:PART], log[:PART], 2 * DELAY_SAMPLES)
             self._lowest = self._lowest_before(log[:PART] - header[:PART], new)
             header, log = header[new:], log[new:]
         self._headers, self._logs, self._waiting = [header], [log], header.size
@@ -63,7 +67,7 @@ class ClockSteps:
 
     def _look(self, header: Stamps, log: Stamps, waiting: int) -> None:
         """Look for steps; those in as many samples at the end as are `waiting` are left for later."""
-        if header.size <= LEAST:
+        if header.size <= REACH + 1:
             return
         steps = np.diff(header)
         if steps.min() < 0:
@@ -71,20 +75,24 @@ class ClockSteps:
         leads = steps - np.diff(log)
         places = np.flatnonzero((steps > NEAR) & (leads > NEAR))
         for k in places[np.argsort(-leads[places], kind="stable")[:MOST_PARTS]].tolist():
-            size = _moved(log - header, k, slice(k + 1, k + 1 + LEVEL))
-            if header.size - k <= max(waiting, LEAST) or -size <= leads[k] // 2:
+            size = _moved(log - header, k, slice(k + 1, k + 1 + DELAY_SAMPLES))
+            if header.size - k <= max(waiting, REACH + 1) or -size <= leads[k] // 2:
                 continue
             if leads[k] > AHEAD or (_goes_on_evenly(header, log, k) and self._is_new(log - header, k)):
                 self.ahead = max(self.ahead, -size)
 
     def _is_new(self, delay: Stamps, last: int) -> bool:
         """Tell whether samples behind the `last` have less delay than any before, not what it was before they had to wait."""
-        before, after = delay[max(0, last + 1 - LEVEL) : last + 1], delay[last + 1 : last + 1 + LEVEL]
+        before, after = delay[max(0, last + 1 - DELAY_SAMPLES) : last + 1], delay[last + 1 : last + 1 + DELAY_SAMPLES]
         return bool(2 * self._lowest_before(delay, last + 1) > np.median(before) + np.median(after))
 
     def _lowest_before(self, delay: Stamps, end: int) -> int:
         """Return the least delay [ns] that samples had for a while, up to one."""
-        whole = delay[: end // LEVEL * LEVEL].reshape(-1, LEVEL) if end >= LEVEL else delay[None, :end]
+        whole = (
+            delay[: end // DELAY_SAMPLES * DELAY_SAMPLES].reshape(-1, DELAY_SAMPLES)
+            if end >= DELAY_SAMPLES
+            else delay[None, :end]
+        )
         return min(self._lowest, int(np.median(whole, axis=1).min()))
 
     def _look_back(self, header: Stamps, log: Stamps, until: int) -> None:
@@ -96,12 +104,12 @@ class ClockSteps:
         depths = latest[begins] - header[begins]
         # A clock that was set back needs as long to catch up; late samples come all at once.
         lasts = np.minimum(ends, header.size - 1)
-        long = (ends - begins >= LEAST) & (begins < until)
+        long = (ends - begins > REACH) & (begins < until)
         long &= (log[lasts] - log[begins - 1] > depths // 2) | (ends == header.size)
         places = np.flatnonzero(long)
         for k in places[np.argsort(-depths[places], kind="stable")[:MOST_PARTS]].tolist():
             begin, end = int(begins[k]), int(ends[k])
-            after = slice(max(begin, end - LEVEL) if end == header.size else end, end + LEVEL)
+            after = slice(max(begin, end - DELAY_SAMPLES) if end == header.size else end, end + DELAY_SAMPLES)
             size = _moved(log - header, begin - 1, after)
             if size > depths[k] // 2:
                 self.back = max(self.back, size)
@@ -109,22 +117,23 @@ class ClockSteps:
 
 def _moved(delay: Stamps, last: int, after: slice) -> int:
     """Return how much more delay [ns] samples have than those up to the `last` before them, 0 where that may be jitter."""
-    low, level, high = _spread(delay[max(0, last + 1 - LEVEL) : last + 1])
+    low, level, high = _spread(delay[max(0, last + 1 - DELAY_SAMPLES) : last + 1])
     new_low, new_level, new_high = _spread(delay[after])
     return int(new_level - level) if new_low > high or new_high < low else 0
 
 
 def _spread(delay: Stamps) -> tuple[float, float, float]:
     """Return between what delays vary, and their median."""
-    low, level, high = np.quantile(delay, (1 - TELLING, 0.5, TELLING)).tolist()
+    low, level, high = np.quantile(delay, (MOST_EXCEPTIONS, 0.5, 1 - MOST_EXCEPTIONS)).tolist()
     return low, level, high
 
 
 def _goes_on_evenly(header: Stamps, log: Stamps, last: int) -> bool:
     """Tell whether stamps and log times follow one another as before behind the `last` sample ahead of a step."""
-    before, after = slice(max(0, last + 1 - LEVEL), last + 1), slice(last + 1, last + 1 + LEVEL)
-    if last < LEAST or header[after].size <= LEAST:
+    before, after = slice(max(0, last + 1 - DELAY_SAMPLES), last + 1), slice(last + 1, last + 1 + DELAY_SAMPLES)
+    if min(last, header[after].size - 1) <= REACH:
         return False
     usual = [float(np.median(np.diff(stamps[part]))) for stamps in (header, log) for part in (before, after)]
     leap = header[last + 1] - header[last]
-    return 0 < max(usual) <= 2 * min(usual) and log[last + 1] - log[last] <= max(FAR * max(usual), leap // FAR)
+    most = max(TIMES_FARTHER * max(usual), leap // TIMES_FARTHER)
+    return 0 < max(usual) <= 2 * min(usual) and log[last + 1] - log[last] <= most

@@ -9,18 +9,17 @@ from pathlib import Path
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.finding_texts import sentence
+from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.core.printable import plural
 from vsalog.core.recording import Channel, Recording, Stamps, Stream, Values
 from vsalog.readers.alternating import alternating
 from vsalog.readers.base import Reader
 from vsalog.readers.carried import part_stream, stray_names
+from vsalog.readers.compression import FILE_RATIO
 from vsalog.readers.gathered import Gathered
 from vsalog.readers.order import Order, in_order
 from vsalog.readers.reach import BEYOND, Stamp, within_reach
 from vsalog.readers.timing import Clock, choose_clock, of_stream, without
-
-# Beyond so many bytes of samples, a log that grows so many times is a bomb.
-FREE_BYTES, MOST_TIMES = 512 * 2**20, 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +62,8 @@ def gather(path: Path, reader: Reader, wanted: Collection[str] | None, room: int
     """
     gathered: dict[str, Gathered] = {}
     in_file = False
-    size, most = 0, max(FREE_BYTES, MOST_TIMES * _bytes_of(path))
+    # An hour at rest is packed into next to nothing.
+    size, most = 0, max(2 * AT_ONCE_BYTES, FILE_RATIO * _bytes_of(path))
     absurd = 0
     for block in reader.blocks(wanted):
         block, lost = within_reach(block)
@@ -72,7 +72,7 @@ def gather(path: Path, reader: Reader, wanted: Collection[str] | None, room: int
         size += one.growth(block)
         if size > most:
             raise ReadError(
-                f"unfolds to more than {most // 2**20} MiB of samples, {MOST_TIMES} times its size, as no"
+                f"unfolds to more than {most // 2**20} MiB of samples, {FILE_RATIO} times its size, as no"
                 " recording does; only some channels of it can be read, by their names",
                 path,
             )

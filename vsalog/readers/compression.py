@@ -5,16 +5,15 @@ from __future__ import annotations
 import bz2
 from typing import Any
 
+from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.readers.limits import PACKED_BYTES
 
-MAX_BYTES = 256 * 2**20
-"""Largest chunk that is read: recorders write a few megabytes, and a chunk has to fit in memory whole."""
+FILE_RATIO = 100
+"""Tables and MATLAB files become ten times smaller, and their samples a few times as large in memory; what unfolds to so many
+times its size, and is large, is no recording but a bomb."""
 
-FILE_RATIO = 200
-"""Tables and MATLAB files become ten times smaller; what becomes so much smaller, and is large, is no recording but a bomb."""
-
-MAX_RATIO = 1000
-"""What grows more than so many times is no recording but a bomb."""
+MAX_RATIO = 1032
+"""How many times larger zlib can make anything (zlib.net/zlib_tech.html); no recording is compressed more by another library."""
 
 
 class DamagedDataError(Exception):
@@ -80,8 +79,8 @@ def beginning(kind: str, data: bytes, most: int) -> bytes:
 
 def refuse_bomb(compressed: int, size: int) -> None:
     """Raise DamagedDataError where data announce more bytes than any recording has."""
-    if size > MAX_BYTES:
-        raise DamagedDataError(f"it announces {size} bytes; more than {MAX_BYTES} are not read at once")
+    if size > AT_ONCE_BYTES:
+        raise DamagedDataError(f"it announces {size} bytes; more than {AT_ONCE_BYTES} are not read at once")
     if size > PACKED_BYTES and size > MAX_RATIO * compressed:
         raise DamagedDataError(f"it announces {size} bytes out of {compressed}: no recording is compressed so much")
 
@@ -118,7 +117,7 @@ def unfolded_size(data: bytes) -> int:
 
 
 def _most(data: bytes) -> int:
-    return max(PACKED_BYTES, min(MAX_BYTES, MAX_RATIO * len(data)))
+    return max(PACKED_BYTES, min(AT_ONCE_BYTES, MAX_RATIO * len(data)))
 
 
 def _zstd(data: bytes, size: int) -> bytes:

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import IO
 
 from vsalog.core.finding import Finding, Findings
+from vsalog.core.memory import PIECE_BYTES
 from vsalog.readers.container import Container
 from vsalog.readers.file_sequence import SeveralContainer
-from vsalog.readers.limits import PIECE_BYTES
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.mcap_walk import MAGIC
 from vsalog.readers.rosbag1 import Rosbag1Container, begins_bag

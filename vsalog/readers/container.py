@@ -10,8 +10,6 @@ from vsalog.core.finding import Findings
 from vsalog.readers.chunk_index import Needed, Part
 from vsalog.readers.packets import Packet
 
-CATALOGUE_MESSAGES = 20
-"""So many messages of a connection tell its channels."""
 MOST_CONNECTIONS = 2**14
 """Connections or topics that a log has at most; more would take minutes and memory to prepare for."""
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"

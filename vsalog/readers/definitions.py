@@ -11,8 +11,9 @@ from enum import IntEnum
 from functools import cache, lru_cache
 from typing import Any
 
-from vsalog.readers.fields import LONG_NAMES, MAX_NAME
-from vsalog.readers.limits import MAX_DEPTH
+from vsalog.core.printable import LONGEST_TEXT
+from vsalog.readers.fields import LONG_NAMES
+from vsalog.readers.limits import MAX_DEPTH, MOST_STEPS
 
 # Seconds and nanoseconds in ROS 1, where a date is unsigned and a duration signed, and in ROS 2.
 TIMES = {
@@ -42,10 +43,6 @@ class Kind(IntEnum):
     """Kinds of field that a parsed definition distinguishes; anything else is an array of varying length."""
 
     BASIC, MESSAGE, FIXED_ARRAY = range(1, 4)
-
-
-LONGEST_DEFINITION = 2**17
-"""Characters of a definition: the longest that ROS ships have a tenth of it."""
 
 
 # What the parser passes over or misunderstands, and what it means nothing in.
@@ -176,7 +173,7 @@ def ros1_checksum(name: str, text: str) -> str:
 def _parse_text(name: str, text: str, language: str) -> dict[str, Any]:
     from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
-    if len(text) > LONGEST_DEFINITION:
+    if len(text) > MOST_STEPS:
         raise DefinitionError(f"the definition of {name} has {len(text)} characters; so many are not read")
     code = _REMARK[language].sub("", text)
     if wide := _WIDE[language].search(code):
@@ -236,7 +233,7 @@ class _Builder:
             raise DefinitionError(f"{outer[0]} is nested too deeply")
         if name not in self.table:
             raise DefinitionError(f"the log does not hold the definition of {name or 'its messages'}")
-        if any(len(field) > MAX_NAME for field, _ in self.table[name][1]):
+        if any(len(field) > LONGEST_TEXT for field, _ in self.table[name][1]):
             raise DefinitionError(f"{name} has field {LONG_NAMES}")
         fields = [
             (field, self.node(description, (*outer, name)))

@@ -15,12 +15,9 @@ import numpy as np
 
 from vsalog.core.errors import ReadError
 from vsalog.core.recording import Stamps
+from vsalog.core.significance import REPEATS
 from vsalog.readers.clock_steps import AHEAD, NEAR
-from vsalog.readers.limits import ENOUGH
 from vsalog.readers.reach import Nanoseconds, Stamp
-
-LEAST_BYTES = 64 * 2**20
-"""Of less than this all is read: that is done at once, and needs no promise."""
 
 
 @dataclass(slots=True)
@@ -62,7 +59,7 @@ class Delays:
 
     def rare(self, streams: Iterable[str]) -> set[str]:
         """Return those of some streams that are in too few samples to know them by."""
-        return {stream for stream in streams if self.seen[stream] < ENOUGH}
+        return {stream for stream in streams if self.seen[stream] < REPEATS}
 
     def widened(self, low: int, high: int) -> tuple[int, int]:
         """Return between which log times [ns] all messages lie whose stamps are in a window."""

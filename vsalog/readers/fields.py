@@ -7,14 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+from vsalog.core.printable import LONGEST_TEXT
+from vsalog.readers.limits import DECODED_BYTES
+
 MAX_FIELDS = 4096
 """Channels of a stream, and fields of it that are told to be none."""
-MAX_NAME = 256
-"""Characters of a field's name; names of nested fields are put behind one another."""
-LONG_NAMES = f"names longer than {MAX_NAME} characters"
-MAX_BYTES = 8 * 2**20
-"""Of a message that is decoded to objects: two bytes may become one of fifty."""
-LARGE_MESSAGES = f"its messages are larger than {MAX_BYTES // 2**20} MiB"
+LONG_NAMES = f"names longer than {LONGEST_TEXT} characters"
+LARGE_MESSAGES = f"its messages are larger than {DECODED_BYTES // 2**20} MiB"
 
 
 class Fields:

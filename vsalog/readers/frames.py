@@ -8,8 +8,8 @@ from enum import IntEnum
 import numpy as np
 
 from vsalog.core.compiled import compiled
+from vsalog.core.printable import LONGEST_TEXT
 from vsalog.readers.definitions import Scalar, Struct, Text, Time
-from vsalog.readers.fields import MAX_NAME
 from vsalog.readers.limits import MOST_PARTS
 from vsalog.readers.packets import Bytes, Integers, Messages
 
@@ -60,7 +60,7 @@ class Frames:
 
     def __init__(self, known: Sequence[str] = ()) -> None:
         self._pool, self._sizes, self._count = (
-            np.zeros((1, MAX_NAME), np.uint8),
+            np.zeros((1, LONGEST_TEXT), np.uint8),
             np.zeros(1, np.int64),
             len(known),
         )
@@ -90,7 +90,7 @@ class Frames:
 
     def _grow(self) -> None:
         more = 3 * len(self._sizes)
-        self._pool = np.concatenate((self._pool, np.zeros((more, MAX_NAME), np.uint8)))
+        self._pool = np.concatenate((self._pool, np.zeros((more, LONGEST_TEXT), np.uint8)))
         self._sizes = np.concatenate((self._sizes, np.zeros(more, np.int64)))
 
 
@@ -119,7 +119,7 @@ def _numbers(
     """Write down which frame each message has, from one on; returns how far there was room for them, and how many are known."""
     for k in range(begin, start.size):
         at, size = start[k], length[k]
-        if size < 0 or size > MAX_NAME:
+        if size < 0 or size > LONGEST_TEXT:
             continue
         for j in range(count):
             i = 0

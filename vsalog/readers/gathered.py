@@ -13,10 +13,9 @@ from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import Block
 from vsalog.readers.carried import Together, carried, lacks_any, together
+from vsalog.readers.limits import MOST_WAITING
 
 # Samples that room is made for at once where a log promises them; the room is no memory before it is filled.
-_MOST_ROOM = 2**22
-
 HEADER = ".header."
 """In names of what is in a message's header."""
 
@@ -43,7 +42,7 @@ class Gathered:
 
     def add(self, block: Block) -> None:
         """Take a block in."""
-        room = min(block.expected, _MOST_ROOM)
+        room = min(block.expected, MOST_WAITING)
         log = block.clocks.get("log")
         for kind, stamps in block.clocks.items():
             if kind == "publish" and stamps is log and kind not in self.clocks:

@@ -10,19 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vsalog.core.printable import printable
-from vsalog.readers.fields import LARGE_MESSAGES, LONG_NAMES, MAX_BYTES, MAX_FIELDS, MAX_NAME, Fields
+from vsalog.core.printable import LONGEST_TEXT, printable
+from vsalog.readers.fields import LARGE_MESSAGES, LONG_NAMES, MAX_FIELDS, Fields
 from vsalog.readers.frames import stated_frames
-from vsalog.readers.labels import (
-    BAD_NAMES,
-    ELEMENT_NAME,
-    MAX_LABELS,
-    are_bad,
-    best_label_field,
-    labels_of,
-    naming_texts,
-)
-from vsalog.readers.limits import MAX_ARRAY, MAX_DEPTH
+from vsalog.readers.labels import BAD_NAMES, ELEMENT_NAME, are_bad, best_label_field, labels_of, naming_texts
+from vsalog.readers.limits import DECODED_BYTES, MAX_ARRAY, MAX_DEPTH
 from vsalog.readers.messages import Decoded
 from vsalog.readers.packets import Messages
 from vsalog.readers.reach import Nanoseconds, Stamp
@@ -65,7 +57,7 @@ class JsonDecoder:
         result = Decoded(good=np.zeros(count, dtype=bool))
         decoder = msgspec.json.Decoder()
         for i, raw in enumerate(messages):
-            if len(raw) > MAX_BYTES:
+            if len(raw) > DECODED_BYTES:
                 self._fields.leave(self.prefix, LARGE_MESSAGES)
                 continue
             message = _loaded(decoder, raw)
@@ -75,7 +67,7 @@ class JsonDecoder:
 
     def frames(self, messages: Messages) -> Messages:
         """Return ``header.frame_id``, or else ``frame_id``, of messages, as text; length -1 where they have none."""
-        return stated_frames([_frame(raw) if _FRAME in raw and len(raw) <= MAX_BYTES else None for raw in messages])
+        return stated_frames([_frame(raw) if _FRAME in raw and len(raw) <= DECODED_BYTES else None for raw in messages])
 
     def _message(self, message: dict[str, Any], row: int, count: int, result: Decoded) -> None:
         result.good[row] = True
@@ -111,7 +103,7 @@ class JsonDecoder:
             self._flatten_list(value, path, None, found, depth)
 
     def _flatten_object(self, value: dict[str, Any], path: str, found: dict[str, float], depth: int) -> None:
-        members = {key: child for key, child in islice(value.items(), self._left) if len(key) <= MAX_NAME}
+        members = {key: child for key, child in islice(value.items(), self._left) if len(key) <= LONGEST_TEXT}
         if len(members) < min(len(value), self._left):
             self._fields.leave(path, LONG_NAMES)
         texts = naming_texts((key, child) for key, child in members.items() if _is_texts(child))
@@ -147,12 +139,12 @@ class JsonDecoder:
 
 def _is_texts(value: Any) -> bool:
     """Tell whether a member is an array of texts, short enough to name something."""
-    return isinstance(value, list) and 0 < len(value) <= MAX_LABELS and all(isinstance(text, str) for text in value)
+    return isinstance(value, list) and 0 < len(value) <= MAX_FIELDS and all(isinstance(text, str) for text in value)
 
 
 def _own_names(value: list[Any]) -> list[str] | None:
     """Return the names that the elements of a list have themselves, None where these do not tell them apart."""
-    if len(value) > MAX_LABELS:
+    if len(value) > MAX_FIELDS:
         return None
     names = [child.get(ELEMENT_NAME) if isinstance(child, dict) else None for child in value]
     texts = [printable(name) for name in names if isinstance(name, str)]

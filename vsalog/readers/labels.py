@@ -6,29 +6,27 @@ from collections import Counter
 from collections.abc import Collection, Iterable
 from itertools import islice
 
-from vsalog.core.printable import printable
+from vsalog.core.printable import LONGEST_TEXT, printable
 from vsalog.readers.definitions import Node, Struct, Text
-from vsalog.readers.fields import MAX_NAME
+from vsalog.readers.fields import MAX_FIELDS
 from vsalog.readers.limits import MAX_ARRAY
 
 LABEL_FIELDS = ("name", "names", "joint_names", "interface_names")
 BAD_NAMES = "text; some of its names are empty or there twice: what they name goes by its index"
 ELEMENT_NAME = "name"
 """The field by which a message that is an element of an array tells which one it is."""
-MAX_LABELS = 1024
-"""Texts of an array that may name elements."""
 
 
 def usable_labels(labels: list[str]) -> bool:
     """Tell whether texts can name the elements of an array: none empty or very long, all different."""
-    if not 0 < len(labels) <= MAX_LABELS or "" in labels or len(set(labels)) < len(labels):
+    if not 0 < len(labels) <= MAX_FIELDS or "" in labels or len(set(labels)) < len(labels):
         return False
-    return max(map(len, labels)) <= MAX_NAME
+    return max(map(len, labels)) <= LONGEST_TEXT
 
 
 def naming_texts(arrays: Iterable[tuple[str, Collection[str]]]) -> dict[str, list[str]]:
     """Return those arrays of texts, by name, that may name elements of others: not too many, none too long."""
-    short = ((name, texts) for name, texts in arrays if len(texts) <= MAX_LABELS)
+    short = ((name, texts) for name, texts in arrays if len(texts) <= MAX_FIELDS)
     return {name: [printable(text) for text in texts] for name, texts in islice(short, MAX_ARRAY)}
 
 
@@ -40,7 +38,7 @@ def tells_its_name(node: Node) -> bool:
 def labels_of(names: list[str]) -> list[str]:
     """Return what elements go by: their names, or their index where a name is empty or there twice; [] where none has a name."""
     often = Counter(names)
-    good = [bool(name) and often[name] == 1 and len(name) <= MAX_NAME for name in names]
+    good = [bool(name) and often[name] == 1 and len(name) <= LONGEST_TEXT for name in names]
     labels = [name if is_good else str(i) for i, (name, is_good) in enumerate(zip(names, good, strict=True))]
     return labels if any(good) and usable_labels(labels) else []
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from vsalog.readers.limits import ENOUGH, GLANCE_BYTES
+from vsalog.core.significance import REPEATS
+from vsalog.readers.limits import GLANCE_BYTES
 from vsalog.readers.table_text import WHITESPACE, is_comment, split
 
 _NUMBER = re.compile(r"^[+-]?(\d*)(?:[.,](\d*))?$")
@@ -41,12 +42,12 @@ def may_be_cut(lines: Sequence[str], last: str, separator: str) -> bool:
         What separates cells.
     """
     rows = [line for line in lines if line.strip() and not is_comment(line)]
-    if not last.strip() or is_comment(last) or last.endswith('"') or len(rows) < ENOUGH:
+    if not last.strip() or is_comment(last) or last.endswith('"') or len(rows) < REPEATS:
         return False
     width = len(_cells(last, separator))
     above = [cells[-1] for line in rows if len(cells := _cells(line, separator)) == width]
     cell = _cells(last, separator)[-1]
-    if len(above) < ENOUGH:
+    if len(above) < REPEATS:
         return False
     if not cell:
         return "" not in above

@@ -261,7 +261,7 @@ class _Walk:
         """Look ahead: the names that elements have themselves; none where these do not tell them apart."""
         if (
             not self.emitting
-            or not 0 < count <= naming.MAX_LABELS
+            or not 0 < count <= MAX_FIELDS
             or not isinstance(node, Struct)
             or not naming.tells_its_name(node)
         ):

@@ -1,14 +1,17 @@
 """What of a log is looked at, and how much: limits that several readers share."""
 
-PIECE_BYTES = 2**20
-"""Bytes of a file that are read at once: enough that calls cost nothing, few enough for memory and the processor's cache."""
-
 GLANCE_BYTES = 2**16
 """Bytes of the beginning or end of a file, chunk, record or line that are looked at: no header, name or row is as long."""
 
 PACKED_BYTES = 16 * 2**20
 """Messages of so many bytes, or `BLOCK_ROWS` of them, that come one by one make a packet or a block. What unfolds to less is no
 bomb, and a line that is longer has no end."""
+
+DECODED_BYTES = 4 * 2**20
+"""Bytes of text (rows of a table, a JSON message, definitions) that become objects at once: two may become one of fifty."""
+
+MOST_WAITING = 2**22
+"""Samples of a stream that memory is taken for ahead of them, or that wait for late ones before it is sorted as a whole."""
 
 BLOCK_ROWS = 8192
 """Samples a block has at most: large enough for NumPy, small enough that a log never sits in memory."""
@@ -20,22 +23,23 @@ MAX_ARRAY = 64
 """Elements of an array, or names in a column, that tell parts of a machine apart; more are images, clouds, maps or counters."""
 
 MOST_PARTS = 256
-"""Parts of a stream or table (devices, frames, patterns of blanks) that are told apart; more are a counter's values."""
+"""Parts of a stream or table (devices, frames, patterns of blanks), or layouts of messages of one length that are told apart;
+more are a counter's values."""
 
 MOST_STEPS = 2**18
-"""Parts of a message, or records of a file, that Python walks one by one, in a second or so."""
+"""Parts of a message, characters of its definition, or records of a file that Python walks one by one, in a second or so."""
 
-SAMPLE_ROWS = 200
-"""Rows of a table that tell what its columns are."""
+SAMPLE_ROWS = 256
+"""Rows of a table, chunks of a log or samples of a stretch that are looked at and tell what all are like."""
 
-MOST_LINES = 32
-"""Lines of a header, and rows of values ahead of it, at most."""
+FIRST_ROWS = 32
+"""Lines of a header, rows of values ahead of it, messages of a connection, rows of a database that a beginning has at most."""
 
-ENOUGH = 8
-"""Samples, rows or values that show a pattern if all do: by chance, one in 256 times."""
+MOST_EXCEPTIONS = 0.1
+"""Part of the rows, stamps or messages in which a rule that the others keep may fail; of more, the rule is none."""
 
-TELLING = 0.9
-"""Fraction of rows for which a rule must hold; damage and exceptions are in fewer than the others."""
+MOST_DAMAGED = 1e-3
+"""Part of the bytes or messages that may be damaged names or texts; of more, they are what the file says."""
 
 SHOWN = 3
 """Names or places that a finding lists; of more it tells the number."""

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding, Findings
+from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers import matlab_v4, matlab_v5, matlab_v73
 from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each
-from vsalog.readers.collect import FREE_BYTES, MOST_TIMES
+from vsalog.readers.compression import FILE_RATIO
 from vsalog.readers.limits import GLANCE_BYTES, MAX_ARRAY, MAX_DEPTH
 from vsalog.readers.matlab_clock import find_clock, is_called_time, stamps_of
 from vsalog.readers.matlab_v4 import is_v4
@@ -93,7 +94,7 @@ class MatlabReader:
         with self.path.open("rb") as file:
             head = file.read(GLANCE_BYTES)
             # All of it is in memory at once, as it is stored too.
-            self._room = max(FREE_BYTES // 2, MOST_TIMES * file.seek(0, 2))
+            self._room = max(AT_ONCE_BYTES, FILE_RATIO * file.seek(0, 2))
         if head.startswith(V73):
             load = matlab_v73.load
         elif is_v4(head):

@@ -10,7 +10,7 @@ import numpy as np
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
-from vsalog.readers.limits import TELLING
+from vsalog.readers.limits import MOST_EXCEPTIONS
 from vsalog.readers.reach import Nanoseconds
 from vsalog.readers.time_sizes import SERIAL, SHORTEST_STEP, SINCE, guessed_unit
 
@@ -83,7 +83,7 @@ def _trouble(name: str, values: Values, strictly: bool) -> Finding | None:
     if rows.size < min(2, values.size):
         return Finding(code="clock.no_times", part=name)
     steps = np.diff(values[rows])
-    falls = np.flatnonzero(steps <= 0 if strictly or np.mean(steps > 0) < TELLING else steps < 0)
+    falls = np.flatnonzero(steps <= 0 if strictly or np.mean(steps > 0) < (1 - MOST_EXCEPTIONS) else steps < 0)
     if falls.size:
         return Finding(code="clock.not_rising", part=name, value=int(rows[falls[0] + 1]) + 1)
     # In nanoseconds, too, it has to fit into 64 bits.

@@ -13,7 +13,7 @@ import numpy as np
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
-from vsalog.readers.fields import MAX_NAME
+from vsalog.core.printable import LONGEST_TEXT
 
 _HEAD = struct.Struct("5i").size
 
@@ -107,6 +107,6 @@ def _matrix(head: bytes) -> _Matrix | None:
         right = (
             machine == "<>".index(order) and precision < len(_TYPES) and what in (Kind.NUMBERS, Kind.TEXT, Kind.SPARSE)
         )
-        if right and min(rows, columns) >= 0 and imaginary in (0, 1) and 1 < name_length <= MAX_NAME:
+        if right and min(rows, columns) >= 0 and imaginary in (0, 1) and 1 < name_length <= LONGEST_TEXT:
             return _Matrix(np.dtype(order + _TYPES[precision]), what, (rows, columns), bool(imaginary), name_length)
     return None

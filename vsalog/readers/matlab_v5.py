@@ -13,7 +13,8 @@ from typing import Any
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
-from vsalog.readers.compression import FILE_RATIO, MAX_BYTES
+from vsalog.core.memory import AT_ONCE_BYTES
+from vsalog.readers.compression import FILE_RATIO
 from vsalog.readers.limits import MOST_PARTS
 from vsalog.readers.matlab_v5_parts import DataType, variable
 
@@ -82,7 +83,7 @@ def _variable(element: bytes, order: str) -> tuple[str, Any]:
 
 def _elements(content: Content, order: str, damage: dict[int, str]) -> Iterator[tuple[int, bytes]]:
     """Yield where each variable begins, and the element that it is, which is not compressed any more."""
-    allowed = max(MAX_BYTES, FILE_RATIO * len(content))
+    allowed = max(AT_ONCE_BYTES, FILE_RATIO * len(content))
     for begin, end in _places(content, order, damage):
         kind, _ = _tag(content, begin, order)
         if kind != DataType.COMPRESSED:

@@ -13,7 +13,8 @@ import numpy as np
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
-from vsalog.readers.compression import FILE_RATIO, MAX_BYTES
+from vsalog.core.memory import AT_ONCE_BYTES
+from vsalog.readers.compression import FILE_RATIO, MAX_RATIO
 from vsalog.readers.limits import MAX_ARRAY, MAX_DEPTH, MOST_STEPS
 
 _TYPES = {
@@ -27,10 +28,6 @@ _TYPES = {
     },
 }
 """MATLAB's classes of numbers; in these old layouts nothing else vouches for what describes the numbers."""
-
-
-MOST_GROWTH = 1032
-"""How many times larger zlib can make anything (zlib.net/zlib_tech.html)."""
 
 
 _OWN = "#"
@@ -77,7 +74,7 @@ class _Walk:
     def __init__(self, h5py: Any, size: int) -> None:
         self.damage: list[str] = []
         self._h5py = h5py
-        self._allowed = max(MAX_BYTES, FILE_RATIO * size)
+        self._allowed = max(AT_ONCE_BYTES, FILE_RATIO * size)
         self._objects = 0
 
     def members(self, group: Any, depth: int) -> dict[str, Any]:
@@ -159,12 +156,12 @@ class _Walk:
         if not set(filters) <= set(known) or len(set(filters)) < len(filters):
             raise ValueError("it is not compressed as MATLAB does it")
         size = prod(node.chunks) * node.dtype.itemsize
-        if size > MAX_BYTES:
+        if size > AT_ONCE_BYTES:
             raise ValueError(f"its parts announce {size} bytes each: no recording has such")
-        if kinds.FILTER_DEFLATE not in filters or MOST_GROWTH * node.id.get_storage_size() <= MAX_BYTES:
+        if kinds.FILTER_DEFLATE not in filters or MAX_RATIO * node.id.get_storage_size() <= AT_ONCE_BYTES:
             return
         large: list[Any] = []
-        node.id.chunk_iter(lambda chunk: large.append(chunk) if MOST_GROWTH * chunk.size > MAX_BYTES else None)
+        node.id.chunk_iter(lambda chunk: large.append(chunk) if MAX_RATIO * chunk.size > AT_ONCE_BYTES else None)
         for chunk in large:
             _, raw = node.id.read_direct_chunk(chunk.chunk_offset)
             with suppress(zlib.error):  # the library will say so

@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Evidence, Finding, Findings
+from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
-from vsalog.readers.compression import MAX_BYTES, DamagedDataError, beginning, decompress
+from vsalog.readers.compression import DamagedDataError, beginning, decompress
 from vsalog.readers.container import Connection
 from vsalog.readers.limits import BLOCK_ROWS, GLANCE_BYTES
 from vsalog.readers.mcap_scan import ends_whole, messages_in, others_in
@@ -243,8 +244,8 @@ class McapContainer:
                 schema = Schema.read(stream)
                 self.schemas[schema.id] = schema
                 self._text += len(schema.data)
-                if self._text > MAX_BYTES:
-                    raise ReadError(f"has more than {MAX_BYTES} bytes of message definitions", self.path)
+                if self._text > AT_ONCE_BYTES:
+                    raise ReadError(f"has more than {AT_ONCE_BYTES} bytes of message definitions", self.path)
             elif record == Opcode.CHANNEL:
                 channel = Channel.read(stream)
                 self.channels[channel.id] = channel

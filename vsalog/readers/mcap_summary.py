@@ -10,8 +10,8 @@ from typing import IO
 import numpy as np
 from mcap.opcode import Opcode
 
+from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.readers.chunk_index import Chunk
-from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.mcap_scan import ends_whole, others_in
 from vsalog.readers.mcap_walk import MAGIC
 
@@ -33,7 +33,7 @@ def summary_records(file: IO[bytes]) -> Iterator[tuple[int, bytes]] | None:
     if found is None:
         return None
     position, start, checksum = found
-    if not 0 < start <= position or position - start > MAX_BYTES:
+    if not 0 < start <= position or position - start > AT_ONCE_BYTES:
         return None
     file.seek(start)
     section = file.read(position - start + _FOOTER.size)

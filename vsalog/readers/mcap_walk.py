@@ -15,8 +15,8 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from vsalog.core.finding import Finding
-from vsalog.readers.compression import MAX_BYTES
-from vsalog.readers.limits import GLANCE_BYTES, PIECE_BYTES
+from vsalog.core.memory import AT_ONCE_BYTES, PIECE_BYTES
+from vsalog.readers.limits import GLANCE_BYTES
 from vsalog.readers.mcap_scan import Reserved, Size, next_sure_record
 from vsalog.readers.walk_findings import walk_findings
 
@@ -110,7 +110,7 @@ class Walk:
             if kind == Opcode.CHUNK and self._passed(position):
                 position += _HEAD.size + length
                 continue
-            keep = kind in self._kept and (kind != Opcode.ATTACHMENT or length <= MAX_BYTES)
+            keep = kind in self._kept and (kind != Opcode.ATTACHMENT or length <= AT_ONCE_BYTES)
             content = self._read(position, length, keep)
             if keep and len(content) < length:  # the file has become shorter meanwhile
                 self.cut = (position, self._size)

@@ -10,8 +10,9 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
+from vsalog.core.significance import REPEATS
 from vsalog.readers.carried import MOSTLY
-from vsalog.readers.limits import ENOUGH, SAMPLE_ROWS
+from vsalog.readers.limits import SAMPLE_ROWS
 
 Whole = Callable[[Sequence[int]], Iterable[Sequence[pa.Array]]]
 """Gives some columns from their first row to the last, part by part."""
@@ -32,7 +33,7 @@ def stretches(sample: Stretch, columns: Sequence[int], whole: Whole) -> list[Str
         Is asked for columns that are blank in the first rows, and for all channels only where these begin.
     """
     late = [i for i in columns if len(sample[i]) and blank(sample[i]).all()]
-    begins = sorted(set(_begins(late, whole)))[:ENOUGH] if 0 < len(late) < len(columns) else []
+    begins = sorted(set(_begins(late, whole)))[:REPEATS] if 0 < len(late) < len(columns) else []
     found = [sample]
     for rows in _rows_from(begins, columns, whole):
         stretch = [rows.get(i, pa.nulls(len(rows[columns[0]]), cells.type)) for i, cells in enumerate(sample)]

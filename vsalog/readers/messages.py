@@ -24,11 +24,8 @@ from vsalog.readers.layout import (
     learn,
 )
 from vsalog.readers.layout_values import stamps, values
+from vsalog.readers.limits import MOST_PARTS, MOST_STEPS
 from vsalog.readers.packets import Messages
-
-MAX_LAYOUTS, MAX_NUMBERS = 64, 2**17
-"""Shapes of one length, and numbers in all shapes, that are remembered per message type; beyond, messages of a new shape are
-walked one by one."""
 
 
 @dataclass(slots=True)
@@ -146,7 +143,7 @@ class RosDecoder:
         self.unread = self._fields.unread
         self.stamped, self.framed = _has_stamp(root), has_frame(root, cdr)
         self._shapes: dict[int, list[_Shape]] = {}
-        self._spare = MAX_NUMBERS if remember else 0
+        self._spare = MOST_STEPS if remember else 0
         self._patience = 3
 
     def frames(self, messages: Messages) -> Messages:
@@ -169,7 +166,7 @@ class RosDecoder:
                 start, rows = self._take_matching(shape, data, start, rows, result)
         while len(rows):
             learnt = self._learn(data[start[0] : start[0] + length].tobytes())
-            if learnt is not None and len(known) < MAX_LAYOUTS and self._spare > 0:
+            if learnt is not None and len(known) < MOST_PARTS and self._spare > 0:
                 self._spare -= 1 + len(learnt.layout.fields)
                 known.append(learnt)
                 start, rows = self._take_matching(learnt, data, start, rows, result)

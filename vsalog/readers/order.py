@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 
 from vsalog.core.column import Column, is_mapped, parts
 from vsalog.core.recording import Stamps, Values
+from vsalog.readers.limits import MOST_WAITING
 
 Number = TypeVar("Number", np.int64, np.float64)
-
-# So many samples of a stream may wait for others that are late before it is sorted in memory.
-MOST_WAITING = 2**22
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,9 @@ from collections.abc import Iterator
 from enum import IntEnum
 from typing import IO, NamedTuple
 
-from vsalog.readers.compression import MAX_BYTES, MAX_RATIO
-from vsalog.readers.limits import GLANCE_BYTES, PIECE_BYTES
+from vsalog.core.memory import AT_ONCE_BYTES, PIECE_BYTES
+from vsalog.readers.compression import MAX_RATIO
+from vsalog.readers.limits import GLANCE_BYTES
 from vsalog.readers.parquet_footer import Chunk
 from vsalog.readers.thrift import Compact, Fields, integer, structure
 
@@ -53,7 +54,7 @@ def trouble_with_pages(file: IO[bytes], chunk: Chunk) -> str | None:
     """
     values = 0
     for page in pages(file, chunk):
-        if page.uncompressed > max(MAX_BYTES, MAX_RATIO * page.compressed):
+        if page.uncompressed > max(AT_ONCE_BYTES, MAX_RATIO * page.compressed):
             return f"a page of it announces {page.uncompressed} bytes out of {page.compressed}"
         values += page.values
     return None if values == chunk.values else f"its pages hold {values} of {chunk.values} values"

@@ -10,8 +10,9 @@ import pyarrow as pa
 from vsalog.core.column import PART
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
+from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.core.printable import plural, printable
-from vsalog.readers.compression import MAX_BYTES, MAX_RATIO
+from vsalog.readers.compression import MAX_RATIO
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.limits import BLOCK_ROWS, SAMPLE_ROWS
 from vsalog.readers.parquet_footer import row_groups
@@ -171,7 +172,7 @@ class ParquetRows:
     def _refuse_bombs(self) -> None:
         """Refuse a file that would take far more memory than any recording: Arrow decompresses a page as a whole."""
         for chunk in (chunk for group in self.groups for chunk in group.chunks):
-            if chunk.uncompressed > max(MAX_BYTES, MAX_RATIO * chunk.compressed):
+            if chunk.uncompressed > max(AT_ONCE_BYTES, MAX_RATIO * chunk.compressed):
                 raise ReadError(
                     f"column '{printable_cell(chunk.path)}' announces {chunk.uncompressed} bytes out of"
                     f" {chunk.compressed}: no recording is compressed so much",

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from vsalog.core.printable import printable
-from vsalog.readers.fields import LARGE_MESSAGES, LONG_NAMES, MAX_BYTES, MAX_FIELDS, MAX_NAME, Fields
+from vsalog.core.printable import LONGEST_TEXT, printable
+from vsalog.readers.fields import LARGE_MESSAGES, LONG_NAMES, MAX_FIELDS, Fields
 from vsalog.readers.frames import stated_frames
-from vsalog.readers.labels import ELEMENT_NAME, MAX_LABELS, best_label_field, labels_of, naming_texts
-from vsalog.readers.limits import MAX_ARRAY, MAX_DEPTH
+from vsalog.readers.labels import ELEMENT_NAME, best_label_field, labels_of, naming_texts
+from vsalog.readers.limits import DECODED_BYTES, MAX_ARRAY, MAX_DEPTH
 from vsalog.readers.messages import MISFIT, Decoded
 from vsalog.readers.packets import Messages
 from vsalog.readers.protobuf_types import message_class
@@ -94,7 +94,7 @@ class ProtobufDecoder:
         if self._stamp_path:
             result.stamps = np.zeros(count, dtype=np.int64)
         for row, raw in enumerate(messages):
-            if len(raw) > MAX_BYTES:
+            if len(raw) > DECODED_BYTES:
                 self._taken.leave(self.prefix, LARGE_MESSAGES)
                 continue
             try:
@@ -111,7 +111,7 @@ class ProtobufDecoder:
     def _frame(self, raw: bytes) -> object:
         from google.protobuf.message import DecodeError
 
-        if len(raw) > MAX_BYTES:
+        if len(raw) > DECODED_BYTES:
             return None
         try:
             part: Any = self._class.FromString(raw)
@@ -189,7 +189,7 @@ class ProtobufDecoder:
             if len(descriptor.fields) > MAX_FIELDS:
                 self._taken.leave(self.prefix, f"a message type with more than {MAX_FIELDS} fields")
             fields = tuple(map(_field, islice(descriptor.fields, MAX_FIELDS)))
-            self._fields[name] = tuple(field for field in fields if len(field.name) <= MAX_NAME)
+            self._fields[name] = tuple(field for field in fields if len(field.name) <= LONGEST_TEXT)
             if len(self._fields[name]) < len(fields):
                 self._taken.leave(self.prefix, LONG_NAMES)
         return self._fields[name]
@@ -212,7 +212,7 @@ def _field(one: Any) -> _Field:
 
 def _own_names(values: Any) -> list[str]:
     """Return the names that the elements of an array have themselves, none where these do not tell them apart."""
-    if len(values) > MAX_LABELS:
+    if len(values) > MAX_FIELDS:
         return []
     parts = ({field.name: text for field, text in type(value).ListFields(value)} for value in values)
     names = [part.get(ELEMENT_NAME) for part in parts]

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from vsalog.core.memory import PIECE_BYTES
 from vsalog.core.printable import printable
 from vsalog.readers.definitions import DefinitionError
-from vsalog.readers.limits import PIECE_BYTES
 
 
 def message_class(name: str, descriptors: bytes) -> Any:

@@ -15,20 +15,18 @@ import numpy as np
 from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps
-from vsalog.readers.bad_stamps import FEW
-from vsalog.readers.container import CATALOGUE_MESSAGES, Connection
+from vsalog.readers.container import Connection
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError
 from vsalog.readers.frames import Frames
-from vsalog.readers.limits import BLOCK_ROWS
+from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS, MOST_EXCEPTIONS
 from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages, Packet
 
 LEAST_RUNS = 3
 """Runs of messages that are by turns of two publishers; one that is set up anew changes its frame fewer times. A frame that is
-`FEW` times rarer than another may be its slip: then it stands where one of the other would have been."""
-LONGER = 1.5
-"""So much longer than usual [times] the other's interval is then, if it is regular."""
+among the exceptions of another may be its slip: then it stands where one of the other would have been, two intervals
+apart if these are regular."""
 _UNNAMED = "unnamed"  # what publishers without a name are called
 
 
@@ -77,14 +75,18 @@ class _Publisher:
         """Tell whether messages of others stand where its own would have been; None where that is not clear."""
         if not self.usual or not self.across:
             return None
-        usual, late = np.percentile(self.usual, (50, 90))
-        return bool(np.median(self.across) > LONGER * usual) if late <= LONGER * usual else None
+        usual, late = np.quantile(self.usual, (0.5, 1.0 - MOST_EXCEPTIONS))
+        if not usual:
+            return None
+        across = np.median(self.across)
+        # By whole intervals: regular messages are one apart, and two with another one in between.
+        return bool(round(across / usual) > 1) if round(late / usual) == 1 else None
 
     def alternates(self, other: _Publisher) -> bool:
         """Tell whether messages of both come by turns, and neither is a slip of the other or what it became."""
         rarer, more = sorted((self, other), key=lambda one: one.count)
         if rarer.runs >= LEAST_RUNS:
-            return rarer.count * FEW > more.count or not more.gives_way()
+            return rarer.count > MOST_EXCEPTIONS * more.count or not more.gives_way()
         # All of one and then all of the other, though at the same time: they were put together later.
         return more.runs == 1 or more.gives_way() is False
 
@@ -110,7 +112,7 @@ def clashing(streams: Mapping[str, Collection[Connection]], packets: Iterable[Pa
             one = seen[stream].setdefault(connection.publisher, _Publisher(int(log[0]), int(log[0]), set()))
             one.add(log)
             if number not in told:
-                one.paths |= _paths(connection, packet.messages.some(rows[:CATALOGUE_MESSAGES]))
+                one.paths |= _paths(connection, packet.messages.some(rows[:FIRST_ROWS]))
                 told.add(number)
     return {stream: mixed for stream, publishers in seen.items() if (mixed := _clashing(publishers))}
 
@@ -147,7 +149,7 @@ class FrameWatch:
             one.runs += int(np.count_nonzero(numbers[begins] == number))
         for number, own in rows.items() if len(self._seen) > 1 else ():
             if not self._seen[number].paths:
-                self._seen[number].paths = _paths(connection, messages.some(own[:CATALOGUE_MESSAGES]))
+                self._seen[number].paths = _paths(connection, messages.some(own[:FIRST_ROWS]))
 
     def mixed(self) -> list[str]:
         """Return the frames that have to be streams of their own."""

@@ -17,9 +17,9 @@ from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import printable
 from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
 from vsalog.readers.compression import beginning
-from vsalog.readers.container import CATALOGUE_MESSAGES, MOST_CONNECTIONS, Connection
+from vsalog.readers.container import MOST_CONNECTIONS, Connection
 from vsalog.readers.definitions import DefinitionError, ros1_checksum
-from vsalog.readers.limits import BLOCK_ROWS, GLANCE_BYTES
+from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS, GLANCE_BYTES
 from vsalog.readers.opened import FilePart
 from vsalog.readers.packets import Packet, RawMessage, ahead, packet_of
 from vsalog.readers.rosbag1_index import IndexCheck, chunk_told
@@ -85,7 +85,7 @@ class Rosbag1Container:
     def counts(self) -> Mapping[int, int]:
         """Return how many messages connections have, as the index says, but no less than tell a connection's channels."""
         self.connections()
-        return {number: max(count, CATALOGUE_MESSAGES) for number, count in self._counts.items()}
+        return {number: max(count, FIRST_ROWS) for number, count in self._counts.items()}
 
     def size(self) -> int:
         """Return how many bytes the bag has."""

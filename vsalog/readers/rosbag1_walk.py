@@ -14,8 +14,9 @@ from typing import IO, NamedTuple
 
 from rosbags.rosbag1.reader import RecordType
 
-from vsalog.readers.compression import MAX_BYTES, DamagedDataError, decompress
-from vsalog.readers.limits import GLANCE_BYTES, PIECE_BYTES
+from vsalog.core.memory import AT_ONCE_BYTES, PIECE_BYTES
+from vsalog.readers.compression import DamagedDataError, decompress
+from vsalog.readers.limits import GLANCE_BYTES
 
 VERSION = b"#ROSBAG V2.0\n"
 Header = dict[bytes, bytes]
@@ -143,7 +144,7 @@ class Walk:
         header, start, length = found
         end = start + length
         kind = op(header)
-        if kind == RecordType.CHUNK and max(length, number(header, b"size")) > MAX_BYTES:
+        if kind == RecordType.CHUNK and max(length, number(header, b"size")) > AT_ONCE_BYTES:
             return header, b"", end
         self._file.seek(start)
         data = self._file.read(length)

@@ -14,15 +14,15 @@ import numpy as np
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
+from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.core.printable import printable
-from vsalog.readers.chunk_index import GLIMPSES, Needed, Part
-from vsalog.readers.compression import MAX_BYTES
-from vsalog.readers.container import CATALOGUE_MESSAGES, MOST_CONNECTIONS, Connection
-from vsalog.readers.limits import BLOCK_ROWS, PACKED_BYTES
+from vsalog.readers.chunk_index import Needed, Part
+from vsalog.readers.container import MOST_CONNECTIONS, Connection
+from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS, PACKED_BYTES, SAMPLE_ROWS
 from vsalog.readers.packets import Messages, Packet
 from vsalog.readers.sqlite_cut import cut_row
 from vsalog.readers.sqlite_opened import connect, left_log
-from vsalog.readers.sqlite_ranges import FIRST_ROWS, bounded, most_steps, ranges
+from vsalog.readers.sqlite_ranges import bounded, most_steps, ranges
 from vsalog.readers.sqlite_whole import damaged_changes, missing_bytes
 
 SQLITE_MAGIC = b"SQLite format 3\0"
@@ -78,7 +78,7 @@ class SqliteContainer:
         """Return how many rows there are in all: no topic has more, and to count those of each would take long."""
         try:
             first, last = self._ends()
-            return {number: max(last - first + 1, CATALOGUE_MESSAGES) for number, *_ in self._topics()}
+            return {number: max(last - first + 1, FIRST_ROWS) for number, *_ in self._topics()}
         except (*_DAMAGE, TypeError, ValueError):
             return {}
 
@@ -96,7 +96,7 @@ class SqliteContainer:
         query = "SELECT topic_id, timestamp, data FROM messages WHERE rowid >= ? ORDER BY rowid LIMIT 32"
         try:
             first, last = self._ends()
-            for row in np.linspace(first, max(last - 31, first), GLIMPSES).astype(np.int64).tolist():
+            for row in np.linspace(first, max(last - 31, first), SAMPLE_ROWS).astype(np.int64).tolist():
                 rows = [r for r in self._database.execute(query, (row,)) if r[0] in ids and type(r[2]) is bytes]
                 if rows and all(type(time) is int for _, time, _ in rows):
                     yield _packet(*map(list, zip(*rows, strict=True)))
@@ -284,7 +284,7 @@ class SqliteContainer:
         """Open a database for reading only and see that it holds a bag."""
         database = connect(path)
         database.text_factory = lambda raw: raw.decode("utf-8", "replace")
-        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BYTES)
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, AT_ONCE_BYTES)
         try:
             columns = self._columns(database)
         except sqlite3.OperationalError:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding
+from vsalog.core.look import LOOK_BYTES
 from vsalog.core.recording import Recording
 from vsalog.readers.reading import read
 from vsalog.readers.remote import downloaded, local
@@ -22,9 +23,6 @@ from vsalog.readers.sampling_mcap import cut_mcap
 from vsalog.readers.sampling_pieces import Cut
 from vsalog.readers.sampling_tables import cut_parquet, cut_text
 from vsalog.readers.sniff import sniff
-
-SAMPLE_BYTES = 32 * 2**20
-"""What is read of a large log."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,13 +100,13 @@ def _cut(path: Path, kind: str) -> Iterator[tuple[Path, Sample | None, tuple[Fin
     """Give the path of a sample of a log, or of the log itself, and what was noticed."""
     size = _size(path)
     cutter = CUTTERS.get(kind)
-    if cutter is None or size < 2 * SAMPLE_BYTES:
+    if cutter is None or size < LOOK_BYTES:
         yield path, None, ()
         return
     with tempfile.TemporaryDirectory(prefix="vsalog-") as folder:
         small = Path(folder) / path.name  # tables are called by the file's name
         try:
-            cut = cutter(path, small, SAMPLE_BYTES)
+            cut = cutter(path, small, LOOK_BYTES // 2)
         except OSError as error:
             raise ReadError(
                 f"no sample of it could be taken: {error.strerror or error}; --full reads it", path

@@ -15,11 +15,12 @@ import numpy as np
 from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 
 from vsalog.core.finding import Finding, Findings
+from vsalog.core.memory import PIECE_BYTES
 from vsalog.core.printable import printable
 from vsalog.core.resolution import STRETCHES
 from vsalog.readers.concatenated_files import opened_rosbag1
 from vsalog.readers.file_sequence import SeveralContainer
-from vsalog.readers.limits import MOST_STEPS, PIECE_BYTES
+from vsalog.readers.limits import MOST_STEPS
 from vsalog.readers.opened import for_sqlite
 from vsalog.readers.rosbag2 import METADATA
 from vsalog.readers.sampling_mcap import MAGIC as MCAP_MAGIC

@@ -9,8 +9,8 @@ from typing import IO, NamedTuple
 import numpy as np
 
 from vsalog.core.finding import Finding
+from vsalog.core.memory import PIECE_BYTES
 from vsalog.core.resolution import STRETCHES
-from vsalog.readers.limits import PIECE_BYTES
 
 
 class Piece(NamedTuple):

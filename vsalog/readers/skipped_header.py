@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 
-from vsalog.readers.limits import GLANCE_BYTES, MOST_LINES, MOST_STEPS
+from vsalog.readers.limits import FIRST_ROWS, GLANCE_BYTES, MOST_STEPS
 from vsalog.readers.repeated_header import FirstHeader, Line
 from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_text import WHITESPACE
@@ -33,7 +33,7 @@ def last_header(path: Path, dialect: Dialect, begin: int, end: int) -> bytes:
     last = begin
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
         for at in _beginnings(text, first, dialect, max(begin - 1, 0), end):
-            if at != last or len(run) == MOST_LINES:
+            if at != last or len(run) == FIRST_ROWS:
                 header = _header(first, run, lines) or header
                 run, lines = [], []
             stop = text.find(b"\n", at, at + GLANCE_BYTES) + 1 or at + GLANCE_BYTES

@@ -6,14 +6,11 @@ import re
 from pathlib import Path
 
 from vsalog.core.errors import ReadError
-from vsalog.readers.limits import GLANCE_BYTES
+from vsalog.readers.limits import GLANCE_BYTES, MOST_DAMAGED
 from vsalog.readers.matlab_v4 import is_v4
 from vsalog.readers.rosbag2 import is_bag_folder
 from vsalog.readers.text_source import DAMAGE, open_text, read_beginning
 
-BYTES_PER_ZERO = 1000
-"""Bytes of text for each that damage has made zero; other files have more zeros."""
-"""One of so many bytes of a text may have become a zero."""
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MAGIC = (
     (b"\x89MCAP0\r\n", "mcap"),
@@ -124,7 +121,7 @@ def looks_like_text(head: bytes) -> bool:
     if head[0] and b"\n" in head:
         head = without_holes(head)
     control = sum(byte < 32 and byte not in b"\t\n\v\f\r\x1b" for byte in head)
-    return head.count(0) <= len(head) // BYTES_PER_ZERO and 20 * control < len(head)
+    return head.count(0) <= MOST_DAMAGED * len(head) and 20 * control < len(head)
 
 
 def without_holes(text: bytes) -> bytes:

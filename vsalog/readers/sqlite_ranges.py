@@ -11,11 +11,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from vsalog.readers.limits import BLOCK_ROWS, MOST_STEPS, PACKED_BYTES
+from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS, MOST_STEPS, PACKED_BYTES
 from vsalog.readers.packets import Bytes, Integers, Messages, Packet
 
-FIRST_ROWS = 64
-"""So many rows are asked for at first, more when it is known how large they are."""
 STEPS_PER_ROW = 1000
 """Steps in which SQLite reads a row: it takes some thirty."""
 

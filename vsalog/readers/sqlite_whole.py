@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
-from vsalog.readers.compression import MAX_BYTES
+from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.readers.sqlite_cut import page_size
 
 
@@ -47,7 +47,7 @@ def missing_bytes(path: Path) -> list[Finding]:
 
 def damaged_changes(log: Path) -> list[Finding]:
     """Return how much of a log of changes is lost behind damage; nothing where it is sound."""
-    data = np.fromfile(log, np.uint8, MAX_BYTES)
+    data = np.fromfile(log, np.uint8, AT_ONCE_BYTES)
     data = data[: data.size // 4 * 4]
     big: _Words = data.view(">u4").astype(np.uint32)
     if big.size <= Log.HEAD:

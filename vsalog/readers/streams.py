@@ -9,19 +9,16 @@ from itertools import chain, islice
 import numpy as np
 
 from vsalog.core.errors import ReadError
-from vsalog.core.printable import printable
+from vsalog.core.look import LOOK_BYTES
+from vsalog.core.printable import LONGEST_TEXT, printable
+from vsalog.core.significance import REPEATS
 from vsalog.readers.compressed_messages import plain
 from vsalog.readers.container import MOST_CONNECTIONS, Connection, Container
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError, normal_type
-from vsalog.readers.delays import LEAST_BYTES
-from vsalog.readers.fields import MAX_NAME
-from vsalog.readers.limits import ENOUGH, PACKED_BYTES
+from vsalog.readers.limits import DECODED_BYTES, PACKED_BYTES
 from vsalog.readers.packets import Packet
 from vsalog.readers.publishers import FrameWatch, clashing, publisher_stream, told_apart
-
-MOST_TEXT = 2 * 2**20
-"""Characters of definitions, beyond which a log is no recording, and would take minutes to prepare for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,10 +97,10 @@ class Streams:
 
     def _is_named(self, connection: Connection) -> bool:
         """Tell whether names in a connection are no longer than those of any recording; of others it is noted."""
-        if max(len(connection.topic), len(connection.type), len(connection.publisher)) <= MAX_NAME:
+        if max(len(connection.topic), len(connection.type), len(connection.publisher)) <= LONGEST_TEXT:
             return True
-        shown = printable(connection.topic[:MAX_NAME])
-        self._unread.setdefault(shown, f"its name, type or publisher has more than {MAX_NAME} characters")
+        shown = printable(connection.topic[:LONGEST_TEXT])
+        self._unread.setdefault(shown, f"its name, type or publisher has more than {LONGEST_TEXT} characters")
         return False
 
     def _tell_publishers(self, named: list[tuple[Connection, str]]) -> None:
@@ -117,7 +114,7 @@ class Streams:
     def _from_all_over(self, streams: Mapping[str, Collection[Connection]]) -> Iterator[Packet]:
         """Yield messages of streams from all over the log; all of them where it is short."""
         ids = [one.id for connections in streams.values() for one in connections]
-        if self._container.size() < LEAST_BYTES:
+        if self._container.size() < LOOK_BYTES:
             return map(plain, self._container.packets(ids))
         return map(plain, chain(self._first_of(ids), self._container.glimpses(ids)))
 
@@ -146,16 +143,16 @@ class Streams:
         if first is not None:
             return chain([first], glimpses)
         packets = self._container.packets(ids)
-        return packets if self.seen_wholly() else islice(packets, ENOUGH)
+        return packets if self.seen_wholly() else islice(packets, REPEATS)
 
 
 def _refuse_absurd(named: list[tuple[Connection, str]]) -> None:
     several = {(stream, connection.encoding, connection.definition) for connection, stream in named}
     text = sum(map(len, {definition for _, _, definition in several}))
-    if len(several) > MOST_CONNECTIONS or text > MOST_TEXT:
+    if len(several) > MOST_CONNECTIONS or text > DECODED_BYTES:
         raise ReadError(
-            f"the log has more than {MOST_CONNECTIONS} topics, or more than {MOST_TEXT} characters of message definitions, as no"
-            " recording has; only some channels of it can be read, by their names"
+            f"the log has more than {MOST_CONNECTIONS} topics, or more than {DECODED_BYTES} characters of message definitions, as"
+            " no recording has; only some channels of it can be read, by their names"
         )
 
 

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
+from vsalog.core.memory import PIECE_BYTES
 from vsalog.core.printable import plural
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each
 from vsalog.readers.fields import MAX_FIELDS
-from vsalog.readers.limits import PIECE_BYTES, SAMPLE_ROWS
+from vsalog.readers.limits import DECODED_BYTES, SAMPLE_ROWS
 from vsalog.readers.long_tables import find_speakers
 from vsalog.readers.merged_tables import Layers, columns_apart, group_by_blanks, stretches
 from vsalog.readers.row_clock import row_clock
@@ -26,7 +27,7 @@ from vsalog.readers.table_cells import Cells, numbers_and_words
 from vsalog.readers.table_damage import Damage
 from vsalog.readers.table_detection import detect
 from vsalog.readers.table_dialect import Dialect
-from vsalog.readers.table_rows import BLOCK_BYTES, Rows
+from vsalog.readers.table_rows import Rows
 from vsalog.readers.table_sections import find_sections
 from vsalog.readers.table_slots import Slots
 from vsalog.readers.table_text import NULLS
@@ -228,8 +229,8 @@ class TableReader:
                 self._compressed = isinstance(source, BoundedGzip)
                 head = read_beginning(source, PIECE_BYTES)
                 if head.count(b"\n") < SAMPLE_ROWS:  # a header of thousands of columns
-                    head += read_beginning(source, BLOCK_BYTES - len(head))
-                    whole = len(head) < BLOCK_BYTES
+                    head += read_beginning(source, DECODED_BYTES - len(head))
+                    whole = len(head) < DECODED_BYTES
                 else:
                     whole = len(head) < PIECE_BYTES
         except OSError as error:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.units import is_known_by_heart, split_header
 from vsalog.readers.headers import printable_cell
-from vsalog.readers.limits import MOST_LINES
+from vsalog.readers.limits import FIRST_ROWS
 from vsalog.readers.table_text import SEPARATORS, is_value, split
 from vsalog.readers.time_names import Rank, rank_of
 
@@ -167,7 +167,7 @@ def join_torn_names(lines: list[str]) -> None:
     for i, line in enumerate(lines):
         if line.count('"') % 2 == 0:
             continue
-        for end in range(i + 2, min(i + 2 + MOST_LINES, len(lines) + 1)):
+        for end in range(i + 2, min(i + 2 + FIRST_ROWS, len(lines) + 1)):
             joined = " ".join(lines[i:end])
             if joined.count('"') % 2 == 0:
                 if _are_names(joined):
@@ -206,7 +206,7 @@ def _skip_settings(table: Table, start: int, width: int, decimal_comma: bool) ->
     for k, (_, cells) in enumerate(table[start:], start=start):
         if len(cells) == width and _names_a_clock(cells, decimal_comma):
             return k
-        if all(is_value(cell, decimal_comma) for cell in cells) and rows < MOST_LINES:
+        if all(is_value(cell, decimal_comma) for cell in cells) and rows < FIRST_ROWS:
             rows += 1
             continue
         if len(cells) > width or "" in cells or len(set(cells)) < len(cells):
@@ -254,7 +254,7 @@ def _aligned(header: list[str], rows: Sequence[Sequence[str]], width: int, findi
 
 def _rows_of_words(rows: Sequence[Sequence[str]], width: int, decimal_comma: bool) -> int:
     """Return how many rows below the first of a header belong to it: of words, with values below."""
-    for count, row in enumerate(rows[: MOST_LINES + 1]):
+    for count, row in enumerate(rows[: FIRST_ROWS + 1]):
         texts = [cell for cell in row if cell]
         values = sum(is_value(cell, decimal_comma) for cell in texts)
         if len(row) != width or values:

@@ -13,8 +13,9 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vsalog.core.recording import Stamps, Values
+from vsalog.core.significance import REPEATS
 from vsalog.readers.alternating import APART
-from vsalog.readers.limits import ENOUGH, MAX_ARRAY, MOST_PARTS, TELLING
+from vsalog.readers.limits import MAX_ARRAY, MOST_EXCEPTIONS, MOST_PARTS
 from vsalog.readers.reach import Stamp
 from vsalog.readers.table_cells import numbers_and_words
 from vsalog.readers.time_columns import ClockColumn, ClockPlan, nanoseconds
@@ -120,7 +121,7 @@ class _FirstRows:
         if not self.repeat:
             return ()
         few = [one for one in candidates if 2 <= len(np.unique(one.who)) <= min(MAX_ARRAY, len(one.who) // 3)]
-        few = sorted(few, key=lambda one: not one.called)[:ENOUGH]
+        few = sorted(few, key=lambda one: not one.called)[:REPEATS]
         for size in range(1, MOST_KEYS + 1):
             for some in combinations(few, size):
                 who = _together([one.who for one in some])
@@ -134,7 +135,7 @@ class _FirstRows:
         return bool(np.mean(np.diff(self._times) == 0) > 1 / (2 * count))
 
     def _tell_apart(self, who: Numbers) -> bool:
-        return len(np.unique(np.stack([self._times, who]), axis=1).T) > TELLING * len(who)
+        return len(np.unique(np.stack([self._times, who]), axis=1).T) > (1 - MOST_EXCEPTIONS) * len(who)
 
     def take_turns(self, candidate: _Candidate, keys: Sequence[int]) -> bool:
         """Tell whether rows of few parts of a machine alternate, among those that other columns say to be of one."""
@@ -152,7 +153,7 @@ class _FirstRows:
         changes = np.mean(np.diff(who) != 0)
         if candidate.called and changes > 0.5:
             return True
-        in_turn = np.mean(who[count:] == who[:-count]) > TELLING and changes > TELLING
+        in_turn = np.mean(who[count:] == who[:-count]) > (1 - MOST_EXCEPTIONS) and changes > (1 - MOST_EXCEPTIONS)
         return bool(in_turn) and any(_jump(values[rows], who) for values in self._values(candidate.column))
 
     def _values(self, but: int) -> Iterator[Values]:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from vsalog.readers.limits import TELLING
+from vsalog.readers.limits import MOST_EXCEPTIONS
 
 _LABELLED = re.compile(r"^\s*([A-Za-z_][^:=\"{}]*?)\s*[:=]\s*(.*)$")
 
@@ -20,7 +20,7 @@ def labels_of(rows: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
     for cells in zip(*(row for row in rows if len(row) == width), strict=True):
         found = Counter(match[1] for cell in cells if (match := _LABELLED.match(cell)))
         (label, count), *_ = found.most_common(1) or [("", 0)]
-        if count < TELLING * len(cells):
+        if count < (1 - MOST_EXCEPTIONS) * len(cells):
             return ()
         labels.append(label)
     return tuple(labels) if len(set(labels)) == width else ()

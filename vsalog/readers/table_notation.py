@@ -11,7 +11,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from vsalog.core.finding import Finding
-from vsalog.readers.limits import ENOUGH, TELLING
+from vsalog.core.significance import REPEATS
+from vsalog.readers.limits import MOST_EXCEPTIONS
 from vsalog.readers.table_text import quantity_of
 
 _NUMBER = re.compile(r"^[+-]?\d*([.,])\d+(?:[eE][+-]?\d+)?$")
@@ -127,7 +128,7 @@ def find_notations(rows: Sequence[Sequence[str]], width: int, separator: str) ->
         found.append(Finding(code="table.mixed_decimal_marks"))
     elif not commas and not points:
         count = {mark: sum(column.groups[mark] for column in columns) for mark in ".,"}
-        default = separator != "," and count[","] > TELLING * sum(count.values())
+        default = separator != "," and count[","] > (1 - MOST_EXCEPTIONS) * sum(count.values())
         if default:
             found.append(Finding(code="table.decimal_commas"))
     return [column.notation(default) for column in columns], found
@@ -140,7 +141,7 @@ class _Column:
         self._hexadecimal = _are_hexadecimal(cells)
         quantities = [quantity for cell in cells if (quantity := quantity_of(cell))]
         units = Counter(unit for _, unit in quantities).most_common()
-        sure = bool(units) and units[0][1] > TELLING * len(quantities)
+        sure = bool(units) and units[0][1] > (1 - MOST_EXCEPTIONS) * len(quantities)
         self._unit = units[0][0] if sure else ""
         self._mixed = "" if sure else ", ".join(f"'{unit}'" for unit, _ in units if unit)
         numbers = [number.replace("−", "-") for number, _ in quantities]
@@ -154,9 +155,9 @@ class _Column:
         for number in numbers:
             self._count(re.sub(_BLANKS, "", number) if self._blanks else number)
         self.mark = ""
-        if self.commas > TELLING * (self.commas + self.points):
+        if self.commas > (1 - MOST_EXCEPTIONS) * (self.commas + self.points):
             self.mark = ","
-        elif self.points > TELLING * (self.commas + self.points):
+        elif self.points > (1 - MOST_EXCEPTIONS) * (self.commas + self.points):
             self.mark = "."
 
     def _count(self, number: str) -> None:
@@ -183,7 +184,7 @@ class _Column:
             self._unit,
             self._mixed,
             self._hexadecimal,
-            comma and self.commas + self.groups[","] == self._numbers > ENOUGH,
+            comma and self.commas + self.groups[","] == self._numbers > REPEATS,
         )
 
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
-from vsalog.readers.limits import PIECE_BYTES, SAMPLE_ROWS
+from vsalog.core.memory import PIECE_BYTES
+from vsalog.readers.limits import SAMPLE_ROWS
 from vsalog.readers.table_dialect import Dialect, has_quotes
 from vsalog.readers.table_notation import Notation
 from vsalog.readers.table_text import split

@@ -15,6 +15,7 @@ from vsalog.core.errors import ReadError
 from vsalog.core.finding import Evidence, Finding, Findings
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.last_line import cut_off
+from vsalog.readers.limits import DECODED_BYTES
 from vsalog.readers.opened import is_text
 from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_labels import without_labels
@@ -23,8 +24,6 @@ from vsalog.readers.table_quotes import heeding_quotes
 from vsalog.readers.table_text import NULLS, WHITESPACE, is_comment, split
 from vsalog.readers.table_words import OtherOrderError, WordLines
 from vsalog.readers.text_source import BoundedGzip, TextSource, is_utf8, open_text
-
-BLOCK_BYTES = 4 * 2**20
 
 
 class Rows:
@@ -146,7 +145,7 @@ class Rows:
             source,
             read_options=pacsv.ReadOptions(
                 use_threads=False,
-                block_size=BLOCK_BYTES,
+                block_size=DECODED_BYTES,
                 skip_rows=dialect.skip_lines,
                 column_names=list(dialect.names),
             ),

@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 
 from vsalog.core.finding import Finding, Findings
 from vsalog.readers.headers import printable_cell
-from vsalog.readers.limits import BLOCK_ROWS, MOST_LINES
+from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS
 from vsalog.readers.repeated_header import FirstHeader, Line, Order, goes_on, listed_columns, rescaled
 from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_header import is_clock
@@ -112,7 +112,7 @@ class WordLines:
         begin, end = 0, batch.num_rows
         for run in _runs(self._found(batch)):
             first, last = run[0].row, run[-1].row + run[-1].inside
-            if more and last == end and len(run) < MOST_LINES:
+            if more and last == end and len(run) < FIRST_ROWS:
                 self._odd = [
                     (self._parsed + one.row, one.line) for one in run if one.line and not one.inside
                 ] + self._odd
@@ -169,7 +169,7 @@ class WordLines:
 
     def _settled(self, batch: pa.RecordBatch, run: list[_Found]) -> list[pa.RecordBatch]:
         """Go by what lines that follow one another say; return those that are rows after all."""
-        lines = [one.line for one in run if one.line is not None][-MOST_LINES:]
+        lines = [one.line for one in run if one.line is not None][-FIRST_ROWS:]
         inside = [one for one in run if one.inside]
         again = self._order_of(run, lines)
         further = self._goes_on(batch, run[-1].row + run[-1].inside)
@@ -190,7 +190,7 @@ class WordLines:
         if self._order is None or not self._clock or len(self._ahead) < 2 or row >= batch.num_rows:
             return None
         earlier, before = self._ahead
-        cells = batch.column(self._order.places[self._clock])[row : row + MOST_LINES].to_pylist()
+        cells = batch.column(self._order.places[self._clock])[row : row + FIRST_ROWS].to_pylist()
         after = next((cell for cell in cells if cell and not _NO_TIME.match(cell)), None)
         return None if after is None else goes_on(earlier, before, after)
 
@@ -243,7 +243,7 @@ class WordLines:
         if self._order != self._first.as_above:
             batch = self._by_name(batch, self._order)
         if self._clock:
-            last = batch.column(self._clock)[-MOST_LINES:].to_pylist()
+            last = batch.column(self._clock)[-FIRST_ROWS:].to_pylist()
             self._ahead = [*self._ahead, *(cell for cell in last if cell and not _NO_TIME.match(cell))][-2:]
         return [batch]
 

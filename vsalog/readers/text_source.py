@@ -12,9 +12,10 @@ from typing import IO, cast
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding
+from vsalog.core.memory import PIECE_BYTES
 from vsalog.readers.compression import FILE_RATIO
 from vsalog.readers.last_line import may_be_cut
-from vsalog.readers.limits import GLANCE_BYTES, PACKED_BYTES, PIECE_BYTES
+from vsalog.readers.limits import GLANCE_BYTES, PACKED_BYTES
 from vsalog.readers.table_text import WHITESPACE
 
 DAMAGE = (EOFError, zlib.error)

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps
+from vsalog.core.significance import REPEATS
 from vsalog.readers.date_order import order_of, possible_orders
 from vsalog.readers.headers import printable_cell
-from vsalog.readers.limits import ENOUGH, SAMPLE_ROWS, TELLING
+from vsalog.readers.limits import MOST_EXCEPTIONS, SAMPLE_ROWS
 from vsalog.readers.reach import Nanoseconds
 from vsalog.readers.time_dates import dates, of_day, trimmed
 from vsalog.readers.time_folds import Folds, Restarts
@@ -259,7 +260,7 @@ def _written_form(name: str, sample: pa.Array, rest: Rest) -> tuple[str | None, 
 def _reads(sample: pa.Array, form: str) -> bool:
     """Tell whether nearly all cells are times in a form."""
     _, good = nanoseconds([sample], form)
-    return bool(good.any() and good.mean() > TELLING)
+    return bool(good.any() and good.mean() > (1 - MOST_EXCEPTIONS))
 
 
 def _order(name: str, sample: pa.Array, rest: Rest) -> tuple[str, list[Finding]]:
@@ -279,17 +280,17 @@ def _rising(values: NDArray[np.float64]) -> bool:
         return True
     steps = np.diff(values)
     grows = values[-1] > values[0] or values[0] > EPOCH[0]  # nanoseconds of today are too large to differ as floats
-    return bool(np.count_nonzero(steps >= 0) >= TELLING * len(steps) and grows)
+    return bool(np.count_nonzero(steps >= 0) >= (1 - MOST_EXCEPTIONS) * len(steps) and grows)
 
 
 def _sortable(name: str, values: NDArray[np.float64]) -> bool:
     """Tell whether a column that is surely called the time has the newest row first, or rows that come a little late."""
     rank = rank_of(name)
-    if rank is None or rank >= Rank.SHORT or len(values) < ENOUGH:
+    if rank is None or rank >= Rank.SHORT or len(values) < REPEATS:
         return False
     order = np.argsort(values, kind="stable")
     late = np.abs(order - np.arange(len(order))).max()
-    return bool((np.diff(values) < 0).all() or late <= ENOUGH)
+    return bool((np.diff(values) < 0).all() or late <= REPEATS)
 
 
 def _backwards(sample: pa.Array) -> int | None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps
-from vsalog.readers.limits import ENOUGH
+from vsalog.core.significance import REPEATS
 from vsalog.readers.reach import Nanoseconds, Stamp
 
 _FULL = tuple(2**32 * unit for unit in (1, 10**3, 10**6))
@@ -89,7 +89,7 @@ class Folds:
     def _hours_back(self, steps: Stamps) -> Stamps:
         """Return by how many hours the clock is set back at each sample."""
         hours = np.zeros(len(steps), np.int64)
-        near = min(ENOUGH * self._step, Nanoseconds.MINUTE)
+        near = min(REPEATS * self._step, Nanoseconds.MINUTE)
         for size in map(int, SetBack) if self._period == Nanoseconds.DAY else ():
             back = (steps > -size * Nanoseconds.HOUR) & (steps <= near - size * Nanoseconds.HOUR)
             hours[back] = size
@@ -134,7 +134,7 @@ class Restarts:
         """Return by how much each sample is put later."""
         assert self._first is not None
         steps = np.clip(times - before, -Stamp.YEAR_2000, Stamp.YEAR_2000)
-        few = ENOUGH * int(np.median(steps[steps > 0])) if (steps > 0).any() else 0
+        few = REPEATS * int(np.median(steps[steps > 0])) if (steps > 0).any() else 0
         earlier, later = np.append(self._step, steps[:-1]), np.append(steps[1:], 0)
         # The clock goes on from the first stamps; a single stamp that is wrong, before or here, is left where it is.
         anew = falls & (-steps > few) & (times <= self._first + few) & (np.maximum(earlier, later) < -steps // 2)

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps
-from vsalog.readers.limits import ENOUGH, TELLING
+from vsalog.core.significance import REPEATS
+from vsalog.readers.limits import MOST_EXCEPTIONS
 from vsalog.readers.time_dates import trimmed
 
 Read = Callable[[Sequence[pa.Array]], tuple[Stamps, NDArray[np.bool_]]]
@@ -46,7 +47,7 @@ class Fractions:
         if digits:
             padded, also = read([*others, _padded(last, digits)])
             falls, fewer = (int(np.count_nonzero(np.diff(one) < 0)) for one in (stamps[good], padded[also]))
-            if (sure and fewer <= falls) or fewer < (1 - TELLING) * falls:
+            if (sure and fewer <= falls) or fewer < MOST_EXCEPTIONS * falls:
                 self._digits = digits
                 return padded, also
         return stamps, good
@@ -67,7 +68,7 @@ def _whole_numbers(cells: pa.Array) -> tuple[int, bool]:
     """
     fractions = pc.struct_field(pc.extract_regex(trimmed(cells), _PARTS), "fraction").drop_null()
     lengths = np.asarray(pc.utf8_length(fractions).to_numpy(zero_copy_only=False))
-    if lengths.size < ENOUGH or lengths.min() == lengths.max() or lengths.max() not in _UNITS:
+    if lengths.size < REPEATS or lengths.min() == lengths.max() or lengths.max() not in _UNITS:
         return 0, False
     if pc.any(pc.match_substring_regex(fractions, r"^0\d")).as_py():
         return 0, False

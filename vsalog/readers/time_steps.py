@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
-from vsalog.readers.clock_steps import LEAST
-from vsalog.readers.limits import BLOCK_ROWS, ENOUGH, MOST_PARTS
+from vsalog.core.significance import REPEATS
+from vsalog.readers.clock_steps import REACH
+from vsalog.readers.limits import BLOCK_ROWS, MOST_PARTS
 from vsalog.readers.reach import Stamp
 
 Marks = Callable[[], Values]
@@ -57,12 +58,12 @@ class StepsBack:
             self._first = self._last = self._latest = int(times[0])
         steps = np.diff(times, prepend=self._last)
         forward = steps[steps > 0]
-        few = ENOUGH * int(np.median(forward)) if forward.size else 0
+        few = REPEATS * int(np.median(forward)) if forward.size else 0
         for k in np.flatnonzero(steps < -few)[:MOST_PARTS].tolist() if few else ():
             if self._shift - steps[k] > Stamp.YEAR_2000:
                 break
             if self._is_set_back(times, steps, k, few) and not self._are_copies(times, k, good, marks):
-                size = few // ENOUGH - int(steps[k])
+                size = few // REPEATS - int(steps[k])
                 times[k:] += size
                 self._shift += size
                 self.sizes.append(size)
@@ -84,7 +85,7 @@ class StepsBack:
         latest = max(self._latest, int(times[:k].max(initial=self._latest)))
         leaps = np.flatnonzero((steps[k + 1 :] < -few) | (steps[k + 1 :] > max(few, -steps[k] // 2)))
         end = k + 1 + int(leaps[0]) if leaps.size else times.size
-        if end - k < LEAST or (end < times.size and times[end - 1] < latest):
+        if end - k <= REACH or (end < times.size and times[end - 1] < latest):
             return False
         begin, reach = max(int(times[k]), self._first), min(int(times[end - 1]), latest)
         gaps = np.concatenate([self._gaps, _gaps(times[:k], self._last, few)])

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from msgspec.structs import replace
 
 from vsalog.core.finding_texts import sentences_of
+from vsalog.core.significance import INTERVAL
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, Number, Unexplained
 from vsalog.diagnosis.run import Outcome
@@ -24,7 +25,6 @@ from vsalog.report.diagnosis_words import (
     with_interval,
 )
 from vsalog.report.experiment_words import experiment_words
-from vsalog.rig.uncertain import HALF_WIDTH_IN_DEVIATIONS
 
 
 def worded(outcome: Outcome) -> Diagnosis:
@@ -140,7 +140,7 @@ def numbers(cause: FoundCause) -> str:
     """Return a cause's parameters with their 95 % intervals."""
     parts = []
     for name, n in cause.parameters.items():
-        half = None if n.std is None else HALF_WIDTH_IN_DEVIATIONS * n.std
+        half = None if n.std is None else INTERVAL * n.std
         told = f"{with_interval(n.value, half)}{unit_of(n.unit)}" if n.determined else "undetermined"
         parts.append(f"{signal_name(name)} {told}")
     return ", ".join(parts)

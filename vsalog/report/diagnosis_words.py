@@ -6,11 +6,11 @@ import math
 import re
 
 from vsalog.core.finding import Finding
+from vsalog.core.significance import INTERVAL
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, Number, Unexplained
 from vsalog.report.page_tables import unit_text
 from vsalog.report.page_text import number
-from vsalog.rig.uncertain import HALF_WIDTH_IN_DEVIATIONS
 
 # Decimal exponents that are printed without a power of ten.
 PLAIN = range(-4, 6)
@@ -94,7 +94,7 @@ def parameter_text(found: Number) -> str:
     """Return a parameter with its 95 % interval and unit, and what the rig has."""
     if not found.determined:
         return "undetermined"
-    half = None if found.std is None else HALF_WIDTH_IN_DEVIATIONS * found.std
+    half = None if found.std is None else INTERVAL * found.std
     rig = "" if found.rig is None else f" (rig: {number(found.rig)})"
     return f"{with_interval(found.value, half)}{unit_of(found.unit)}{rig}"
 

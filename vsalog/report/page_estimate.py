@@ -13,8 +13,9 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.core.trace import EXTRA_UNITS
-from vsalog.estimation.job import ROOM, Job
+from vsalog.estimation.job import Job
 from vsalog.estimation.joint import JointEstimate
 from vsalog.estimation.summary import TransmissionSummary
 from vsalog.readers.opened import for_arrow
@@ -79,7 +80,7 @@ def _part(columns: TraceColumns, n: str, estimate: JointEstimate) -> Transmissio
 def thinned(estimate: JointEstimate) -> int:
     """Return that figures are drawn of every so many rows of a joint's trace, for its columns to fit in memory; 1 for all."""
     row = np.dtype(np.float64).itemsize * len(fields(TransmissionEvidence))
-    return max(1, -(-max(t.samples for t in estimate.summary.transmissions) * row // ROOM))
+    return max(1, -(-max(t.samples for t in estimate.summary.transmissions) * row // AT_ONCE_BYTES))
 
 
 class TraceColumns:

@@ -18,6 +18,7 @@ import msgspec
 from msgspec import inspect
 
 from vsalog.core.errors import RigError, UnitError, did_you_mean
+from vsalog.core.printable import LONGEST_NAME
 from vsalog.core.units import matching, shown, si_factor
 from vsalog.rig.roles import role_units
 from vsalog.rig.schema import RigFile
@@ -34,9 +35,6 @@ from vsalog.rig.uncertain import (
 
 Table = dict[str, Any]
 Structure = TypeVar("Structure", bound=msgspec.Struct)
-
-MAX_NAME = 200
-"""Characters of a joint's or a run's name: names become parts of the names of files, which end at 255 bytes."""
 
 _TORQUE_OF_CURRENT = "give the torque it makes on the joint's side: current × torque_constant × gear_ratio"
 
@@ -359,8 +357,8 @@ def _table(value: Any, path: Path) -> Table:
 
 
 def _name(name: str, path: Path) -> str:
-    if not name.strip() or len(name) > MAX_NAME or not name.isprintable():
-        refuse(path, f"'{shown(name)}' is not usable as a name: one to {MAX_NAME} printable characters")
+    if not name.strip() or len(name) > LONGEST_NAME or not name.isprintable():
+        refuse(path, f"'{shown(name)}' is not usable as a name: one to {LONGEST_NAME} printable characters")
     return name
 
 

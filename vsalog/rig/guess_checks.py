@@ -13,9 +13,6 @@ from vsalog.rig import guess_data
 from vsalog.rig.guess_data import CORRELATED, Line
 from vsalog.rig.guess_types import Kind, RoleGuess
 
-GEARED = 1.5
-"""Range of the motor over the link's from which on a gear is likelier than a deflection."""
-
 
 @dataclass(slots=True)
 class Checked:
@@ -55,7 +52,7 @@ def _gear(checked: Checked, channels: Mapping[str, Channel]) -> None:
     if found.slope < 0.0:
         guess = _changed(guess, "it moves against the link", sign=-1)
     ratio = 1.0 / abs(found.slope)
-    if ratio > GEARED:
+    if round(ratio) > 1:  # else a deflection is likelier
         checked.gear_ratio = float(f"{ratio:.4g}")
         guess = _changed(guess, f"it moves {ratio:.4g} times as far as the link: before the gear", side="rotor")
         checked.findings.append(Finding(code="guess.gear_ratio", value=checked.gear_ratio))

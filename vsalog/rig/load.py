@@ -12,8 +12,9 @@ from typing import Any
 
 import msgspec
 
-from vsalog.core.documents import MAX_TEXT, read_text, toml_tables
+from vsalog.core.documents import read_text, toml_tables
 from vsalog.core.errors import RigError, did_you_mean
+from vsalog.core.memory import PIECE_BYTES
 from vsalog.core.units import shown
 from vsalog.rig.checks import check_rig
 from vsalog.rig.decode import decode_rig, key_path
@@ -191,8 +192,8 @@ def preset_text(name: str) -> str:
 
 
 def _parse(text: str, where: str) -> Table:
-    if len(text) > MAX_TEXT:
-        raise RigError(f"{where}: more than {MAX_TEXT // 1000} kB is no rig file")
+    if len(text) > PIECE_BYTES:
+        raise RigError(f"{where}: more than {PIECE_BYTES // 1024} KiB is no rig file")
     try:
         return tomllib.loads(text)
     except RecursionError:

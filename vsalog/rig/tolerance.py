@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import re
 
+from vsalog.core.significance import INTERVAL
 from vsalog.effects import effects
 from vsalog.effects.base import Default
-from vsalog.rig.uncertain import HALF_WIDTH_IN_DEVIATIONS
 
 DEFAULTS = (
     *(default for effect in effects().values() for default in effect.tolerances),
@@ -49,7 +49,7 @@ def default_deviation(quantity: str, nominal: float, scale: float) -> float:
     for start in range(len(path)):
         default = _BY_NAME.get(".".join(path[start:]))
         if default is not None:
-            return default.half_width(nominal, scale) / HALF_WIDTH_IN_DEVIATIONS
+            return default.half_width(nominal, scale) / INTERVAL
     raise KeyError(quantity)
 
 

@@ -13,12 +13,11 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from vsalog.core.errors import UnitError
-from vsalog.core.units import MAX_TEXT_LENGTH, shown, si_factor, split_number, split_quantity
+from vsalog.core.printable import LONGEST_TEXT
+from vsalog.core.significance import INTERVAL
+from vsalog.core.units import shown, si_factor, split_number, split_quantity
 
 Path = tuple[str, ...]
-
-HALF_WIDTH_IN_DEVIATIONS = 1.96
-"""Half-width of a 95 % interval in standard deviations: the 97.5 % quantile of the normal distribution, to three digits."""
 
 TOLERANCE_SIGN = r"±|\+/?[-−]"
 _SIGN = re.compile(TOLERANCE_SIGN)
@@ -40,7 +39,7 @@ class Tolerance(NamedTuple):
     @property
     def deviation(self) -> float:
         """One standard deviation, in SI."""
-        return self.half_width / HALF_WIDTH_IN_DEVIATIONS
+        return self.half_width / INTERVAL
 
 
 class UncertainNumber(float):
@@ -155,8 +154,8 @@ def parse_stated_number(text: str) -> Quantity:
 def _split(text: str) -> Quantity:
     sign = _SIGN.search(text)
     assert sign is not None
-    if len(text) > MAX_TEXT_LENGTH:
-        raise UnitError(f"'{shown(text)}' is too long for a quantity (more than {MAX_TEXT_LENGTH} characters)")
+    if len(text) > LONGEST_TEXT:
+        raise UnitError(f"'{shown(text)}' is too long for a quantity (more than {LONGEST_TEXT} characters)")
     stated, tolerance = text[: sign.start()], text[sign.end() :]
     if states_tolerance(tolerance):
         raise UnitError(f"'{shown(text)}' states more than one tolerance; {_EXAMPLE}")

@@ -39,7 +39,7 @@ Movable = RigidJoint | ElasticJoint | SerialJoint | AntagonisticJoint
 STIFF_STEPS = 16
 """Steps per period for the sake of damping alone beyond which implicit steps are cheaper: the equations are stiff."""
 MOST_STEPS = 2000
-"""Steps per period beyond which a rig's units are likelier wrong than its modes that fast."""
+"""Steps per period, or sines of a multisine, beyond which units are likelier wrong than modes that fast or spectra that fine."""
 BRISTLE_SPEED = 10.0
 """Speed at which bristles have to be followed where none is known [rad/s]; they stay stable at five times this."""
 DEFLECTING = 1.0

@@ -22,10 +22,10 @@ from msgspec import structs
 from vsalog.core.errors import ReadError, WriteError
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.finding_texts import sentence
+from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.readers import open_container, read
 from vsalog.readers.bag import BagReader
 from vsalog.readers.compressed_messages import plain
-from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.container import Connection, Container
 from vsalog.readers.file_sequence import SeveralContainer
 from vsalog.readers.mcap_file import McapContainer
@@ -237,7 +237,7 @@ def _attachments(part: McapContainer) -> Iterator[bytes]:
             yield content
         for kind, content in summary_records(file) or ():
             position, length = struct.unpack_from("<QQ", content) if kind == Opcode.ATTACHMENT_INDEX else (0, 0)
-            if Size.HEAD < length <= MAX_BYTES and position not in found:
+            if Size.HEAD < length <= AT_ONCE_BYTES and position not in found:
                 file.seek(position)
                 record = file.read(length)
                 if (
@@ -251,7 +251,7 @@ def _side_records(part: McapContainer, kind: int) -> Iterator[bytes]:
     """Yield the contents of the records of a kind, up to the first damage between records."""
     with part.open() as file:
         for found, piece in record_heads(file):
-            if found == kind and piece.size <= MAX_BYTES:
+            if found == kind and piece.size <= AT_ONCE_BYTES:
                 file.seek(piece.position + Size.HEAD)
                 yield file.read(piece.size - Size.HEAD)
 
