@@ -37,6 +37,12 @@ def test_other_paths_have_other_names(paths):
     assert all(len(encoded(name)) <= LONGEST_NAME + 40 for name in names)
 
 
+def test_names_leave_room_in_those_of_files_for_what_comes_with_them():
+    """File systems end at 255 bytes: a prefix and an ending take up to 75."""
+    assert len(encoded(readable(b"x" * 300))) == 180
+    assert readable(b"x" * 180) == "x" * 180
+
+
 def test_bytes_that_are_no_text_are_not_taken_for_text_that_looks_like_them():
     assert len({readable(b"\xff.csv"), readable(b"\\xff.csv"), readable(b"\xfe.csv")}) == 3
     assert readable(b"\\xff.csv") == "\\xff.csv"

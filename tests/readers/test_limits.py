@@ -9,12 +9,16 @@ import pytest
 from write_logs import START, McapLog
 
 from vsalog.core.errors import ReadError
+from vsalog.core.recording import Recording
+from vsalog.readers import sampling
 from vsalog.readers.bad_stamps import are_few
 from vsalog.readers.bag import BagReader
+from vsalog.readers.base import Block
 from vsalog.readers.compression import DamagedDataError, refuse_bomb
 from vsalog.readers.definitions import DefinitionError, parse_definition
 from vsalog.readers.fields import Fields
 from vsalog.readers.frames import Frames, stated_frames
+from vsalog.readers.gathered import Gathered
 from vsalog.readers.json_messages import JsonDecoder
 from vsalog.readers.labels import usable_labels
 from vsalog.readers.last_line import may_be_cut
@@ -22,7 +26,7 @@ from vsalog.readers.layout import TooManyPartsError, learn
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.packets import Messages
 from vsalog.readers.protobuf_types import message_class
-from vsalog.readers.sniff import sniff
+from vsalog.readers.sniff import looks_like_text, sniff
 from vsalog.readers.table_detection import detect
 from vsalog.readers.table_notation import find_notations
 from vsalog.readers.walk_findings import walk_findings
@@ -106,8 +110,8 @@ def test_a_message_is_walked_for_262144_parts(count, good):
             learn(raw, root, False)
 
 
-def test_256_lines_tell_what_columns_are():
-    assert len(detect(b"time,x\n" + b"0.1,2\n" * 500, True).rows) == 255
+def test_512_lines_tell_what_columns_are():
+    assert len(detect(b"time,x\n" + b"0.1,2\n" * 1000, True).rows) == 511
 
 
 @pytest.mark.parametrize(("ahead", "found"), [(32, True), (33, False)])
@@ -155,6 +159,38 @@ def test_a_definition_has_262144_characters(size, good):
             parse_definition("a/A", text, "msg", False)
 
 
-def test_one_stamp_in_ten_may_be_none():
-    assert (are_few(1, 10), are_few(1, 9), are_few(0, 20)) == (True, False, False)
-    assert np.all([are_few(k, 100) for k in range(1, 11)])
+def test_one_stamp_in_twenty_may_be_none():
+    assert (are_few(1, 20), are_few(1, 19), are_few(0, 20)) == (True, False, False)
+    assert np.all([are_few(k, 100) for k in range(1, 6)])
+
+
+@pytest.mark.parametrize(("zeros", "text"), [(4, True), (5, False)])
+def test_a_thousandth_of_a_text_may_have_become_zero(zeros, text):
+    assert looks_like_text(b"1,2\n" * 999 + bytes(zeros)) is text
+
+
+@pytest.mark.parametrize(("size", "good"), [(4 * MI, True), (4 * MI + 1, False)])
+def test_a_message_of_4_mebibytes_becomes_objects(size, good):
+    decoded = JsonDecoder("t", None).decode(Messages.of([b'{"x":1}'.ljust(size)]))
+    assert (decoded.good.tolist(), len(decoded.columns)) == (([True], 1) if good else ([False], 0))
+
+
+def test_memory_is_taken_for_4194304_samples_ahead_of_them():
+    gathered = Gathered("t")
+    gathered.add(Block("/t", "t", {"log": np.zeros(1, np.int64)}, {"x": np.zeros(1)}, expected=2**40))
+    whole = gathered.columns["x"].so_far().base
+    assert whole is not None
+    assert whole.size == 4_194_304
+
+
+@pytest.mark.parametrize(("size", "cut"), [(64 * MI - 1, []), (64 * MI, [32 * MI])])
+def test_of_a_log_of_64_mebibytes_half_is_looked_at(tmp_path, monkeypatch, size, cut):
+    path, asked = tmp_path / "log.csv", []
+    path.write_bytes(b"t,x\n" + b"0.1,1\n0.2,2\n" * 1000)
+    with path.open("r+b") as file:
+        file.truncate(size)
+    monkeypatch.setitem(sampling.CUTTERS, "table", lambda whole, small, most: asked.append(most))
+    monkeypatch.setattr(sampling, "read", lambda path, **options: Recording(path, "csv", {}, {}, {}))
+    monkeypatch.setattr(sampling, "sniff", lambda path: "table")
+    sampling.read_sample(path)
+    assert asked == cut

@@ -312,7 +312,7 @@ def test_stamps_that_wait_in_a_queue_are_right(tmp_path):
 
 @pytest.mark.parametrize("off", [5000, -5000, 3_600_000])
 def test_many_stamps_that_are_off_cost_the_clock(tmp_path, off):
-    rows = np.random.default_rng(1).choice(np.arange(5, 1995), 220, replace=False)
+    rows = np.random.default_rng(1).choice(np.arange(5, 1995), 180, replace=False)
 
     def change(stamps):
         stamps[rows] += off * MS
@@ -321,7 +321,7 @@ def test_many_stamps_that_are_off_cost_the_clock(tmp_path, off):
     for recording in (read(path), read(path, room=0)):
         stream = recording.streams["/j"]
         assert (stream.time_source, stream.count) == ("log", 2000)
-        assert (stream.time_finding.code, stream.time_finding.limit) == ("clock.many_stamps_far", 10)
+        assert (stream.time_finding.code, stream.time_finding.limit) == ("clock.many_stamps_far", 20)
 
 
 def on_a_slow_network(kept):

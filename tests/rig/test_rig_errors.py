@@ -101,7 +101,7 @@ CASES = [
     (ELASTIC + "x y = 3\n", "(at line 3, column 3)"),
     ("x = " + "9" * 5000, "is not valid TOML"),
     ("x = " + "[" * 5000, "is nested too deeply"),
-    ("#" + "x" * 1_000_001, "more than 1000 kB is no rig file"),
+    ("#" + "x" * 2**20, "more than 1024 KiB is no rig file"),
 ]  # fmt: skip
 
 
@@ -142,6 +142,6 @@ def test_sources_that_cannot_be(tmp_path):
     with pytest.raises(RigError, match=r"log.mcap: is not UTF-8 text \(byte 0\)"):
         Rig.load(binary)
     large = tmp_path / "large.toml"
-    large.write_bytes(b"#" * 1_000_001)
-    with pytest.raises(RigError, match="more than 1000 kB"):
+    large.write_bytes(b"#" * (2**20 + 1))
+    with pytest.raises(RigError, match="more than 1024 KiB"):
         Rig.load(large)

@@ -145,10 +145,10 @@ def test_pressures_valves_and_muscles_have_tolerances():
     )
     assert rig.tolerances["pam"] == pytest.approx(
         {
-            "valve_1.area_scale": 0.2 / 1.96,
-            "valve_1.offset": 0.05 / 1.96,
-            "muscle_2.leak_area": 1e-8 / 1.96,
-            "air.outside_pressure": 3039.0 / 1.96,
+            "valve_1.area_scale": 0.2 / INTERVAL,
+            "valve_1.offset": 0.05 / INTERVAL,
+            "muscle_2.leak_area": 1e-8 / INTERVAL,
+            "air.outside_pressure": 3039.0 / INTERVAL,
         }
     )
     assert Rig.from_toml(rig.to_toml()).stated == rig.stated
@@ -185,7 +185,7 @@ def test_a_value_over_another_brings_its_own_tolerance():
     assert "motor.inertia" not in changed.tolerances["arm"]
     assert len(changed.tolerances["arm"]) == len(STATED) - 1
     again = changed.with_setting("joint.arm.motor.inertia", "0.09 kg*m^2 ± 10 %")
-    assert again.tolerances["arm"]["motor.inertia"] == pytest.approx(0.009 / 1.96)
+    assert again.tolerances["arm"]["motor.inertia"] == pytest.approx(0.009 / INTERVAL)
 
 
 @pytest.mark.parametrize(
@@ -214,8 +214,8 @@ def test_a_preset_keeps_its_tolerances_where_nothing_is_put_over_it(monkeypatch)
     monkeypatch.setattr(load, "preset_text", lambda _: ARM)
     rig = Rig.from_toml('preset = "arm"\n[joint.arm.motor]\ninertia = 0.1\ndamping = "0.3 N*m*s/rad ± 20 %"\n')
     assert "motor.inertia" not in rig.tolerances["arm"]
-    assert rig.tolerances["arm"]["motor.damping"] == pytest.approx(0.06 / 1.96)
-    assert rig.tolerances["arm"]["lever.start"] == pytest.approx(1e-3 / 1.96)
+    assert rig.tolerances["arm"]["motor.damping"] == pytest.approx(0.06 / INTERVAL)
+    assert rig.tolerances["arm"]["lever.start"] == pytest.approx(1e-3 / INTERVAL)
 
 
 def test_names_may_hold_the_sign():
@@ -224,7 +224,7 @@ def test_names_may_hold_the_sign():
         '[joint."a ± b".signals]\nlink_position = "q ± 1"\nmotor_position = { channel = "m +- 2" }'
     )
     assert rig.name == "bench ± 5 %"
-    assert rig.tolerances == {"a ± b": {"motor.inertia": pytest.approx(0.01 / 1.96)}}
+    assert rig.tolerances == {"a ± b": {"motor.inertia": pytest.approx(0.01 / INTERVAL)}}
     assert Rig.from_toml(rig.to_toml()).tolerances == rig.tolerances
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding.unwrapping import WRAP_JUMP, WRAPPED_SPAN, wraps_around
-from vsalog.core.resolution import step_of
+from vsalog.core.resolution import LONGEST_OUTLIER, step_of
 from vsalog.core.significance import FALSE_ALARM_OF_MANY
 
 Array = NDArray[np.float64]
@@ -20,9 +20,7 @@ Flags = NDArray[np.bool_]
 
 # Roles that no command makes jump; a push or a blow seen by an accelerometer may be as short as it likes.
 ROLES = ("motor_position", "link_position", "deflection", "torque_sensor", "pressure")
-LONGEST_OUTLIER = 3
-"""Samples in a row that may stand alone [1]: two packets, and the one between them; a push takes longer. A running median of
-twice as many and one passes over them, and keeps steps as they are."""
+# A running median of twice as many samples as the longest outlier and one passes over it, and keeps steps as they are.
 
 MOST_OUTLIERS = 0.02
 """Part of the samples that may stand alone [1]; of pulses that come more often, or noise with heavy tails, it is how far they

@@ -14,6 +14,9 @@ Number = TypeVar("Number", np.float64, np.int64)
 
 # Rounding moves what a sensor reads by this part of its step, root mean square.
 ROUNDED = 12.0**-0.5
+LONGEST_OUTLIER = 3
+"""Samples in a row that may be wrong among good ones [1]: two packets, and the one between them; more of them were meant."""
+
 ENOUGH = 2**18
 """Samples that show a distribution as well as more would: its quantiles are those of the whole to 0.1 %."""
 STRETCHES = 8

@@ -15,13 +15,7 @@ from vsalog.core.finding import Finding
 from vsalog.core.recording import Values
 from vsalog.core.resolution import STRETCHES
 from vsalog.core.significance import REPEATS
-from vsalog.readers.limits import SAMPLE_ROWS
-
-MOST_TURNS = 6
-"""Samples after which it is the same publisher's turn, at most."""
-APART = 5.0
-"""So many times larger is a step from one publisher to another than one's own steps; and where two go by turns, the range is no
-more than so many such steps: an encoder's last digit goes back and forth by itself, too."""
+from vsalog.readers.limits import SAMPLE_ROWS, TIMES_LARGER
 
 
 def alternating(stream: str, columns: Mapping[str, Values]) -> list[Finding]:
@@ -43,20 +37,21 @@ def _goes_back_and_forth(column: Values) -> bool | None:
 
 def _alternates(values: Values) -> bool | None:
     values = values[np.isfinite(values)]
-    if values.size < REPEATS * MOST_TURNS or np.unique(values).size <= REPEATS:
+    if values.size < REPEATS**2 or np.unique(values).size <= REPEATS:
         return None
     values = values / np.abs(values).max()  # whose differences are finite
     if float(np.ptp(values)) == 0:
         return None
     if _by_two(values):
         return True
-    found = [_by_more(values, turns) for turns in range(3, MOST_TURNS + 1)]
+    found = [_by_more(values, turns) for turns in range(3, REPEATS + 1)]
     return True if True in found else None if None in found else False
 
 
 def _by_two(values: Values) -> bool:
     one, two = (float(np.median(np.abs(values[k:] - values[:-k]))) for k in (1, 2))
-    return APART * two < one and APART * one > float(np.ptp(values))
+    # An encoder's last digit goes back and forth by itself, too, in a larger range.
+    return TIMES_LARGER * two < one and TIMES_LARGER * one > float(np.ptp(values))
 
 
 def _by_more(values: Values, turns: int) -> bool | None:
@@ -65,8 +60,8 @@ def _by_more(values: Values, turns: int) -> bool | None:
     None where they are less and less apart: a vibration that fades would be, too.
     """
     one, all_turns = (np.abs(values[k:] - values[:-k]) for k in (1, turns))
-    step = float(one.mean())
-    if APART * float(all_turns.mean()) >= step or APART**2 * step <= float(np.ptp(values)) or all_turns.max() > step:
+    step, far = float(one.mean()), TIMES_LARGER
+    if far * float(all_turns.mean()) >= step or far**2 * step <= float(np.ptp(values)) or all_turns.max() > step:
         return False
     rounds = values[: values.size // turns * turns].reshape(-1, turns)
     apart = [float(part.mean()) for part in np.array_split(rounds.var(axis=1), REPEATS)]

@@ -15,9 +15,13 @@ from numpy.typing import NDArray
 
 from vsalog.core.column import PART, parts
 from vsalog.core.recording import Stamps
-from vsalog.readers.clock_steps import AHEAD, NEAR, REACH, TIMES_FARTHER
-from vsalog.readers.limits import MOST_EXCEPTIONS
+from vsalog.core.resolution import LONGEST_OUTLIER as REACH
+from vsalog.readers.clock_steps import AHEAD, NEAR
+from vsalog.readers.limits import TIMES_LARGER
 from vsalog.readers.reach import Nanoseconds, Stamp
+
+MOST_BAD_STAMPS = 0.05
+"""Part of the stamps that may be none; of more, it is the clock that is not believed. Frames may be as seldom another's slip."""
 
 
 def looked_at(kinds: Collection[str], time: str) -> bool:
@@ -27,14 +31,14 @@ def looked_at(kinds: Collection[str], time: str) -> bool:
 
 def are_few(bad: int, count: int) -> bool:
     """Tell whether so few of the stamps are none that the others are believed."""
-    return 0 < bad <= MOST_EXCEPTIONS * count
+    return 0 < bad <= MOST_BAD_STAMPS * count
 
 
 def bad_rows(header: Stamps, log: Stamps) -> Stamps:
     """Return the rows whose header stamp is none, no more than are needed to see that they are not few; see `bad_stamps`."""
     found, count = [np.empty(0, np.int64)], 0
     for first, last in parts(header, log):
-        if count > MOST_EXCEPTIONS * len(header):
+        if count > MOST_BAD_STAMPS * len(header):
             break
         # With the rows next to them that those at the ends are held against.
         begin, end = max(0, first - REACH), min(len(header), last + REACH)
@@ -79,7 +83,7 @@ def _are_off(header: Stamps, delay: Stamps, rows: Stamps) -> NDArray[np.bool_]:
     around = rows[:, None] + np.arange(-REACH, REACH + 1)
     stamps, delays = header[around], delay[around]
     off = np.abs(delays - np.median(delays, axis=1)[:, None])
-    good = off <= off[:, REACH : REACH + 1] / TIMES_FARTHER
+    good = off <= off[:, REACH : REACH + 1] / TIMES_LARGER
     usual = np.where(good[:, 1:] & good[:, :-1], np.diff(stamps), np.nan)
     known = ~np.isnan(usual).all(axis=1)
     usual[~known] = 0

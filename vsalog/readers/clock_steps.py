@@ -13,7 +13,8 @@ import numpy as np
 
 from vsalog.core.column import PART
 from vsalog.core.recording import Stamps
-from vsalog.readers.limits import MOST_EXCEPTIONS, MOST_PARTS
+from vsalog.core.resolution import LONGEST_OUTLIER
+from vsalog.readers.limits import MOST_EXCEPTIONS, MOST_PARTS, TIMES_LARGER
 
 AHEAD = 60_000_000_000
 """A clock that leaps farther ahead of the log's time [ns] was set; less may be messages that were lost on the way."""
@@ -21,15 +22,8 @@ AHEAD = 60_000_000_000
 NEAR = 1_000_000_000
 """So much [ns] do the delays of samples vary by themselves."""
 
-REACH = 3
-"""Samples in a row whose stamps may be none, and samples on each side that tell where theirs belongs; more were moved by a step
-of the clock."""
-
 DELAY_SAMPLES = 64
 """Samples that tell how far stamps are from the log's times: six on either side are the exceptions."""
-
-TIMES_FARTHER = 4
-"""So many times longer than usual is an interval, or farther off a stamp, that is one for itself."""
 
 
 @dataclass(slots=True)
@@ -51,9 +45,7 @@ class ClockSteps:
         if self._waiting <= PART:
             return
         header, log = np.concatenate(self._headers), np.concatenate(self._logs)
-        new = (
-            PART - TIMES_FARTHER * DELAY_SAMPLES
-        )  # the others are seen again with the next piece, for steps at its end
+        new = PART - TIMES_LARGER * DELAY_SAMPLES  # the others are seen again with the next piece, for steps at its end
         while header.size > PART:
             self._look(header[:PART], log[:PART], 2 * DELAY_SAMPLES)
             self._lowest = self._lowest_before(log[:PART] - header[:PART], new)
@@ -67,7 +59,7 @@ class ClockSteps:
 
     def _look(self, header: Stamps, log: Stamps, waiting: int) -> None:
         """Look for steps; those in as many samples at the end as are `waiting` are left for later."""
-        if header.size <= REACH + 1:
+        if header.size <= LONGEST_OUTLIER + 1:
             return
         steps = np.diff(header)
         if steps.min() < 0:
@@ -76,7 +68,7 @@ class ClockSteps:
         places = np.flatnonzero((steps > NEAR) & (leads > NEAR))
         for k in places[np.argsort(-leads[places], kind="stable")[:MOST_PARTS]].tolist():
             size = _moved(log - header, k, slice(k + 1, k + 1 + DELAY_SAMPLES))
-            if header.size - k <= max(waiting, REACH + 1) or -size <= leads[k] // 2:
+            if header.size - k <= max(waiting, LONGEST_OUTLIER + 1) or -size <= leads[k] // 2:
                 continue
             if leads[k] > AHEAD or (_goes_on_evenly(header, log, k) and self._is_new(log - header, k)):
                 self.ahead = max(self.ahead, -size)
@@ -104,7 +96,7 @@ class ClockSteps:
         depths = latest[begins] - header[begins]
         # A clock that was set back needs as long to catch up; late samples come all at once.
         lasts = np.minimum(ends, header.size - 1)
-        long = (ends - begins > REACH) & (begins < until)
+        long = (ends - begins > LONGEST_OUTLIER) & (begins < until)
         long &= (log[lasts] - log[begins - 1] > depths // 2) | (ends == header.size)
         places = np.flatnonzero(long)
         for k in places[np.argsort(-depths[places], kind="stable")[:MOST_PARTS]].tolist():
@@ -131,9 +123,9 @@ def _spread(delay: Stamps) -> tuple[float, float, float]:
 def _goes_on_evenly(header: Stamps, log: Stamps, last: int) -> bool:
     """Tell whether stamps and log times follow one another as before behind the `last` sample ahead of a step."""
     before, after = slice(max(0, last + 1 - DELAY_SAMPLES), last + 1), slice(last + 1, last + 1 + DELAY_SAMPLES)
-    if min(last, header[after].size - 1) <= REACH:
+    if min(last, header[after].size - 1) <= LONGEST_OUTLIER:
         return False
     usual = [float(np.median(np.diff(stamps[part]))) for stamps in (header, log) for part in (before, after)]
     leap = header[last + 1] - header[last]
-    most = max(TIMES_FARTHER * max(usual), leap // TIMES_FARTHER)
+    most = max(TIMES_LARGER * max(usual), leap // TIMES_LARGER)
     return 0 < max(usual) <= 2 * min(usual) and log[last + 1] - log[last] <= most

@@ -29,7 +29,7 @@ more are a counter's values."""
 MOST_STEPS = 2**18
 """Parts of a message, characters of its definition, or records of a file that Python walks one by one, in a second or so."""
 
-SAMPLE_ROWS = 256
+SAMPLE_ROWS = 512
 """Rows of a table, chunks of a log or samples of a stretch that are looked at and tell what all are like."""
 
 FIRST_ROWS = 32
@@ -40,6 +40,9 @@ MOST_EXCEPTIONS = 0.1
 
 MOST_DAMAGED = 1e-3
 """Part of the bytes or messages that may be damaged names or texts; of more, they are what the file says."""
+
+TIMES_LARGER = 5
+"""Times that a step, an interval or how far a stamp is off is larger than usual where it is one for itself."""
 
 SHOWN = 3
 """Names or places that a finding lists; of more it tells the number."""

@@ -15,6 +15,7 @@ import numpy as np
 from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps
+from vsalog.readers.bad_stamps import MOST_BAD_STAMPS
 from vsalog.readers.container import Connection
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError
@@ -25,7 +26,7 @@ from vsalog.readers.packets import Integers, Messages, Packet
 
 LEAST_RUNS = 3
 """Runs of messages that are by turns of two publishers; one that is set up anew changes its frame fewer times. A frame that is
-among the exceptions of another may be its slip: then it stands where one of the other would have been, two intervals
+`MOST_BAD_STAMPS` of another may be its slip: then it stands where one of the other would have been, two intervals
 apart if these are regular."""
 _UNNAMED = "unnamed"  # what publishers without a name are called
 
@@ -86,7 +87,7 @@ class _Publisher:
         """Tell whether messages of both come by turns, and neither is a slip of the other or what it became."""
         rarer, more = sorted((self, other), key=lambda one: one.count)
         if rarer.runs >= LEAST_RUNS:
-            return rarer.count > MOST_EXCEPTIONS * more.count or not more.gives_way()
+            return rarer.count > MOST_BAD_STAMPS * more.count or not more.gives_way()
         # All of one and then all of the other, though at the same time: they were put together later.
         return more.runs == 1 or more.gives_way() is False
 

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.recording import Stamps, Values
 from vsalog.core.significance import REPEATS
-from vsalog.readers.alternating import APART
-from vsalog.readers.limits import MAX_ARRAY, MOST_EXCEPTIONS, MOST_PARTS
+from vsalog.readers.limits import MAX_ARRAY, MOST_EXCEPTIONS, MOST_PARTS, TIMES_LARGER
 from vsalog.readers.reach import Stamp
 from vsalog.readers.table_cells import numbers_and_words
 from vsalog.readers.time_columns import ClockColumn, ClockPlan, nanoseconds
@@ -29,8 +28,6 @@ _NAMED = re.compile(
     r"(^|[_.])(robot|joint|motor|axis|actuator|sensor|device|node|link|part|channel|topic|source|signal|variable|quantity|id|name)"
     r"(_?(id|name|no|nr|index))?$"
 )
-TURNS_BACK = 0.4
-"""Fraction of the changes of the speaker at which the clock goes back, where rows come in blocks: of two speakers, half."""
 
 Whole = Callable[[Sequence[int]], Iterable[Sequence[pa.Array]]]
 """Gives some columns from their first row to the last, part by part."""
@@ -176,7 +173,7 @@ def _jump(values: Values, who: Numbers) -> bool:
     own, across = own[np.isfinite(own)], across[np.isfinite(across)]
     if not own.size or not across.size or not own.any():  # what stays the same says no more than the words do
         return False
-    return bool(np.median(across) > APART * np.median(own))
+    return bool(np.median(across) > TIMES_LARGER * np.median(own))
 
 
 def _in_blocks(candidate: _Candidate, first: pa.Array, keys: Sequence[int], clock: ClockColumn, whole: Whole) -> bool:
@@ -206,7 +203,8 @@ def _in_blocks(candidate: _Candidate, first: pa.Array, keys: Sequence[int], cloc
         changed, fell = _steps(names, stamps, others.filter(kept) if others is not None else None, last)
         changes, falls = changes + int(changed.sum()), falls + int(fell.sum())
         both += int((changed & fell).sum())
-    return both > 0 and both >= TURNS_BACK * changes and falls <= 2 * both
+    # Where rows come in blocks, the clock goes back at half the changes of two speakers, or more of more.
+    return both > 0 and both >= (0.5 - MOST_EXCEPTIONS) * changes and falls <= 2 * both
 
 
 def _steps(

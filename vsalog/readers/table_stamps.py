@@ -9,8 +9,9 @@ import numpy as np
 
 from vsalog.core.column import parts
 from vsalog.core.recording import Stamps
+from vsalog.core.resolution import LONGEST_OUTLIER as REACH
 from vsalog.readers.bad_stamps import are_few
-from vsalog.readers.clock_steps import AHEAD, REACH
+from vsalog.readers.clock_steps import AHEAD
 from vsalog.readers.reach import Stamp
 
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
+from vsalog.core.resolution import LONGEST_OUTLIER
 from vsalog.core.significance import REPEATS
-from vsalog.readers.clock_steps import REACH
 from vsalog.readers.limits import BLOCK_ROWS, MOST_PARTS
 from vsalog.readers.reach import Stamp
 
@@ -85,7 +85,7 @@ class StepsBack:
         latest = max(self._latest, int(times[:k].max(initial=self._latest)))
         leaps = np.flatnonzero((steps[k + 1 :] < -few) | (steps[k + 1 :] > max(few, -steps[k] // 2)))
         end = k + 1 + int(leaps[0]) if leaps.size else times.size
-        if end - k <= REACH or (end < times.size and times[end - 1] < latest):
+        if end - k <= LONGEST_OUTLIER or (end < times.size and times[end - 1] < latest):
             return False
         begin, reach = max(int(times[k]), self._first), min(int(times[end - 1]), latest)
         gaps = np.concatenate([self._gaps, _gaps(times[:k], self._last, few)])

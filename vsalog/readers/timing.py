@@ -15,17 +15,17 @@ from vsalog.core.finding import Finding
 from vsalog.core.look import joined, stretches
 from vsalog.core.recording import Stamps
 from vsalog.core.resolution import STRETCHES
-from vsalog.readers.bad_stamps import are_few, bad_rows, looked_at
+from vsalog.readers.bad_stamps import MOST_BAD_STAMPS, are_few, bad_rows, looked_at
 from vsalog.readers.base import CLOCKS
 from vsalog.readers.clock_steps import ClockSteps
-from vsalog.readers.limits import BLOCK_ROWS, MOST_EXCEPTIONS
+from vsalog.readers.limits import BLOCK_ROWS
 from vsalog.readers.reach import Nanoseconds, Stamp
 from vsalog.readers.table_stamps import stamps_that_are_none
 
 STANDING = Finding(code="clock.log_stands")
 """Why a stream is on another clock than the log's, which stands still."""
 
-MANY_BAD = Finding(code="clock.many_stamps_far", limit=round(1 / MOST_EXCEPTIONS))
+MANY_BAD = Finding(code="clock.many_stamps_far", limit=round(1 / MOST_BAD_STAMPS))
 
 Number = TypeVar("Number", np.int64, np.float64)
 
