@@ -29,7 +29,7 @@ more are a counter's values."""
 MOST_STEPS = 2**18
 """Parts of a message, characters of its definition, or records of a file that Python walks one by one, in a second or so."""
 
-SAMPLE_ROWS = 512
+SAMPLE_ROWS = 256
 """Rows of a table, chunks of a log or samples of a stretch that are looked at and tell what all are like."""
 
 FIRST_ROWS = 32
