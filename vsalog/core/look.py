@@ -19,8 +19,8 @@ Rows = Sequence[tuple[int, int]]
 LOOK_BYTES = 64 * 2**20
 """Bytes of a log that are looked at, in stretches, and that these take in memory: as much is read in a second."""
 
-# Rows of a stretch of signals, as many as methods take in one piece; the longest window needs two of the longest run.
-STRETCH = PART
+# Rows of a stretch of signals, as many as methods take in one piece; and of the longest run, which holds the longest window.
+STRETCH, LONGEST_RUN = PART, 2 * PART
 
 
 def of_recording(recording: Recording) -> Recording:
@@ -81,7 +81,7 @@ def _longest(signals: JointSignals) -> range:
     first, last = max(
         pairwise([*np.flatnonzero(signals.starts).tolist(), len(signals)]), key=lambda run: run[1] - run[0]
     )
-    return range(first // STRETCH, -(-min(last, first + 2 * STRETCH) // STRETCH))
+    return range(first // STRETCH, -(-min(last, first + LONGEST_RUN) // STRETCH))
 
 
 def _extremes(signals: JointSignals) -> set[int]:

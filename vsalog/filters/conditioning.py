@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.errors import FilterError
-from vsalog.core.look import LONGEST
+from vsalog.core.look import LONGEST_RUN
 from vsalog.core.signals import LONGER, JointSignals
 from vsalog.filters.kinematic import KinematicSettings, kinematic_filter
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
@@ -126,9 +126,9 @@ class Conditioner:
         }
         self.settle = 100 if settle is None else round(settle / self.period)
         # The weights are worked out before anything is known of the log's length.
-        if kind != "kinematic" and window > LONGEST * self.period:
+        if kind != "kinematic" and window > LONGEST_RUN * self.period:
             raise FilterError(
-                f"a window of {window:.3g} s has more than {LONGEST} samples at {1.0 / self.period:.4g} Hz; shorten it with"
+                f"a window of {window:.3g} s has more than {LONGEST_RUN} samples at {1.0 / self.period:.4g} Hz; shorten it with"
                 " --tune window=SECONDS"
             )
         self.window = 2 * round(0.5 * window / self.period) + 1

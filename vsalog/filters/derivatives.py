@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.errors import FilterError
-from vsalog.core.look import LONGEST
+from vsalog.core.look import LONGEST_RUN
 from vsalog.core.signals import LONGER, JointSignals
 from vsalog.filters.conditioning import Preparation
 from vsalog.filters.derivative_weights import derivative_weights
@@ -67,9 +67,9 @@ class Derivatives:
     def __init__(
         self, orders: Mapping[str, int], period: float, window: float, degree: int, before: Preparation | None = None
     ) -> None:
-        if window > LONGEST * period:
+        if window > LONGEST_RUN * period:
             raise FilterError(
-                f"a window of {window:.3g} s has more than {LONGEST} samples at {1.0 / period:.4g} Hz; shorten it with"
+                f"a window of {window:.3g} s has more than {LONGEST_RUN} samples at {1.0 / period:.4g} Hz; shorten it with"
                 " --tune window=SECONDS"
             )
         self.orders, self.period, self.before = dict(orders), period, before
