@@ -307,6 +307,7 @@ def in_files(starts, **roles):
 
 def test_a_look_has_the_whole_range_and_is_bounded(monkeypatch):
     monkeypatch.setattr(look, "STRETCH", 100)
+    monkeypatch.setattr(look, "LONGEST_RUN", 200)
     rng = np.random.default_rng(0)
     q = 0.01 * rng.normal(size=100_000)
     theta = q + 0.01 * rng.normal(size=q.size)
