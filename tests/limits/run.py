@@ -103,7 +103,7 @@ def imports(package: Path) -> Imports:
 def concerned(constant: Constant, package: Path, known: Imports) -> list[set[str]]:
     """Return sets of modules whose tests may notice, the likeliest first: its own, those that take it, those that import it."""
     module = constant.module
-    compiled = "njit" in (package / module).read_text(encoding="utf-8")
+    compiled = re.search(r"njit|core\.compiled", (package / module).read_text(encoding="utf-8")) is not None
     taking = {name for name, taken in known.items() if constant.name in taken.get(module, ())}
     importing = {name for name, taken in known.items() if module in taken}
     # A compiled module's functions are not seen when they run, nor are those of one that another compiled module calls.
