@@ -14,6 +14,7 @@ import numpy as np
 from vsalog.core.column import PART
 from vsalog.core.recording import Stamps
 from vsalog.core.resolution import LONGEST_OUTLIER
+from vsalog.core.significance import REPEATS
 from vsalog.readers.limits import MOST_EXCEPTIONS, MOST_PARTS, TIMES_LARGER
 
 AHEAD = 60_000_000_000
@@ -22,8 +23,8 @@ AHEAD = 60_000_000_000
 NEAR = 1_000_000_000
 """So much [ns] do the delays of samples vary by themselves."""
 
-DELAY_SAMPLES = 64
-"""Samples that tell how far stamps are from the log's times: six on either side are the exceptions."""
+DELAY_SAMPLES = round(REPEATS / MOST_EXCEPTIONS)
+"""Samples that tell how far stamps are from the log's times: on either side as many are exceptions as show a pattern."""
 
 
 @dataclass(slots=True)
