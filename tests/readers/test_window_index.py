@@ -62,7 +62,7 @@ def small(monkeypatch):
     """Small logs are read like large ones."""
     monkeypatch.setattr("vsalog.readers.bag.LOOK_BYTES", 0)
     monkeypatch.setattr("vsalog.readers.streams.PACKED_BYTES", 0)
-    monkeypatch.setattr(delays, "AHEAD", 2 * S)
+    monkeypatch.setattr(delays, "LARGEST_LEAP", 2 * S)
 
 
 @pytest.fixture

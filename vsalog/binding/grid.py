@@ -16,10 +16,10 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Stamps = NDArray[np.int64]
 
-GAP = 2.5
+LONGEST_GAP = 2.5
 """Longest gap within a run [periods of the channel]: one lost sample and jitter, across which a motion is nearly a line."""
 
-EVEN = 0.02
+MOST_JITTER = 0.02
 """How far stamps may stray from an even spacing and are on the grid as they are [periods]: what a recorder's clock jitters by."""
 
 
@@ -84,13 +84,13 @@ def after_long_silence(roles: Mapping[str, Array], before: int = 0) -> tuple[Fla
         missing |= np.isnan(values)
     starts = np.zeros(missing.size, dtype=np.bool_)
     if not missing.any():
-        starts[:1] = before >= GAP
+        starts[:1] = before >= LONGEST_GAP
         return starts, 0
     edges = np.flatnonzero(np.diff(np.concatenate(([before > 0], missing, [False])).astype(np.int8)))
     if before > 0:
         edges = np.concatenate(([-before], edges))
     for first, after in zip(edges[::2], edges[1::2], strict=True):
-        if after - first >= GAP and after < missing.size:
+        if after - first >= LONGEST_GAP and after < missing.size:
             starts[after] = True
     return starts, int(edges[-1] - edges[-2]) if missing[-1] else 0
 
@@ -115,7 +115,7 @@ def lacks_samples(steps: Stamps, period: int) -> Flags:
 
 def is_even(least: int, greatest: int, period: int) -> bool:
     """Tell whether stamps are even, by the least and the greatest of their steps [ns]."""
-    return max(greatest - period, period - least) <= EVEN * period
+    return max(greatest - period, period - least) <= MOST_JITTER * period
 
 
 def on_grid(b: Bound, stamps: Stamps) -> Array:
@@ -193,7 +193,7 @@ def bridged(b: Bound) -> Bound:
     after = np.searchsorted(stamps, b.stamps[missing])
     inside = (after > 0) & (after < stamps.size)
     missing, after = missing[inside], after[inside]
-    near = missing[stamps[after] - stamps[after - 1] <= GAP * b.period]
+    near = missing[stamps[after] - stamps[after - 1] <= LONGEST_GAP * b.period]
     values = b.values.copy()
     values[near] = np.interp(b.stamps[near] - stamps[0], stamps - stamps[0], b.values[known])
     return replace(b, values=values)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vsalog.binding.clock_skew import clock_findings
 from vsalog.binding.drive_model import acting_findings, is_motor_torque, made_of
-from vsalog.binding.grid import EVEN
+from vsalog.binding.grid import MOST_JITTER
 from vsalog.binding.neighbours import Neighbours
 from vsalog.binding.role import Role
 from vsalog.binding.role_source import constant_of, motor_of, origin_of, source_of
@@ -300,7 +300,7 @@ def _refuse_other_rates(name: str, runs: Sequence[float]) -> None:
         They do.
     """
     periods = np.array(runs)
-    if np.ptp(periods) > EVEN * periods[0]:
+    if np.ptp(periods) > MOST_JITTER * periods[0]:
         raise BindingError(
             f"joint '{name}': the runs were sampled at different rates"
             f" ({1.0 / periods.max():.4g} to {1.0 / periods.min():.4g} Hz); estimate them one by one"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vsalog.binding.drive_model import acting_torque, shift_of
 from vsalog.binding.findings import Tally
-from vsalog.binding.grid import GAP, Bound, is_even, less, stamps_where
+from vsalog.binding.grid import LONGEST_GAP, Bound, is_even, less, stamps_where
 from vsalog.binding.outliers import Outliers
 from vsalog.binding.role_source import Source
 from vsalog.binding.unwrapping import WRAP_JUMP, Unwrapping, unwrapped_on, wraps_around
@@ -88,7 +88,7 @@ class Role:
         for begin, end in parts(self.channel.stamps):
             stamps = self.channel.stamps[begin:end] + self.shift
             at = 0
-            for gap in np.flatnonzero(np.diff(stamps, prepend=last) > GAP * self.period).tolist():
+            for gap in np.flatnonzero(np.diff(stamps, prepend=last) > LONGEST_GAP * self.period).tolist():
                 if count + gap - at > 1:
                     found.append((first, last if gap == 0 else int(stamps[gap - 1])))
                 first, at, count = int(stamps[gap]), gap, 0
@@ -172,7 +172,7 @@ class Ahead:
 
     def __init__(self, role: Role) -> None:
         self._parts = role.parts()
-        self._bridge = math.ceil(GAP) + 1  # samples that reach across what is bridged
+        self._bridge = math.ceil(LONGEST_GAP) + 1  # samples that reach across what is bridged
         self._held = next(self._parts)
 
     def around(self, first: int, last: int) -> Bound:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vsalog.core.column import PART, parts
 from vsalog.core.recording import Stamps
 from vsalog.core.resolution import LONGEST_OUTLIER as REACH
-from vsalog.readers.clock_steps import AHEAD, NEAR
+from vsalog.readers.clock_steps import DELAY_VARIATION, LARGEST_LEAP
 from vsalog.readers.limits import TIMES_LARGER
 from vsalog.readers.reach import Nanoseconds, Stamp
 
@@ -57,13 +57,15 @@ def bad_stamps(header: Stamps, log: Stamps) -> NDArray[np.bool_]:
         Header stamps and log times [ns].
     """
     delay = log - header
-    if not delay.size or (delay.max() - delay.min() <= NEAR and abs(int(delay[0])) <= Nanoseconds.DAY - NEAR):
+    if not delay.size:
+        return np.zeros(0, np.bool_)
+    if delay.max() - delay.min() <= DELAY_VARIATION and abs(int(delay[0])) <= Nanoseconds.DAY - DELAY_VARIATION:
         return np.zeros(delay.size, np.bool_)
     bad: NDArray[np.bool_] = np.abs(delay) > Nanoseconds.DAY
-    if delay.size > 2 * REACH and delay.max() - delay.min() > AHEAD:
+    if delay.size > 2 * REACH and delay.max() - delay.min() > LARGEST_LEAP:
         # At either end those beside the last are looked at twice, lest it vouch for itself.
         around = np.lib.stride_tricks.sliding_window_view(np.pad(delay, REACH, mode="reflect"), 2 * REACH + 1)
-        bad |= np.abs(delay - np.median(around, axis=1)) > AHEAD
+        bad |= np.abs(delay - np.median(around, axis=1)) > LARGEST_LEAP
     rows = _near_jumps(delay)
     for first in range(0, rows.size, PART):
         some = rows[first : first + PART]
@@ -73,7 +75,7 @@ def bad_stamps(header: Stamps, log: Stamps) -> NDArray[np.bool_]:
 
 def _near_jumps(delay: Stamps) -> Stamps:
     """Return rows with as many on either side as are looked at, close to where delays jump."""
-    jumps = np.flatnonzero(np.abs(np.diff(delay)) > NEAR)
+    jumps = np.flatnonzero(np.abs(np.diff(delay)) > DELAY_VARIATION)
     rows = np.unique(jumps[:, None] + np.arange(1 - REACH, REACH + 1))
     return rows[(rows >= REACH) & (rows < delay.size - REACH)]
 
@@ -97,5 +99,7 @@ def _are_off(header: Stamps, delay: Stamps, rows: Stamps) -> NDArray[np.bool_]:
         gap, places = np.where(crossing, stamps[:, k] - last, gap), np.where(crossing, k - place, places)
         last, place = np.where(here, stamps[:, k], last), np.where(here, k, place)
     long = 2 * gap > (places + 1) * np.nanmedian(usual, axis=1)
-    found: NDArray[np.bool_] = known & increasing & (places > 0) & long & ~good[:, REACH] & (off[:, REACH] > NEAR)
+    found: NDArray[np.bool_] = (
+        known & increasing & (places > 0) & long & ~good[:, REACH] & (off[:, REACH] > DELAY_VARIATION)
+    )
     return found

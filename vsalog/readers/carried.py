@@ -18,11 +18,11 @@ from vsalog.core.recording import Values
 from vsalog.core.significance import REPEATS
 from vsalog.readers.limits import MOST_DAMAGED, MOST_PARTS
 
-MOSTLY = 0.75
+LEAST_TOGETHER = 0.75
 """Values come together that share this part of the messages that have either; the others of these lack it, NaN."""
 
 
-STRAYS = 2
+MOST_STRAYS = 2
 """Messages that may carry a damaged name: it is another one the next time. Such names are few, and among many messages."""
 
 _Bits = NDArray[np.uint8]
@@ -119,7 +119,7 @@ def _alike(patterns: Sequence[_Bits]) -> list[list[int]]:
         known = first[: len(groups)]
         both = np.bitwise_count(known & patterns[k]).sum(axis=1, dtype=np.int64)
         either = counts[k] + np.array([counts[group[0]] for group in groups], np.int64) - both
-        fitting = np.flatnonzero(both >= MOSTLY * either)
+        fitting = np.flatnonzero(both >= LEAST_TOGETHER * either)
         if fitting.size or len(groups) == MOST_PARTS:
             groups[int(fitting[0]) if fitting.size else -1].append(k)
         else:
@@ -135,7 +135,7 @@ def _strays(
 
     Beside them is a choice of others that no other message has, or nothing at all, and they are called much as others are.
     """
-    few = [k for k, group in enumerate(groups) if _count(patterns[group[0]]) <= STRAYS]
+    few = [k for k, group in enumerate(groups) if _count(patterns[group[0]]) <= MOST_STRAYS]
     if count * MOST_DAMAGED < 1 or len(few) > REPEATS:
         return set()
     others = [i for k, group in enumerate(groups) if k not in few for i in group]
@@ -148,7 +148,9 @@ def _strays(
         alike = np.full(own.size, 255, np.uint8)
         for i in others:
             alike &= patterns[i] if i in beside else ~patterns[i]
-        if _count(alike[: count // 8]) <= STRAYS and (beside or _resembles(members[groups[k][0]][0], others, members)):
+        if _count(alike[: count // 8]) <= MOST_STRAYS and (
+            beside or _resembles(members[groups[k][0]][0], others, members)
+        ):
             strays.add(k)
     return strays
 
@@ -165,7 +167,7 @@ def _count(bits: _Bits) -> int:
 
 def part_stream(stream: str, part: Together) -> str:
     """Return what a stream's part is called: as the stream where it is in most of its messages."""
-    if part.count >= MOSTLY * part.messages:
+    if part.count >= LEAST_TOGETHER * part.messages:
         return stream
     return f"{stream} ({part.columns[0].removeprefix(f'{stream}.')} …)"
 

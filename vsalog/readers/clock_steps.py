@@ -17,10 +17,10 @@ from vsalog.core.resolution import LONGEST_OUTLIER
 from vsalog.core.significance import REPEATS
 from vsalog.readers.limits import MOST_EXCEPTIONS, MOST_PARTS, TIMES_LARGER
 
-AHEAD = 60_000_000_000
+LARGEST_LEAP = 60_000_000_000
 """A clock that leaps farther ahead of the log's time [ns] was set; less may be messages that were lost on the way."""
 
-NEAR = 1_000_000_000
+DELAY_VARIATION = 1_000_000_000
 """So much [ns] do the delays of samples vary by themselves."""
 
 DELAY_SAMPLES = round(REPEATS / MOST_EXCEPTIONS)
@@ -66,12 +66,12 @@ class ClockSteps:
         if steps.min() < 0:
             self._look_back(header, log, header.size - waiting)
         leads = steps - np.diff(log)
-        places = np.flatnonzero((steps > NEAR) & (leads > NEAR))
+        places = np.flatnonzero((steps > DELAY_VARIATION) & (leads > DELAY_VARIATION))
         for k in places[np.argsort(-leads[places], kind="stable")[:MOST_PARTS]].tolist():
             size = _moved(log - header, k, slice(k + 1, k + 1 + DELAY_SAMPLES))
             if header.size - k <= max(waiting, LONGEST_OUTLIER + 1) or -size <= leads[k] // 2:
                 continue
-            if leads[k] > AHEAD or (_goes_on_evenly(header, log, k) and self._is_new(log - header, k)):
+            if leads[k] > LARGEST_LEAP or (_goes_on_evenly(header, log, k) and self._is_new(log - header, k)):
                 self.ahead = max(self.ahead, -size)
 
     def _is_new(self, delay: Stamps, last: int) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 from vsalog.core.errors import ReadError
 from vsalog.core.recording import Stamps
 from vsalog.core.significance import REPEATS
-from vsalog.readers.clock_steps import AHEAD, NEAR
+from vsalog.readers.clock_steps import DELAY_VARIATION, LARGEST_LEAP
 from vsalog.readers.reach import Nanoseconds, Stamp
 
 
@@ -45,7 +45,9 @@ class Delays:
             return False
         self.least, self.most = min(self.least, int(delay.min())), max(self.most, int(delay.max()))
         before, self.level[stream] = self.level.get(stream), int(np.median(delay))
-        if before is not None and abs(self.level[stream] - before) > NEAR:  # a clock may have been set between them
+        if (
+            before is not None and abs(self.level[stream] - before) > DELAY_VARIATION
+        ):  # a clock may have been set between them
             self.stepping.add(stream)
         self.seen[stream] += 1
         self.rows[stream] += stamps.size
@@ -63,7 +65,9 @@ class Delays:
 
     def widened(self, low: int, high: int) -> tuple[int, int]:
         """Return between which log times [ns] all messages lie whose stamps are in a window."""
-        return max(low + self.least - AHEAD, -Stamp.FARTHEST), min(high + self.most + AHEAD, Stamp.FARTHEST)
+        return max(low + self.least - LARGEST_LEAP, -Stamp.FARTHEST), min(
+            high + self.most + LARGEST_LEAP, Stamp.FARTHEST
+        )
 
 
 class Promise:
@@ -93,7 +97,7 @@ class Promise:
             return
         limits, read = self._delays, self._read
         sound = read.add(stream, stamps, log)
-        if not sound or read.least < limits.least - AHEAD or read.most > limits.most + AHEAD:
+        if not sound or read.least < limits.least - LARGEST_LEAP or read.most > limits.most + LARGEST_LEAP:
             raise ReadError(f"{stream}: its header stamps are far from the log's times")
 
     def end(self) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
 from vsalog.core.significance import REPEATS
-from vsalog.readers.carried import MOSTLY
+from vsalog.readers.carried import LEAST_TOGETHER
 from vsalog.readers.limits import SAMPLE_ROWS
 
 Whole = Callable[[Sequence[int]], Iterable[Sequence[pa.Array]]]
@@ -61,7 +61,7 @@ def group_by_blanks(stretches: Sequence[Stretch], columns: Sequence[int]) -> lis
     sparse: dict[bytes, list[int]] = {}
     for i in columns:
         blanks = [blank(rows[i]) for rows in stretches]
-        if max(one.mean() for one in blanks) < 1 - MOSTLY or all(one.all() for one in blanks):
+        if max(one.mean() for one in blanks) < 1 - LEAST_TOGETHER or all(one.all() for one in blanks):
             full.append(i)
         else:
             sparse.setdefault(np.concatenate(blanks).tobytes(), []).append(i)

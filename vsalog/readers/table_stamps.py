@@ -11,7 +11,7 @@ from vsalog.core.column import parts
 from vsalog.core.recording import Stamps
 from vsalog.core.resolution import LONGEST_OUTLIER as REACH
 from vsalog.readers.bad_stamps import are_few
-from vsalog.readers.clock_steps import AHEAD
+from vsalog.readers.clock_steps import LARGEST_LEAP
 from vsalog.readers.reach import Stamp
 
 
@@ -45,5 +45,5 @@ def _lone(stamps: Stamps, first: int, last: int) -> Stamps:
     if some.size <= 2 * REACH or (some.size > 1 and np.diff(some).min() >= 0):
         return np.empty(0, np.int64)
     around = np.lib.stride_tricks.sliding_window_view(some, 2 * REACH + 1)
-    rows = np.flatnonzero(np.abs(some[REACH:-REACH] - np.median(around, axis=1)) > AHEAD) + begin + REACH
+    rows = np.flatnonzero(np.abs(some[REACH:-REACH] - np.median(around, axis=1)) > LARGEST_LEAP) + begin + REACH
     return rows[(rows >= first) & (rows < last)]

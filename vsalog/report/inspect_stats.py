@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.binding.grid import GAP
+from vsalog.binding.grid import LONGEST_GAP
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -21,7 +21,7 @@ class Clock:
     ----------
     rate : [Hz], one over the median step; NaN below two samples
     jitter : half the 5–95 % range of the steps [s]
-    gaps : steps longer than `GAP` medians
+    gaps : steps longer than `LONGEST_GAP` medians
     longest_gap : [s], 0 where there is none
     duration : [s], last stamp minus first
     """
@@ -48,7 +48,7 @@ def clock_of(stamps: Stamps, seams: int = 0) -> Clock:
         steps = np.sort(steps)[: max(steps.size - seams, 1)]
     median = float(np.median(steps))
     low, high = np.percentile(steps, (5.0, 95.0))
-    is_gap = steps > GAP * median
+    is_gap = steps > LONGEST_GAP * median
     longest = float(steps.max()) if is_gap.any() else 0.0
     duration = float(stamps[-1] - stamps[0]) * 1e-9
     rate = 1e9 / median if median > 0.0 else float("nan")

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.binding.grid import GAP
+from vsalog.binding.grid import LONGEST_GAP
 from vsalog.core.resolution import spread_over
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ def gaps_of(time: Array) -> Indices:
     if steps.size == 0:
         return np.zeros(0, np.int64)
     usual = float(np.median(spread_over(steps)))
-    return np.flatnonzero(steps > GAP * max(usual, 1e-12))
+    return np.flatnonzero(steps > LONGEST_GAP * max(usual, 1e-12))
 
 
 def one_after_the_other(time: Array) -> Array:
@@ -65,7 +65,7 @@ def one_after_the_other(time: Array) -> Array:
 
 def pause_after(time: Array) -> float:
     """Return a pause between stretches drawn side by side that is wide enough to be seen, and a gap that no line crosses [s]."""
-    return max(0.01 * float(np.ptp(time)), 2.0 * GAP * float(np.median(np.abs(np.diff(time)))))
+    return max(0.01 * float(np.ptp(time)), 2.0 * LONGEST_GAP * float(np.median(np.abs(np.diff(time)))))
 
 
 def around(at: int, samples: int, columns: int) -> slice | None:

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from vsalog.binding.grid import GAP
+from vsalog.binding.grid import LONGEST_GAP
 from vsalog.core.errors import EstimatorError, OtherKindError
 from vsalog.core.finding import Finding
 from vsalog.core.resolution import sensor_noise
@@ -186,7 +186,7 @@ class PamFoldState:
     def goes_on(self, piece: JointSignals) -> bool:
         """Tell whether the filter knows its way into a piece: where commands alone were missing it does."""
         due = self.stamp + 1.5e9 * piece.period
-        return bool(piece.run[0] == self.run and piece.stamps[0] < due and self.silent < GAP)
+        return bool(piece.run[0] == self.run and piece.stamps[0] < due and self.silent < LONGEST_GAP)
 
 
 class PamEstimate(StateObserver):
