@@ -18,7 +18,7 @@ Flags = NDArray[np.bool_]
 LONGEST_HOLD = 1000
 """Samples that repeat the one before, at most [1]; more are no hitch but a rest."""
 
-JUMP_RATIO = 5.0
+JUMP_RATIO = 4.0
 """The jump behind a hold over the greatest step around it, at least, and over the way in the same time before and behind it, at
 most [1]: a motion that goes on makes both, over twice the time that the reading was held for on either side."""
 
