@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import savgol_coeffs, savgol_filter
 
+from vsalog.binding.grid import is_even
 from vsalog.binding.joint import bind, offered_roles, wanted_channels
 from vsalog.core.errors import BindingError, RigError
 from vsalog.core.recording import Channel, Recording
@@ -203,6 +204,11 @@ def test_a_slower_channel_is_interpolated_onto_the_faster_grid():
     signals = bound(TWO, recording(x=(T, T), y=(slow, 3.0 * slow)))
     assert signals.period == pytest.approx(1e-3)
     np.testing.assert_allclose(signals.roles["link_position"], 3.0 * signals.time, atol=1e-9)
+
+
+@pytest.mark.parametrize(("least", "greatest", "even"), [(980, 1020, True), (979, 1000, False), (1000, 1021, False)])
+def test_stamps_that_stray_by_a_fiftieth_of_the_period_are_on_the_grid(least, greatest, even):
+    assert is_even(least, greatest, 1000) is even
 
 
 def test_jittered_stamps_are_brought_onto_an_even_grid():

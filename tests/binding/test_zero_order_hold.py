@@ -100,6 +100,11 @@ def test_a_jump_behind_a_gap_is_no_wonder():
     assert held(np.arange(N, dtype=np.int64) * PERIOD, x, PERIOD) is not None
 
 
+@pytest.mark.parametrize(("length", "found"), [(9, 0), (10, 10), (1000, 1000), (1001, 0)])
+def test_a_hitch_takes_ten_to_a_thousand_samples(length, found):
+    assert len(indices(hung(np.linspace(0.0, 8.0, N), 3000, length))) == found
+
+
 def test_an_encoder_that_wraps_hangs_like_any_other():
     angle = np.mod(np.linspace(0.0, 40.0, N), 2.0 * np.pi)
     assert indices(angle, 2.0 * np.pi) == []

@@ -39,9 +39,14 @@ def apart_of(path, time="auto", roles=ROLES):
     return [finding for finding in findings if finding.code == "recording.clocks_apart"]
 
 
-@pytest.mark.parametrize("late", [0, 0.0004, -0.0004])
+@pytest.mark.parametrize("late", [0, 0.0004, -0.0004, 0.0009])
 def test_clocks_that_agree_are_no_matter(tmp_path, late):
     assert apart_of(log_of(tmp_path / "log", late)) == []
+
+
+def test_clocks_that_are_over_a_millisecond_apart_are_told(tmp_path):
+    (found,) = apart_of(log_of(tmp_path / "log", 0.0011))
+    assert (found.value, found.limit) == (pytest.approx(0.0011), 1e-3)
 
 
 @pytest.mark.parametrize("late", [0.004, -0.09])

@@ -12,6 +12,7 @@ from write_logs import MS, START, McapLog, joint_state, serialised
 
 from vsalog.core.errors import ReadError
 from vsalog.readers import read
+from vsalog.readers.clock_steps import ClockSteps
 from vsalog.readers.order import put_in_order
 from vsalog.readers.reach import Nanoseconds
 from vsalog.readers.timing import choose_clock, implausible
@@ -395,3 +396,14 @@ def test_a_clock_that_stands_still_beside_another_one_that_does_is_kept():
     assert choose_clock({"header": still, "log": moving}, "auto").source == "log"
     assert choose_clock({"header": still, "log": still, "publish": moving}, "auto").source == "publish"
     assert choose_clock({"log": still, "publish": moving}, "log").source == "log"
+
+
+@pytest.mark.parametrize(("ahead", "found"), [(59, 0), (61, 61)])
+def test_a_clock_that_leaps_by_over_a_minute_was_set_whatever_the_log_does_meanwhile(ahead, found):
+    header, log = START + np.arange(2000) * MS, START + np.arange(2000) * MS
+    header[1000:] += ahead * Nanoseconds.SECOND
+    log[1000:] = log[1000] + np.arange(1000) * 3 * MS  # at another pace, as where messages had to wait
+    steps = ClockSteps()
+    steps.add(header, log)
+    steps.end()
+    assert round(steps.ahead / Nanoseconds.SECOND) == found
