@@ -14,11 +14,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.core.precision import ROUNDING
+
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-PRIOR = 1e-5
-"""A direction in which no axis sees anything is kept at q̈ = 0 by a prior as weak as an arm of this part of the least one."""
 
 
 class Arm(NamedTuple):
@@ -264,7 +263,8 @@ def _run(
 ) -> None:  # fmt: skip
     count, joints = theta.shape
     q, dq, now, next_x = np.empty(joints), np.empty(joints), np.empty(4), np.empty(4)
-    prior = (PRIOR * reach / unit_noise) ** 2
+    # A direction in which no axis sees anything is kept at q̈ = 0 by what normal equations just keep of the least arm.
+    prior = ROUNDING * (reach / unit_noise) ** 2
     for s in range(count):
         beginning = begun[0] == 0
         if beginning:
