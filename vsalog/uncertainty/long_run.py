@@ -49,8 +49,8 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 # Samples that are summed first, at least: nothing moves within so few. Octaves that are looked at, and lengths of batches, each
-# twice the one before; samples between two looks.
-BOX, OCTAVES, LOOK_INTERVAL = 4, 14, 64
+# twice the one before.
+BOX, OCTAVES = 4, 14
 # An octave's variance is expected to go on as those before it did, half as steeply; the expectation counts as so many
 # coefficients. A logarithm of a variance of few is too small by one over their number, and what is divided by it has the tails,
 # and so the variance, of Student's t: two more.
@@ -75,9 +75,14 @@ _TAPS = _LOW.size
 SLOW_OCTAVE = 4
 
 
-def samples_until_known(box: int = BOX) -> int:
+def samples_until_known() -> int:
     """Return without how many samples nothing is said: the fastest octave has one coefficient of two boxes."""
-    return 2 * box * ENOUGH_BATCHES
+    return 2 * BOX * ENOUGH_BATCHES
+
+
+def look_interval() -> int:
+    """Return how many samples lie between two looks: as many as bring something new to the slow octaves."""
+    return BOX << SLOW_OCTAVE
 
 
 FEWEST_SAMPLES = samples_until_known()
@@ -204,7 +209,7 @@ def long_run_block(
     """
     new, variances = state.copied(), np.empty(T.shape[:2])
     told, since = _observe(new, F, y, residual, use, fresh, integral, forgetting**2, least)
-    _variances(T, told, since, CLEARLY_NONSTATIONARY, np.empty((4 + T.shape[2], LOOK_INTERVAL)), variances)
+    _variances(T, told, since, CLEARLY_NONSTATIONARY, np.empty((4 + T.shape[2], look_interval())), variances)
     return new, variances
 
 
@@ -236,7 +241,7 @@ def _observe(
 
     Returns what was found of the score at the beginning and at each look, shape (looks + 1, 2, n, n), and from which sample on.
     """
-    most = F.shape[0] // LOOK_INTERVAL + 3
+    most = F.shape[0] // look_interval() + 3
     told, since = np.empty((most, *state.found.shape)), np.zeros(most, dtype=np.int64)
     told[0] = state.found
     kept = float(discount ** (2.0 * state.sums[Sum.BOX]))
@@ -297,6 +302,8 @@ def _loop(integral: bool, forgets: bool) -> Callable[..., int]:
         looks = 0
         # A variance of nothing at all, whose logarithm is still a number.
         nothing = np.finfo(np.float64).tiny
+        # The slow octaves see something new as often as that; see `look_interval`.
+        every = BOX << SLOW_OCTAVE
         fall, rise = -STEEPEST_POWER * math.log(2.0), STEEPEST_RISE * math.log(2.0)
         for k in range(count + 1):
             due = look and k == count
@@ -414,7 +421,7 @@ def _loop(integral: bool, forgets: bool) -> Callable[..., int]:
                             scores[0, i] += detail[n] * detail[i]
                             for j in range(n):
                                 this[octave, i, j] += detail[i] * detail[j]
-                due = int(sums[Sum.SAMPLES]) % LOOK_INTERVAL == 0 and sums[Sum.SAMPLES] >= least
+                due = int(sums[Sum.SAMPLES]) % every == 0 and sums[Sum.SAMPLES] >= least
             if due:
                 # What is known of the score is put together.
                 enough = -1
