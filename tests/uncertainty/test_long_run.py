@@ -55,6 +55,18 @@ def test_the_uncertainty_covers_the_truth_whatever_the_colour(kind):
     assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.3
 
 
+def test_noise_that_lasts_a_thousand_samples_is_in_some_octave():
+    """Seven octaves end at that length, and what lies beyond is only guessed from them."""
+    rng, z, count, lasting = np.random.default_rng(22), [], 2**17, 1000
+    for _ in range(60):
+        F = np.sin(2.0 * np.pi * np.arange(count) / 20_000 + rng.uniform(0, 6))[:, None]
+        noise = lfilter([1.0], [1.0, -np.exp(-1.0 / lasting)], rng.normal(size=count + 10 * lasting))[10 * lasting :]
+        value, std = fitted(F, F[:, 0] + noise, np.ones(1))
+        z.append((value - 1.0) / std)
+    assert np.mean(np.abs(z) < 1.96) >= 0.90
+    assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.3
+
+
 def test_noise_that_comes_with_the_motion_is_not_averaged_over_the_rests():
     """Jerks between rests, with errors that only the jerks have: spread over the whole log these would look small."""
     rng, truth, e, count, z = np.random.default_rng(16), np.array([1.0, -2.0]), np.array([1.0, 1.0]), 30_000, []
