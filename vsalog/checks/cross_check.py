@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.binding.grid import GAP
+from vsalog.binding.grid import LONGEST_GAP
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.checks.check import Context
 from vsalog.checks.motor_reference import motor_roles, motor_trace
@@ -66,7 +66,7 @@ class Sensed:
     def __init__(self, stamps: NDArray[np.int64], values: Array, period: float) -> None:
         known = np.isfinite(values)
         self.first = int(stamps[0]) if stamps.size else 0
-        self.time, self.values, self.apart = (stamps[known] - self.first) * 1e-9, values[known], GAP * period
+        self.time, self.values, self.apart = (stamps[known] - self.first) * 1e-9, values[known], LONGEST_GAP * period
 
     def at(self, stamps: NDArray[np.int64]) -> Array:
         """Return it at other stamps, in order, shape (n,), NaN where it has no sample near."""
