@@ -7,6 +7,7 @@ import numpy as np
 import pam_machine
 import pytest
 import rigid_machine
+from scipy.stats import norm
 from written_out import ELASTIC, channels, joint_of, signals
 
 from vsalog.diagnosis.causes import catalogue
@@ -23,7 +24,7 @@ from vsalog.rig import Rig
 from vsalog.simulation import simulate
 
 # Half-width of a 95 % interval in standard deviations.
-HALF = 1.96
+HALF = norm.ppf(0.975)
 
 
 @cache

@@ -10,6 +10,7 @@ import pytest
 import tomli_w
 
 from tests.validation.conftest import SAMPLES, call
+from vsalog.core.dependence import INTERVALS
 from vsalog.core.document_schema import document_schema, schema_text
 from vsalog.rig.load import preset_text
 from vsalog.validation import document
@@ -54,7 +55,7 @@ def test_the_awas_model_holds_in_the_second_experiment(models, tmp_path):
     (part,) = joint_of(report)["transmissions"]
     assert [over["on"] for over in part["errors"]] == ["deflection", "speed", "setpoint"]
     for over in part["errors"]:
-        assert len(over["bins"]) == 12
+        assert len(over["bins"]) == INTERVALS
         assert all(
             b[name]["low"] <= b[name]["value"] <= b[name]["high"] for b in over["bins"] for name in ("rmse", "bias")
         )

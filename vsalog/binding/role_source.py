@@ -75,7 +75,7 @@ class Source:
             values = self.lever.start - self.lever.travel * values
             resolution = None if resolution is None else resolution * abs(self.lever.travel)
         greatest = float(np.fmax.reduce(np.abs(values)))
-        if greatest > np.finfo(np.float32).max:  # of which squares and their products are finite
+        if greatest > float(np.finfo(np.float32).max):  # of which squares and their products are finite
             raise BindingError(
                 f"{self.where} reaches {greatest:.3g} in SI: is its unit, its offset or the gear ratio in the rig right?"
             )

@@ -15,6 +15,7 @@ from vsalog.core.dependence import LEAST_BLOCKS
 from vsalog.core.errors import DiagnosisError, SimulationError
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
+from vsalog.core.significance import FALSE_ALARM, variance_ratio
 from vsalog.diagnosis.document import Verdict
 from vsalog.diagnosis.found import Found, found_by, loss_of
 from vsalog.diagnosis.gain import Compared, Standing, compared, standing, weighed
@@ -87,8 +88,7 @@ class JointDiagnosis:
         return self._closes(self.extended)
 
     def _closes(self, joint: Any) -> bool:
-        squares = mean_squares(plain_rows(self, joint))
-        return bool(np.all(squares[np.isfinite(squares)] <= WITHIN**2))
+        return not bool(np.any(_stand_out(plain_rows(self, joint))))
 
     @property
     def right(self) -> bool:
@@ -275,8 +275,7 @@ def _fraction(system: System, joint: Any, extended: Any) -> float:
 def unexplained_side(found: JointDiagnosis) -> tuple[str, int] | None:
     """Return the side that most of the residual is on, and the equation that shows it; none where nothing is left."""
     rows = plain_rows(found, found.extended)
-    squares = mean_squares(rows)
-    if not np.any(squares[np.isfinite(squares)] > WITHIN**2):
+    if not np.any(_stand_out(rows)):
         return None
     unknown = unknown_function(found)
     if unknown is not None:
@@ -290,6 +289,14 @@ def mean_squares(rows: Array) -> Array:
     """Return the mean square of each equation's rows, shape (m,), over those that count; NaN where none does."""
     counts = np.count_nonzero(np.isfinite(rows), axis=0)
     return np.asarray(np.where(counts > 0, np.nansum(rows**2, axis=0) / np.maximum(counts, 1), np.nan))
+
+
+def _stand_out(rows: Array) -> NDArray[np.bool_]:
+    """Return which equations leave more than their noise, as well as that is known, and more than chance makes of few rows."""
+    # Rows overlap by half: every second one is independent.
+    independent = (np.count_nonzero(np.isfinite(rows), axis=0) + 1) // 2
+    limits = [max(WITHIN**2, variance_ratio(FALSE_ALARM, max(int(count), 1))) for count in independent]
+    return np.asarray(mean_squares(rows) > np.array(limits))
 
 
 def plain_rows(found: JointDiagnosis, joint: Any) -> Array:

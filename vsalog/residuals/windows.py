@@ -39,7 +39,8 @@ MOST = 40
 RUNS = 4
 """Runs that they are chosen in."""
 WITHIN = 2.0
-"""Times their noise within which an equation closes, and a simulation is right: noise is measured to about a third."""
+"""Times their noise within which an equation closes, and times the mean square that its noise makes within which a simulation is
+right: noise is measured to about a third."""
 
 
 class Player(Protocol):
