@@ -217,3 +217,18 @@ def test_what_is_off_by_less_than_a_twentieth_of_the_range_spoils_nothing(share,
     x = np.sin(T)
     x[5000] += 2.0 * share
     assert indices(x) == ([5000] if found else [])
+
+
+@pytest.mark.parametrize(("every", "left_out"), [(67, True), (33, False)])
+def test_pulses_that_are_rarer_than_one_sample_in_fifty_are_left_out(every, left_out):
+    """What comes more often is what the signal usually does."""
+    values, at = 0.5 * np.sin(4.0 * T), np.arange(25, N - 25, every)
+    values[at] += 1.0
+    assert indices(values) == (at.tolist() if left_out else [])
+
+
+@pytest.mark.parametrize(("share", "left_out"), [(0.07, True), (0.035, False)])
+def test_what_is_off_by_less_than_a_twentieth_of_the_range_is_kept(share, left_out):
+    values = np.sin(4.0 * T)
+    values[6002] += share * np.ptp(values)
+    assert indices(values) == ([6002] if left_out else [])

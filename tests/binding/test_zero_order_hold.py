@@ -105,6 +105,15 @@ def test_a_hitch_takes_ten_to_a_thousand_samples(length, found):
     assert len(indices(hung(np.linspace(0.0, 8.0, N), 3000, length))) == found
 
 
+@pytest.mark.parametrize(("step", "found"), [(0.009, 40), (0.015, 0)])
+def test_a_jump_is_no_hitch_where_one_step_nearby_is_more_than_a_quarter_of_it(step, found):
+    x = np.linspace(0.0, 8.0, N)
+    x[2990:] += step
+    jump = x[3041] - x[3000]
+    assert step + x[1] < jump / 4.0 if found else step + x[1] > jump / 4.0
+    assert len(indices(hung(x, 3000, 40))) == found
+
+
 def test_an_encoder_that_wraps_hangs_like_any_other():
     angle = np.mod(np.linspace(0.0, 40.0, N), 2.0 * np.pi)
     assert indices(angle, 2.0 * np.pi) == []
