@@ -77,7 +77,7 @@ def test_a_sign_a_unit_or_a_channel_that_is_wrong_is_hinted_at(tmp_path, what):
 
 def test_a_channel_that_stands_still_has_no_unit(tmp_path):
     """A drive that records nothing: any factor of nothing is nothing."""
-    outcome = diagnose(lay(tmp_path, change=scaled("motor_torque", by=0.0), duration=3.0), None, Options())
+    outcome = diagnose(lay(tmp_path, change=scaled("motor_torque", by=0.0), duration=1.0), None, Options())
     assert not [code for code in codes(outcome.diagnosis) if code.startswith("rig.")]
 
 
