@@ -115,20 +115,22 @@ def concerned(constant: Constant, package: Path, known: Imports) -> list[set[str
 def tests_for(
     constant: Constant, record: Mapping[str, dict], package: Path, known: Mapping[str, Mapping[str, set[str]]]
 ) -> list[str]:
-    """Return the tests that concern a constant, the most telling first: those that name it, then those that run least besides."""
+    """Return the tests that concern a constant, the most telling first: of files that name it, then of those that name its module,
+    then those that run least besides.
+    """
     chosen: list[str] = []
-    naming = {
-        path.relative_to(ROOT).as_posix()
-        for path in (ROOT / "tests").rglob("test_*.py")
-        if re.search(rf"\b{constant.name}\b", path.read_text(encoding="utf-8"))
-    }
+    texts = {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in (ROOT / "tests").rglob("test_*.py")}
+    dotted = constant.module.removesuffix(".py").replace("/", ".")
+    naming = {file for file, text in texts.items() if re.search(rf"\b{constant.name}\b", text)}
+    importing = {file for file, text in texts.items() if re.search(rf"\b{dotted}\b", text)}
     for modules in concerned(constant, package, known):
         fitting = [name for name, note in record.items() if modules & set(note["modules"]) and not note["failed"]]
 
-        def rank(name: str) -> tuple[bool, bool, float]:
+        def rank(name: str) -> tuple[bool, bool, bool, float]:
             file = name.partition("::")[0]
             near = file.split("/")[1] == constant.module.split("/")[0]
-            return file not in naming, not near, record[name]["seconds"] * len(record[name]["modules"])
+            cost = record[name]["seconds"] * len(record[name]["modules"])
+            return file not in naming, file not in importing, not near, cost
 
         chosen += [name for name in sorted(fitting, key=rank) if name not in set(chosen)]
     return chosen
