@@ -115,7 +115,7 @@ def concerned(constant: Constant, package: Path, known: Imports) -> list[set[str
 def tests_for(
     constant: Constant, record: Mapping[str, dict], package: Path, known: Mapping[str, Mapping[str, set[str]]]
 ) -> list[str]:
-    """Return the tests that concern a constant, the most telling first: of files that name it, then of those that name its module,
+    """Return the tests that concern a constant, the most telling first: of files that name it, of those that name its module,
     then those that run least besides.
     """
     chosen: list[str] = []
