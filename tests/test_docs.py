@@ -4,10 +4,13 @@ import re
 import runpy
 from pathlib import Path
 
+from vsalog.batch import records
 from vsalog.cli import cli
 from vsalog.core.trace import EXTRA_UNITS, UNITS
+from vsalog.diagnosis import document as diagnosis
 from vsalog.rig import Rig
 from vsalog.rig.load import presets
+from vsalog.validation import document as validation
 
 ROOT = Path(__file__).parent.parent
 
@@ -25,6 +28,12 @@ def test_every_column_is_documented():
     text = (ROOT / "docs" / "output.md").read_text(encoding="utf-8")
     for column in [*UNITS, *(c.removesuffix("_std") for c in EXTRA_UNITS)]:
         assert f"`{column}`" in text, column
+
+
+def test_layouts_have_the_versions_that_readers_of_the_documents_know():
+    """Raise a number here, and in the page on the document, when fields change their meaning."""
+    assert (records.VERSION, diagnosis.VERSION, validation.VERSION) == (1, 2, 2)
+    assert f"| `version` | {diagnosis.VERSION}," in (ROOT / "docs" / "diagnosis.md").read_text(encoding="utf-8")
 
 
 def test_every_preset_and_its_joints_are_in_the_rig_reference():

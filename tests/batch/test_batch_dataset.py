@@ -15,7 +15,8 @@ from batch_bench import Here, do_batch
 
 from vsalog.batch import run as whole_run
 from vsalog.batch.dataset import DatasetWriter
-from vsalog.batch.records import Settings
+from vsalog.batch.index_page import index_page
+from vsalog.batch.records import Record, Settings
 from vsalog.core.model import ModelFile
 from vsalog.core.trace import Trace
 from vsalog.estimation.job import Options, prepare
@@ -157,3 +158,13 @@ def test_a_report_is_there_where_it_is_asked_for(tmp_path, logs, here):
     assert "Stiffness of exp0.csv" in page
     assert 'href="reports/exp0.csv/estimate.html"' in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
     assert not list((tmp_path / "out").rglob("plain.parquet"))
+
+
+def test_the_page_of_a_huge_batch_stays_small_enough_to_open():
+    """Ten megabytes, and it says where the rest is."""
+    made = [
+        Record(log=f"day/{k:06d}.mcap", do="estimate", status="failed", vsalog="0", reason="x") for k in range(45_000)
+    ]
+    page = index_page(made, "estimate")
+    assert 5e6 < len(page) < 15e6
+    assert "summary.parquet" in page
