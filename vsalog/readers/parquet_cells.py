@@ -23,12 +23,21 @@ def plain_type(kind: pa.DataType) -> pa.DataType:
 
 def plain_cells(cells: pa.Array) -> pa.Array:
     """Return cells in the type that they are read as."""
-    kind = plain_type(cells.type)
-    if cells.type == kind:
-        return cells
     if pa.types.is_dictionary(cells.type):
         return plain_cells(cells.dictionary_decode())
-    return pc.cast(cells, kind)
+    kind = plain_type(cells.type)
+    plain = cells if cells.type == kind else pc.cast(cells, kind)
+    return as_text(plain) if pa.types.is_string(kind) else plain
+
+
+def as_text(cells: pa.Array) -> pa.Array:
+    """Return texts as what they claim to be, UTF-8; a byte that is none becomes the replacement character."""
+    try:
+        cells.validate(full=True)
+    except pa.ArrowInvalid:
+        raw = cells.cast(pa.binary()).to_pylist()
+        return pa.array([None if text is None else text.decode("utf-8", "replace") for text in raw], pa.string())
+    return cells
 
 
 def is_moment(kind: pa.DataType) -> bool:

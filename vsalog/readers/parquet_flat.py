@@ -116,7 +116,7 @@ class FlatRows:
                     self._longer[name] = longest
             for k in range(size):
                 plain = pa.field(f"{name}[{k}]", kind.value_type, metadata=field.metadata)
-                yield plain, None if cells is None else _element(cells, k)
+                yield plain, None if cells is None else plain_cells(_element(cells, k))
         else:
             yield _as_plain(field, cells)
 

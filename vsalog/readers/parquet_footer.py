@@ -109,7 +109,8 @@ def footer_trouble(path: Path) -> str:
 
 def _chunk(fields: Fields) -> Chunk:
     names = fields.get(ColumnMetaData.PATH)
-    path = ".".join(name.decode("utf-8", "replace") for name in names or () if isinstance(name, bytes))
+    parts = names if isinstance(names, list) else []
+    path = ".".join(name.decode("utf-8", "replace") for name in parts if isinstance(name, bytes))
     data, dictionary = integer(fields, ColumnMetaData.DATA_PAGE), integer(fields, ColumnMetaData.DICTIONARY_PAGE)
     begin = dictionary if 0 < dictionary < data else data
     sizes = (

@@ -1,0 +1,31 @@
+"""Files of others that readers once did not read: what can be read of them is, and no error is vsalog's own."""
+
+from pathlib import Path
+
+import pytest
+from finding_codes import codes
+
+from vsalog.core.errors import ReadError
+from vsalog.readers import read
+
+CORPUS = Path(__file__).parent / "corpus"
+
+
+@pytest.mark.parametrize(
+    ("name", "channels", "told"),
+    [
+        ("empty_group_test", ["id", "optional_data"], []),
+        ("latin1_time", ["x"], ["clock.times_unreadable"]),
+        ("parquet_column_num_values_mismatch", ["x", "n"], ["recording.column_damaged"]),
+        ("text_is_no_utf8", [], []),
+    ],
+)
+def test_what_can_be_read_is(name, channels, told):
+    log = read(CORPUS / f"{name}.parquet")
+    assert list(log.channels) == channels
+    assert [code for code in codes(log) if code in told] == told
+
+
+def test_what_cannot_be_read_is_refused():
+    with pytest.raises(ReadError, match="'b'"):
+        read(CORPUS / "column_path_is_a_number.parquet", rate=100.0)
