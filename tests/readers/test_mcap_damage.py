@@ -6,6 +6,10 @@ import struct
 
 import numpy as np
 import pytest
+from finding_codes import found
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.opcode import Opcode
 from mcap.writer import CompressionType
 from write_logs import MS, START, joints_mcap
 
@@ -34,3 +38,32 @@ def test_no_message_of_a_chunk_with_a_damaged_head_is_taken_unverified(tmp_path,
     channel = recording.channel("/joint_states.position[elbow]")
     np.testing.assert_array_equal(channel.values, (channel.stamps - START) // MS)
     assert channel.values[0] > 5
+
+
+@pytest.fixture(scope="module")
+def pieces(tmp_path_factory):
+    """The records of a file with several chunks, each with what follows it up to the next one, and the values of each chunk."""
+    raw = joints_mcap(tmp_path_factory.mktemp("log") / "log", chunk_size=2048).read_bytes()
+    cuts, at = [], 8
+    while raw[at] != Opcode.DATA_END:
+        if raw[at] == Opcode.CHUNK:
+            cuts.append(at)
+        at += 9 + int.from_bytes(raw[at + 1 : at + 9], "little")
+    assert len(cuts) > 5
+    return [raw[: cuts[0]], *(raw[a:b] for a, b in zip(cuts, [*cuts[1:], at], strict=True)), raw[at:]]
+
+
+@given(data=st.data())
+def test_chunks_that_were_cut_out_at_the_borders_of_records_are_missed(pieces, tmp_path_factory, data):
+    """Nothing is damaged then; but the statistics at the end count all messages, and know all channels."""
+    first, *chunks, end = pieces
+    kept = data.draw(
+        st.lists(st.booleans(), min_size=len(chunks), max_size=len(chunks)).filter(lambda k: any(k) and not all(k))
+    )
+    path = tmp_path_factory.mktemp("cut") / "log.mcap"
+    path.write_bytes(first + b"".join(chunk for chunk, keep in zip(chunks, kept, strict=True) if keep) + end)
+    recording = read(path)
+    channel = recording.channel("/joint_states.position[elbow]")
+    np.testing.assert_array_equal(channel.values, (channel.stamps - START) // MS)
+    (missing,) = found(recording, "recording.messages_missing")
+    assert missing.value + len(channel.values) == missing.evidence["expected"]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import IO
@@ -81,6 +82,7 @@ class McapContainer:
         self._chunks: dict[int, Chunk] = {}
         self._vouched = False
         self._part: Part | None = None
+        self._end: int | None = None
 
     @property
     def rig_text(self) -> str | None:
@@ -206,6 +208,14 @@ class McapContainer:
                     self._keep(inner, own)
             else:
                 self._keep(record, content)
+        if self._end is not None:
+            with self.open() as file:
+                for kind, content in summary_records(file, self._end) or ():
+                    if kind == Opcode.STATISTICS:
+                        with suppress(ValueError, struct.error, McapError):
+                            self._counts = _statistics(content).channel_message_counts
+                    elif kind != Opcode.METADATA:
+                        self._keep(kind, content)
 
     def _summary(self) -> bool:
         """Read the summary at the end of the file; False where it is missing, damaged or incomplete."""
@@ -214,7 +224,7 @@ class McapContainer:
         with self.open() as file:
             for kind, content in summary_records(file) or ():
                 if kind == Opcode.STATISTICS:
-                    statistics = Statistics.read(ReadDataStream(BytesIO(content)))
+                    statistics = _statistics(content)
                 elif kind == Opcode.CHUNK_INDEX:
                     position, chunk = chunk_in(content)
                     self._chunks[position] = chunk
@@ -289,6 +299,7 @@ class McapContainer:
             evidence: Evidence = {"chunks": chunks, "where": "; ".join(damage[:3])}
             self.findings.add(Finding(code="recording.chunks_damaged", value=len(damage), evidence=evidence))
         self.findings.add(*walk.findings())
+        self._end = walk.end
 
     def _passed_by(self, file: IO[bytes]) -> frozenset[int]:
         """Return where chunks are that surely hold no message in the window: summary and chunk agree on their times."""
@@ -309,6 +320,11 @@ class McapContainer:
         """Tell whether a chunk may hold messages of what is needed: so a summary says whose checksum is right."""
         known = None if needed is None or not self._vouched else self._chunks.get(position)
         return known is None or needed is None or known.may_hold(needed)
+
+
+def _statistics(content: bytes) -> Statistics:
+    found: Statistics = Statistics.read(ReadDataStream(BytesIO(content)))
+    return found
 
 
 def _definition(schema: Schema) -> str:

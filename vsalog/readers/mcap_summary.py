@@ -21,18 +21,21 @@ _CHUNK_INDEX = struct.Struct("<QQQQI")
 _OFFSET = struct.Struct("<HQ")
 
 
-def summary_records(file: IO[bytes]) -> Iterator[tuple[int, bytes]] | None:
+def summary_records(file: IO[bytes], start: int | None = None) -> Iterator[tuple[int, bytes]] | None:
     """Return kind and content of the records in the summary; None where there is none, or it is damaged.
 
     Parameters
     ----------
     file : binary file
         Opened.
+    start : int, optional
+        Where it begins, if not where the footer says: where chunks were taken out it lies nearer to the file's beginning.
     """
     found = _footer(file)
     if found is None:
         return None
-    position, start, checksum = found
+    position, stated, checksum = found
+    start = stated if start is None else start
     if not 0 < start <= position or position - start > AT_ONCE_BYTES:
         return None
     file.seek(start)

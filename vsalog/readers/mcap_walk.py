@@ -68,6 +68,8 @@ class Walk:
         Where reading ended and the size of the file, where the data section has no end.
     changed : bool
         The checksum of the data section does not match.
+    end : int or None
+        Where what follows the data section begins, once it was reached.
     """
 
     def __init__(
@@ -82,6 +84,7 @@ class Walk:
         self.unknown = 0
         self.cut: tuple[int, int] | None = None
         self.changed = False
+        self.end: int | None = None
         self._file = file
         self._size = file.seek(0, 2)
         self._verify = verify
@@ -97,6 +100,7 @@ class Walk:
             kind, length = self._sound(position)
             if kind in (Opcode.DATA_END, Opcode.FOOTER):
                 self._end(kind, position)
+                self.end = position + (_HEAD.size + length if kind == Opcode.DATA_END else 0)
                 return
             if kind < 0:
                 self._chunked |= self._resembles_chunk(position)
