@@ -155,3 +155,16 @@ def test_an_output_that_is_also_an_input(words, inputs):
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr
     assert {p.name: hashlib.sha256(p.read_bytes()).digest() for p in inputs.rglob("*") if p.is_file()} == before
+
+
+@pytest.mark.parametrize(("log", "code"), [("log.csv", 0), ("nothing.csv", 2)])
+def test_streams_that_are_closed_are_no_error(log, code, tmp_path):
+    """As by `>&-`: nobody listens, and no file that is opened later takes the place of the output."""
+    lay(tmp_path)
+    command = f"exec '{sys.executable}' -m vsalog inspect {log} >&- 2>&-"
+    assert subprocess.run(["sh", "-c", command], cwd=tmp_path, check=False).returncode == code
+    command = f"exec '{sys.executable}' -m vsalog inspect {log} >&-"
+    done = subprocess.run(["sh", "-c", command], cwd=tmp_path, check=False, stderr=subprocess.PIPE)
+    assert done.returncode == code
+    assert b"Traceback" not in done.stderr
+    assert b"a bug" not in done.stderr
