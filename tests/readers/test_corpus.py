@@ -29,3 +29,10 @@ def test_what_can_be_read_is(name, channels, told):
 def test_what_cannot_be_read_is_refused():
     with pytest.raises(ReadError, match="'b'"):
         read(CORPUS / "column_path_is_a_number.parquet", rate=100.0)
+
+
+def test_numbers_of_many_digits_are_read_at_once(tmp_path):
+    """The square of their number of digits would take minutes."""
+    path = tmp_path / "digits.csv"
+    path.write_text("time [s],x\n" + "".join(f"{k},{'7' * 20_000}\n" for k in range(40)), encoding="utf-8")
+    assert list(read(path).channels) == ["x"]

@@ -29,7 +29,7 @@ _SUPERSCRIPT_RUN = re.compile(r"[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+")
 _TOKEN = re.compile(
     r"\s*(?:(?P<power>\^[ ]*\(?[+-]?\d+(?:\.\d+)?\)?)|(?P<name>[A-Za-z_°Ω%]+)|(?P<one>1(?![\d.]))|(?P<sign>[*/().-]))\s*"
 )
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?")
 _EXAMPLE = 'write a plain number and a unit, such as "7.3 kg*m*mm" or "500 N·mm/rad"'
 
 

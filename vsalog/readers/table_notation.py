@@ -27,7 +27,7 @@ _GROUPED = {
 _BLANKS = "['’ \u00a0\u202f]"
 _BLANK_GROUPED = rf"^[+-]?\d{{1,3}}(?:{_BLANKS}\d{{3}})+(?:[.,]\d+)?$"
 _HEXADECIMAL = re.compile(r"^(?:[0-9A-F]{2,}|[0-9a-f]{2,})$")
-_FORTRAN = re.compile(r"^[+-]?(?:\d+\.?\d*|\.\d+)[dD][+-]?\d+$")
+_FORTRAN = re.compile(r"^[+-]?(?:\d+(?:\.\d*)?|\.\d+)[dD][+-]?\d+$")
 
 
 @dataclass(frozen=True, slots=True)
