@@ -1,12 +1,15 @@
 """Files of others that readers once did not read: what can be read of them is, and no error is vsalog's own."""
 
+import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 from finding_codes import codes
 
 from vsalog.core.errors import ReadError
 from vsalog.readers import read
+from vsalog.readers.reading import open_reader
 
 CORPUS = Path(__file__).parent / "corpus"
 
@@ -36,3 +39,17 @@ def test_numbers_of_many_digits_are_read_at_once(tmp_path):
     path = tmp_path / "digits.csv"
     path.write_text("time [s],x\n" + "".join(f"{k},{'7' * 20_000}\n" for k in range(40)), encoding="utf-8")
     assert list(read(path).channels) == ["x"]
+
+
+def test_a_table_may_become_shorter_while_it_is_read(tmp_path):
+    """As where its writer begins anew; the process would die of a file that is mapped."""
+    path = tmp_path / "log.csv"
+    rows = "".join(f"{k / 1000},{k}\n" for k in range(1_000_000))
+    path.write_text("time [s],x\n" + rows, encoding="utf-8")
+    blocks = open_reader(path).blocks({"x"})
+    values = [next(blocks).columns["x"]]
+    os.truncate(path, 2**20)
+    values += [block.columns["x"] for block in blocks]
+    read = np.concatenate(values)
+    assert 1000 < read.size <= 1_000_000
+    np.testing.assert_array_equal(read[:-1], np.arange(read.size - 1))

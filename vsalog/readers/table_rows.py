@@ -140,7 +140,7 @@ class Rows:
         source: Any = text
         if plain and is_utf8(file):  # else Arrow could not tell of a line that it is no row
             # Arrow reads ahead in a thread of its own. It must not need the interpreter, which may be gone by then at exit.
-            source = self._mapped() if is_text(self._path) else file
+            source = self._without_cut_line() if is_text(self._path) else file
         return pacsv.open_csv(
             source,
             read_options=pacsv.ReadOptions(
@@ -165,14 +165,17 @@ class Rows:
             ),
         )
 
-    def _mapped(self) -> pa.NativeFile:
-        """Return the file, without a last line that is not whole."""
-        file = pa.memory_map(str(self._path))
+    def _without_cut_line(self) -> pa.NativeFile:
+        """Return the file, without a last line that is not whole.
+
+        It is read rather than mapped: another process may make it shorter, which ends one that has mapped it.
+        """
+        file = pa.OSFile(str(self._path))
         last = cut_off(self._path, self._dialect.separator)
         if not last:
             return file
         self.findings.add(_cut(last.decode("utf-8", "replace")))
-        return pa.BufferReader(file.read_buffer(file.size() - len(last)))
+        return file.get_stream(0, file.size() - len(last))
 
     def _without_labels(self, batch: pa.RecordBatch) -> pa.RecordBatch:
         """Leave out what stands ahead of the number in every cell."""
