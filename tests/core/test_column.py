@@ -49,6 +49,7 @@ def test_what_a_block_lacks_is_absent_before_and_after_a_column_moves_to_a_file(
         there[at : at + 10] = True
         np.testing.assert_array_equal(values[at : at + 10], np.arange(10.0))
     assert (values[~there].view(np.int64) == ABSENT_BITS).all()
+    assert np.isnan(values[~there]).all()
 
 
 def test_pages_that_were_let_go_of_come_back():

@@ -6,16 +6,18 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from vsalog.core.dependence import (
-    LEAST_BLOCKS,
     MOST_BLOCKS,
     association,
     block_index,
     block_moments,
+    hats,
     least_squares,
     mean_above_zero,
     one_more_above,
 )
 from vsalog.core.significance import FALSE_ALARM
+from vsalog.validation.dependence import gain_of
+from vsalog.validation.scores import binned
 
 ROWS = 640
 
@@ -126,8 +128,30 @@ def test_what_never_returns_is_not_predicted():
 
 def test_too_few_blocks_tell_nothing():
     z = np.column_stack((np.ones(100), np.ones(100)))
-    assert association(block_moments(z, np.arange(100) * (LEAST_BLOCKS - 1) // 100), [0]) is None
-    assert association(block_moments(z, np.arange(100) * LEAST_BLOCKS // 100), [0]) is not None
+    assert association(block_moments(z, np.arange(100) * 7 // 100), [0]) is None
+    assert association(block_moments(z, np.arange(100) * 8 // 100), [0]) is not None
+
+
+def test_of_many_rows_there_are_64_blocks_and_of_few_one_each():
+    assert np.unique(block_index(6400), return_counts=True)[1].tolist() == [100] * 64
+    assert block_index(10).tolist() == [*range(10)]
+
+
+def test_a_curve_in_24_intervals_follows_what_swings_six_times():
+    x = np.linspace(0.0, 1.0, 2000)
+    y = np.sin(2.0 * np.pi * 6.0 * x)
+    columns = hats(x, binned(x)[0])
+    left = y - columns @ np.linalg.lstsq(columns, y)[0]
+    assert np.mean(left**2) < 0.05 * np.mean(y**2)
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.07, True), (0.035, False)])
+def test_what_explains_less_than_a_twentieth_of_a_residual_is_not_reported(share, told):
+    rng = np.random.default_rng(7)
+    torque, noise = rng.standard_normal((2, 64_000))
+    strength = np.sqrt(share / (1.0 - share))
+    gain = gain_of(strength * torque + noise, torque)
+    assert gain == (pytest.approx(1.0 - strength, abs=0.02) if told else None)
 
 
 def test_moments_are_sums_of_squares():

@@ -1,0 +1,61 @@
+"""Clocks, on both sides of what tells a slip from a delay, one unit from another, and a pause from another table."""
+
+import numpy as np
+import pytest
+
+from vsalog.readers.alternating import alternating
+from vsalog.readers.bad_stamps import bad_stamps
+from vsalog.readers.repeated_header import goes_on
+from vsalog.readers.time_sizes import guessed_unit
+
+MS = 10**6
+EVENLY = np.arange(1000) * 10 * MS
+
+
+@pytest.mark.parametrize(("late", "bad"), [(0.7, False), (1.5, True)])
+def test_delays_vary_by_a_second(late, bad):
+    header = EVENLY.copy()
+    header[500] -= round(late * 1000) * MS
+    assert np.flatnonzero(bad_stamps(header, EVENLY)).tolist() == [500] * bad
+
+
+@pytest.mark.parametrize(("late", "bad"), [(45, False), (80, True)])
+def test_what_comes_a_minute_late_is_none(late, bad):
+    """No stamp is missing where it came, so that it may be a sample that had to wait."""
+    header = np.insert(EVENLY, 500, EVENLY[500] - late * 1000 * MS)
+    log = np.insert(EVENLY, 500, EVENLY[500] - 5 * MS)
+    assert np.flatnonzero(bad_stamps(header, log)).tolist() == [500] * bad
+
+
+@pytest.mark.parametrize(("swing", "found"), [(1.6, True), (3.0, False)])
+def test_an_encoders_last_digit_is_not_two_publishers(swing, found):
+    k = np.arange(256)
+    values = swing * np.sin(2.0 * np.pi * k / 256) + 0.5 * (-1.0) ** k
+    assert [one.code for one in alternating("t", {"x": values})] == ["recording.values_alternate"] * found
+
+
+@pytest.mark.parametrize(("seconds", "right"), [(750, True), (1500, False)])
+def test_a_pause_is_a_thousand_steps_long(seconds, right):
+    assert goes_on("1", "2", str(2 + seconds)) is right
+
+
+@pytest.mark.parametrize(
+    ("first", "step", "unit", "doubts"),
+    [
+        (1.6e9, 0.4, "s", []),
+        (1.6e9, 0.7, "s", ["clock.unit_by_size"]),
+        (1.6e9, 7.0, "s", ["clock.unit_by_size"]),
+        (1.6e9, 14.0, "ms", ["clock.unit_by_steps"]),
+        (0.0, 0.4, "s", []),
+        (0.0, 0.7, "ms", ["clock.unit_by_steps"]),
+        (0.0, 100.0, "ms", ["clock.unit_by_steps"]),
+        (0.0, 200.0, "us", ["clock.unit_by_steps"]),
+        (40_000.0, 1.4e-5, "serial", ["clock.counts_days"]),
+        (40_000.0, 3e-5, "s", []),
+        (700_000.0, 0.1, "s", []),
+        (1_200_000.0, 0.1, "ms", ["clock.unit_by_steps"]),
+    ],
+)
+def test_sizes_and_steps_tell_a_unit(first, step, unit, doubts):
+    found, findings = guessed_unit("t", first + step * np.arange(20))
+    assert (found, [one.code for one in findings]) == (unit, doubts)
