@@ -8,6 +8,7 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from vsalog.core.correlation import effective_samples
+from vsalog.validation.dependence import dependences
 from vsalog.validation.scores import bins_of, score
 
 
@@ -46,6 +47,15 @@ def test_effective_samples_of_a_first_order_process(time):
     e = correlated(np.random.default_rng(time), 200_000, time)
     a = np.exp(-1.0 / time)
     assert effective_samples(e) == pytest.approx(e.size * (1 - a) / (1 + a), rel=0.25)
+
+
+@pytest.mark.parametrize(("alike", "told"), [(30, False), (60, True)])
+def test_what_is_alike_for_four_times_as_long_is_not_the_filters_doing(alike, told):
+    """A mean of so many white samples, where the filter makes ten alike."""
+    rng = np.random.default_rng(0)
+    error = np.convolve(rng.standard_normal(40_000), np.ones(alike), "same")
+    found = dependences(error, rng.standard_normal(error.size), {}, smoothing=10.0)
+    assert [one.code for one in found] == ["error.not_white"] * told
 
 
 @pytest.mark.parametrize("time", [1, 20, 100])
