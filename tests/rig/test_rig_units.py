@@ -15,7 +15,6 @@ from vsalog.core.units import (
     matching,
     parse_quantity,
     parse_unit,
-    shown,
     si_factor,
     split_header,
     split_quantity,
@@ -212,11 +211,3 @@ def test_a_header_is_split_up_to_256_characters():
     name = "q" * 250
     assert split_header(f"{name} [deg]") == (name, "deg")
     assert split_header(f"{name}q [deg]") == (f"{name}q [deg]", None)
-
-
-def test_a_unit_has_80_characters():
-    assert shown("x" * 80) == "x" * 80
-    assert shown("x" * 81) == "x" * 79 + "…"
-    assert parse_unit("m" + "*1" * 39).factor == 1.0
-    with pytest.raises(UnitError, match="too long"):
-        parse_unit("m" + "*1" * 40)
