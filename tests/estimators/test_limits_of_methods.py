@@ -9,19 +9,23 @@ from vsalog.core.errors import EstimatorError
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.acceleration_group import Axis
 from vsalog.estimators.accelerometer_check import accelerometer_findings
+from vsalog.estimators.averaging_error import AveragingError
 from vsalog.estimators.device import device_of
-from vsalog.estimators.methods import qr_rls
+from vsalog.estimators.methods import pam_ukf, qr_rls
 from vsalog.estimators.methods.acceleration_observer import AccelerationFold, AccelerationTuning
 from vsalog.estimators.methods.impedance_coupled import ImpedanceCoupledFold
 from vsalog.estimators.methods.pam_ukf import PamTuning, _below_outside, estimate_of
 from vsalog.estimators.methods.residual_rls import ResidualRlsTuning, _bandwidth
-from vsalog.estimators.observer_fold import ObserverFold
+from vsalog.estimators.observer_fold import ObserverFold, Observers
 from vsalog.estimators.pam_noise import pam_noise
 from vsalog.estimators.pam_states import PamFold, _held, _volume
 from vsalog.estimators.residual_motion import SPEED, followers, motion_rows_block, motion_rows_start
+from vsalog.estimators.screening import Screening
+from vsalog.estimators.torque_rates import RateNoise, Rates
 from vsalog.estimators.tuning import usual_regressor
 from vsalog.filters.acceleration_arm import Arm
 from vsalog.filters.derivative_weights import derivative_weights
+from vsalog.filters.stiffness_observer import observer_start
 from vsalog.mechanics.pneumatics import muscle_volume
 from vsalog.rig import Rig
 
@@ -122,6 +126,26 @@ def test_noise_that_swings_within_a_window_averages_out_over_a_longer_memory():
         assert left < told < 3.0 * left
 
 
+def test_what_was_learnt_counts_when_all_but_a_twentieth_of_the_memory_is_filled():
+    """Of a memory 1 − exp(−n) is filled after n of its lengths: 0.95 after three."""
+    n, memory = 400, 100
+    rates, starts = Rates(np.full(n, 20.0), np.ones(n)), Observers(*(observer_start() for _ in range(4)))
+    made = SimpleNamespace(
+        alpha=1.0 / memory, period=1.0, rate_noise={"1": RateNoise(1e-9, 0.0, 0.0)}, averages={"1": AveragingError()},
+        smoothed_away=0.0, look=Screening(), _rates=lambda *_: rates, _stale=lambda speed: np.inf,
+        _least_variance=lambda noise, speed: noise,
+    )  # fmt: skip
+    borne = SimpleNamespace(
+        view=SimpleNamespace(name="1"),
+        deflection=lambda of, order: np.arange(n, dtype=float),
+        torque=lambda of: np.ones(n),
+    )
+    part = SimpleNamespace(of={}, rows=SimpleNamespace(time=np.arange(n, dtype=float)))
+    excited = ObserverFold._observed(made, SimpleNamespace(observers={"1": starts}), part, borne)["excited"]
+    assert 270 < int(np.argmax(excited)) < 330
+    assert excited[330:].all()
+
+
 def test_another_loop_begins_with_another_inertia():
     made = SimpleNamespace(guess=(0.1, 0.3), noise=SimpleNamespace(inertia=0.01, damping=0.02))
     first, _, other = ImpedanceCoupledFold._loops(made)
@@ -189,7 +213,8 @@ def test_a_pressure_a_tenth_below_that_outside_is_not_absolute(below, told):
         assert len(_below_outside("pressure_1", pressure, 10.0, PAM_DEVICE)) == bool(told)
 
 
-def test_a_linear_flow_is_a_quarter_off_at_least():
+def test_a_linear_flow_is_a_quarter_off_at_least(monkeypatch):
+    monkeypatch.setattr(pam_ukf, "LinearPamFold", lambda *_, **__: None)  # which is compiled
     rng = np.random.default_rng(0)
     signals = signals_of(pressure_1=4e5 + 50.0 * rng.normal(size=100), pressure_2=4e5 + 50.0 * rng.normal(size=100))
     for flow, least, most in ((0.05, 0.18, 0.35), (0.4, 0.39, 0.41)):
