@@ -154,3 +154,25 @@ def test_what_passes_no_filter_is_driven_anew_after_it_too():
     np.testing.assert_array_equal(driven.roles["valve_1"][0], found.roles["valve_1"][0] + 0.1)
     np.testing.assert_array_equal(driven.roles["link_position"], found.roles["link_position"])
     np.testing.assert_array_equal(driven.raw["link_position"], other["link_position"])
+
+
+@pytest.mark.parametrize(("power", "second"), [(4, True), (6, False)])
+def test_second_derivatives_are_exact_up_to_the_fourth_power(power, second):
+    at = (TIME[:61] - TIME[30]) / 0.015 + 0.5
+    found = channels(link_position=at**power).roles["link_position"][2, 30] * 0.015**2
+    expected = power * (power - 1) * 0.5 ** (power - 2)
+    assert bool(abs(found / expected - 1.0) < 1e-6) is second
+
+
+def test_what_swings_ten_times_a_second_loses_a_thousandth_of_its_second_derivative():
+    swing = 2.0 * np.pi * 10.0
+    found = channels(link_position=np.sin(swing * TIME[:1000])).roles["link_position"][2]
+    lost = 1.0 - np.nanstd(found[100:-100]) / np.std(swing**2 * np.sin(swing * TIME[100:900]))
+    assert lost == pytest.approx(1e-3, rel=0.5)
+
+
+@pytest.mark.parametrize(("period", "every"), [(2e-3, 1), (1e-3, 3), (5e-4, 6)])
+def test_equations_are_formed_at_least_ten_times_in_a_window(period, every):
+    """Of the 15, 31 and 61 samples of 0.03 s."""
+    found = channels_of(signals({"link_position": motion(np.arange(200) * period)}, period))
+    assert found.thinned().every == every

@@ -9,7 +9,7 @@ from written_out import ELASTIC, joint_of, signals
 from vsalog.diagnosis.causes.base import with_part, with_signal
 from vsalog.effects.delay import shifted
 from vsalog.residuals.channels import Channels
-from vsalog.residuals.sensing import at_joint, bare, motors_of, said, sensors_as_written, true_roles
+from vsalog.residuals.sensing import at_joint, bare, motors_of, said, sensors_as_written, true_roles, whole_delays
 from vsalog.rig import Rig
 from vsalog.rig.schema import Eccentricity
 
@@ -167,3 +167,10 @@ def test_sensors_that_count_are_told_in_the_joints_units_and_written_as_they_cou
     assert back.link_position.eccentricity == disc
     assert back.torque_sensor.offset == pytest.approx(0.1)
     assert back.motor_position == joint.signals.motor_position
+
+
+@pytest.mark.parametrize(("samples", "whole"), [(-0.3, -1), (-0.2, 0), (0.7, 0), (0.8, 1), (1.7, 1)])
+def test_a_whole_sample_is_counted_from_three_quarters_of_it_on(samples, whole):
+    """What is early by less than a quarter is on time."""
+    joint = with_signal(joint_of(), "link_position", delay=samples * PERIOD)
+    assert whole_delays(joint, PERIOD) == ({"link_position": whole} if whole else {})

@@ -1,5 +1,7 @@
 """The side of a joint that something unknown is wrong on: each in turn, with and without a torque sensor."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from written_out import ROLES, Truth, channels, joint_of, log, signals
@@ -55,3 +57,16 @@ def test_where_nothing_but_the_torque_sensor_tells_the_transmission_is_meant():
     system = build_system(joint, found, balance_for(joint))
     assert system.names == ("transmission",)
     assert side_of(system, joint, system.whitened(joint), ("",))[0] == "transmission"
+
+
+@pytest.mark.parametrize(("squares", "told"), [(1.0, "transmission"), (2.0, "sensor")])
+def test_a_torque_sensor_is_blamed_only_where_that_leaves_less_than_half(squares, told):
+    """An error of the sensor's equation: a torque of the transmission, which acts on all three alike, explains a third of it.
+
+    With noise of one beside it, blaming the sensor leaves 1 of 1.67, or of 2.33.
+    """
+    names = ("motor", "transmission", "link")
+    system = SimpleNamespace(names=names, sides=names, weights=np.ones((4, 3)), count=1.0, white=lambda push: push)
+    left = np.zeros((4, 3))
+    left[:, 1] = np.sqrt(squares / 4.0)
+    assert side_of(system, joint_of(), left, ("",)) == (told, 1)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from written_out import Truth, channels, joint_of, log, motion, sensed, signals
 
+from vsalog.diagnosis.causes.base import with_signal
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.kinds import balance_for
 from vsalog.residuals.system import build_system, formed
@@ -140,8 +141,6 @@ def test_rows_of_one_system_can_be_used_in_another(clean):
 
 def test_equations_are_formed_of_what_truly_acted():
     """What the rig says of a sensor is undone before equations are formed."""
-    from vsalog.diagnosis.causes.base import with_signal
-
     truth = Truth(gain=1.3, offset=0.2)
     found = channels(truth, duration=6.0)
     known = with_signal(joint_of(), "torque_sensor", gain=1.3, offset=0.2)
@@ -149,3 +148,21 @@ def test_equations_are_formed_of_what_truly_acted():
     inside = np.isfinite(by_name["transmission"])
     assert abs(np.mean(by_name["transmission"][inside])) < 1e-3
     assert np.std(by_name["transmission"][inside]) < 5e-3
+
+
+def test_equations_are_averaged_over_a_twentieth_of_a_second(clean):
+    """Over half of that, which is the raised cosine's width at half its height, they are told apart."""
+    half = np.count_nonzero(clean.bell > 0.5 * clean.bell.max()) * 2e-3
+    assert half == pytest.approx(0.025, abs=2e-3)
+
+
+@pytest.mark.parametrize("size", [0.5, 2.0])
+def test_without_noise_a_thousandth_of_the_torques_is_one_deviation(size):
+    time, moved = motion(Truth(), 2.0, 2e-3, 0)
+    torques = {"motor_torque": 1.3 * np.sin(9.0 * time), "torque_sensor": 0.9 * np.sin(9.0 * time)}
+    roles = {"motor_position": 0.2 * np.sin(9.0 * time), "link_position": 0.1 * np.cos(9.0 * time)}
+    system = system_of(channels_of(signals(roles | torques, 2e-3)))
+    off = 1e-3 * size * 1.3 / np.sqrt(2.0)
+    change = system.whitened(with_signal(joint_of(), "torque_sensor", offset=off)) - system.whitened(joint_of())
+    used = (system.weights > 0.999).all(axis=1)
+    assert np.sqrt(np.mean(np.sum(change[used] ** 2, axis=1))) == pytest.approx(size, rel=0.1)

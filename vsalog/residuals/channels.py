@@ -23,7 +23,7 @@ Flags = NDArray[np.bool_]
 DEGREE = 4
 """Of the polynomial that is fitted to each window: its second derivative is a parabola."""
 WINDOW = 0.03
-"""Seconds of a window: what swings ten times a second loses a part in a hundred of its second derivative."""
+"""Seconds of a window: what swings ten times a second loses a part in a thousand of its second derivative."""
 WINDOWS = 5
 """Windows of the filter over which the motion of a sensor that rounds is smoothed: so its steps average out.
 
