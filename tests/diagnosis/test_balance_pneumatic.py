@@ -19,7 +19,7 @@ from vsalog.diagnosis.joint import diagnose_joint
 from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.selection import Choice, Selection, select
 from vsalog.diagnosis.setting import setting_of
-from vsalog.residuals.balance_pneumatic import balance_pneumatic, pneumatic_motion
+from vsalog.residuals.balance_pneumatic import _least_about, balance_pneumatic, pneumatic_motion
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.kinds import balance_for
 from vsalog.residuals.sensing import at_joint
@@ -299,3 +299,19 @@ def test_the_meter_is_judged_by_the_seesaw() -> None:
 def test_an_angle_that_nothing_tells_is_said() -> None:
     with pytest.raises(DiagnosisError, match="muscles needs their pressures with the angle, or with the torque meter"):
         diagnose_joint("arm", joint_of(Bench()), signals_of(Bench(), ("link_position", "torque_sensor")), None)
+
+
+@pytest.mark.parametrize(("away", "known"), [(0.018, False), (0.025, True)])
+def test_the_direction_is_not_known_for_two_hundredths_of_a_second_about_a_reversal(away: float, known: bool) -> None:
+    """The filter's window is 0.03 s long, and what it saw of the reversal within seven tenths of that is smeared."""
+    time = np.arange(-500, 501) * 1e-3
+    about = _least_about(np.where(time < 0.0, -1.0, 1.0), time)
+    assert [bool(about[np.searchsorted(time, at)]) for at in (-away, away)] == [known, known]
+
+
+@pytest.mark.parametrize(("share", "moves"), [(0.07, False), (0.14, True)])
+def test_what_is_slower_than_a_tenth_of_its_usual_velocity_may_stick(share: float, moves: bool) -> None:
+    time = np.arange(2000) * 1e-3
+    rate = np.sign(np.sin(2.0 * np.pi * time))
+    rate[200:300] = share * np.std(rate)
+    assert bool(_least_about(rate, time)[250]) is moves

@@ -8,7 +8,16 @@ import pytest
 from scipy.optimize import lsq_linear
 from scipy.stats import cauchy, multivariate_normal
 
-from vsalog.diagnosis.subsets import SAME_SCORE, Candidates, Ranked, _evidence_of_one, best_sets, within, without
+from vsalog.diagnosis.subsets import (
+    SAME_SCORE,
+    Candidates,
+    Ranked,
+    _descended,
+    _evidence_of_one,
+    best_sets,
+    within,
+    without,
+)
 
 ROWS = 40
 SEEDS = range(40)
@@ -264,3 +273,36 @@ def test_what_is_far_out_is_seen_though_the_log_tells_it_less_sharply_than_the_r
     assert c.scored(chosen) - price == pytest.approx(best - nothing, abs=1.0)
     assert c.scored(chosen) < c.scored(np.array([False, beside])) - 100.0
     assert c.solution(chosen)[0] == pytest.approx(value, rel=0.2)
+
+
+def orthogonal(columns, y, price):
+    """Groups of one unknown each, without bounds or conflicts."""
+    X, n = np.column_stack(columns), len(columns)
+    wide = np.full(n, np.inf)
+    return Candidates(X.T @ X, X.T @ y, np.arange(n + 1), np.full(n, price), np.zeros((n, n), dtype=bool), -wide, wide)
+
+
+@pytest.mark.parametrize(("gain", "better"), [(7e-7, False), (1.5e-6, True)])
+def test_what_gains_less_than_a_millionth_is_rounding(gain, better):
+    """A group of which the log tells nothing gains what its price says."""
+    c, free = orthogonal([np.zeros(ROWS)], np.zeros(ROWS), -gain), np.zeros(1, dtype=bool)
+    assert _descended(c, free, free, free).chosen[0] == better
+
+
+@pytest.mark.parametrize(("size", "found"), [(14, True), (18, False)])
+def test_two_are_exchanged_for_one_in_sets_of_up_to_sixteen(size, found):
+    """One cause does what two of the set do together; either of the two beside it is less probable than both."""
+    own = 30.0 * np.eye(ROWS, size)
+    one = 3.0 * (own[:, 0] + own[:, 1]) / np.sqrt(2.0)
+    c = orthogonal([*own.T, one], 0.9 * own.sum(axis=1), 2.0)
+    start, free = np.arange(size + 1) < size, np.zeros(size + 1, dtype=bool)
+    there = _descended(c, start, free, free).chosen
+    assert there.tolist() == ([False, False, *[True] * (size - 1)] if found else start.tolist())
+
+
+def test_what_is_told_to_a_sixth_as_sharply_as_the_rig_may_be_far_out():
+    """A prior as wide as the value explains it better than the rig's own, with which it would look near."""
+    A, b = 0.17, 1.17
+    near = 0.5 * (np.log(1.0 + A) - b**2 / (1.0 + A))
+    assert b / (1.0 + A) <= 1.0
+    assert _evidence_of_one(A, b, -np.inf, np.inf) < near - 0.03

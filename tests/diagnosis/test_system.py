@@ -158,7 +158,7 @@ def test_equations_are_averaged_over_a_twentieth_of_a_second(clean):
 
 @pytest.mark.parametrize("size", [0.5, 2.0])
 def test_without_noise_a_thousandth_of_the_torques_is_one_deviation(size):
-    time, moved = motion(Truth(), 2.0, 2e-3, 0)
+    time = np.arange(1000) * 2e-3
     torques = {"motor_torque": 1.3 * np.sin(9.0 * time), "torque_sensor": 0.9 * np.sin(9.0 * time)}
     roles = {"motor_position": 0.2 * np.sin(9.0 * time), "link_position": 0.1 * np.cos(9.0 * time)}
     system = system_of(channels_of(signals(roles | torques, 2e-3)))

@@ -11,7 +11,7 @@ from vsalog.diagnosis.causes.base import with_part, with_signal
 from vsalog.diagnosis.gain import Compared, compared
 from vsalog.residuals import windows_mechanical
 from vsalog.residuals.channels import channels_of
-from vsalog.residuals.windows import Shot, Windows, begun, by_states, in_windows, player_of, shoot, windows_of
+from vsalog.residuals.windows import Shot, Windows, begun, by_states, in_runs, in_windows, player_of, shoot, windows_of
 from vsalog.simulation.machine import build
 from vsalog.simulation.play import play
 
@@ -321,3 +321,30 @@ def test_a_late_torque_was_recorded_before_its_window(clean):
     alone = shoot(late, third, states[2:3]).errors["motor_position"]
     first, last = third.spans[0]
     np.testing.assert_allclose(alone[first:last], row[first:last], atol=1e-9)
+
+
+def test_a_long_log_is_simulated_in_forty_windows():
+    time = np.arange(8000) * 5e-3
+    said = {
+        role: np.sin((k + 1.0) * time)
+        for k, role in enumerate(("motor_position", "link_position", "motor_torque", "torque_sensor"))
+    }
+    assert len(windows_of(joint_of(), channels_of(signals(said, 5e-3)), False).spans) == 40
+
+
+def test_a_long_log_is_simulated_in_four_runs():
+    chosen = in_runs(100, 40)
+    assert np.split(chosen, np.flatnonzero(np.diff(chosen) > 1) + 1)[0].tolist() == list(range(10))
+    assert np.count_nonzero(np.diff(chosen) > 1) == 3
+
+
+@pytest.mark.parametrize(("share", "length"), [(0.0, 20), (0.05, 20), (0.1, 25), (1.0, 250)])
+def test_the_first_part_of_a_window_has_twenty_samples_at_least(share, length):
+    windows = Windows(None, np.array([[0, 250], [250, 500]]), (), False)
+    np.testing.assert_array_equal(windows.first(share).spans, [[0, length], [250, 250 + length]])
+
+
+@pytest.mark.parametrize(("times", "within"), [(1.8, True), (2.5, False)])
+def test_an_error_of_up_to_twice_its_noise_is_within_it(times, within):
+    gain = by_hand(np.zeros(100), np.full(100, times))
+    assert gain.within(gain.after) is within

@@ -14,7 +14,7 @@ STAMPS = np.arange(N) * 10**6
 SIGNALS = JointSignals("arm", 1e-3, STAMPS, STAMPS * 1e-9, {}, STAMPS == 0, np.zeros(N, np.int32))
 
 
-def judged(nrmse, not_independent=None):
+def judged(nrmse, not_independent=None, gain=None):
     error, other = Figure(value=nrmse, low=0.9 * nrmse, high=1.1 * nrmse), Figure(value=0.0)
     score = Score(
         samples=N, effective_samples=500.0, span=1.0, mse=other, rmse=other, nrmse=error, msrep=other, r2=other, bias=other,
@@ -23,7 +23,12 @@ def judged(nrmse, not_independent=None):
     depends = Dependence(on="torque", share=0.9, p_value=0.0, slope=0.1, code="error.gain", evidence={"gain": 0.9})
     compared = Comparison(quantity="flexibility_torque", unit="N*m", reference="sensor", inside=score, outside=None)
     part = TransmissionReport(
-        transmission="1", judged_on="sensor", comparisons=(compared,), inside_share=1.0, dependence=(depends,)
+        transmission="1",
+        judged_on="sensor",
+        comparisons=(compared,),
+        inside_share=1.0,
+        dependence=(depends,),
+        gain=gain,
     )
     return Judged((part,), not_independent)
 
@@ -57,3 +62,13 @@ def test_a_model_is_judged_by_no_computed_torque_and_not_by_its_own_log():
     for nrmse, verdict, code in ((1.0, "cannot be judged", "validation.own_log"), (20.0, "fails", "validation.error")):
         report = joint_report(judged(nrmse), SIGNALS, {}, [], learnt_from=True)
         assert (report.verdict, report.reasons[0].code) == (verdict, code)
+
+
+@pytest.mark.parametrize(("gain", "verdict"), [(1.07, "holds"), (0.93, "holds"), (1.15, "fails"), (0.85, "fails")])
+def test_a_torque_that_is_off_by_more_than_a_tenth_is_another_springs(gain, verdict):
+    assert joint_report(judged(1.0, gain=gain), SIGNALS, {}, []).verdict == verdict
+
+
+@pytest.mark.parametrize(("nrmse", "verdict"), [(4.0, "holds"), (6.0, "fails")])
+def test_a_model_holds_up_to_five_percent_of_the_span(nrmse, verdict):
+    assert joint_report(judged(nrmse), SIGNALS, {}, []).verdict == verdict
