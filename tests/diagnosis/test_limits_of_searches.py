@@ -12,7 +12,7 @@ from vsalog.diagnosis.causes import catalogue, cogging
 from vsalog.diagnosis.causes.base import Parameter, Remainder, Site
 from vsalog.diagnosis.gain import _affordable
 from vsalog.diagnosis.joint import balance_for, setting_of
-from vsalog.diagnosis.selection import _begins, _best, _settled
+from vsalog.diagnosis.selection import _begins, _best, _settled, blocks_of
 from vsalog.diagnosis.signs_and_units import hint_of
 from vsalog.diagnosis.smooth import _series
 from vsalog.diagnosis.subsets import Ranked
@@ -123,3 +123,8 @@ def test_a_fit_leads_a_shape_no_farther_than_in_twelve_steps(monkeypatch, away, 
     monkeypatch.setattr(selection, "remainder", lambda system, joint: None)
     problem, stage = SimpleNamespace(joint=joint_of()), SimpleNamespace(system=None)
     assert _begins(problem, stage, (), site, np.array([1.0 + 0.1 * away])) is led
+
+
+@pytest.mark.parametrize(("duration", "blocks"), [(12.0, 12), (30.0, 24), (100.0, 24)])
+def test_blocks_are_a_second_long_at_least_and_two_dozen_at_most(duration, blocks):
+    assert np.unique(blocks_of(SimpleNamespace(time=np.linspace(0.0, duration, 3000)))).size == blocks

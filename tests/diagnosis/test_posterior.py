@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass, replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 from written_out import Truth, channels, joint_of
 
+from vsalog.diagnosis import posterior
 from vsalog.diagnosis.causes.base import with_part, with_signal
 from vsalog.diagnosis.discrepancy import Weights, weighted_by
 from vsalog.diagnosis.linear import carried, formed_of, linearised, placed, variants_of
@@ -226,3 +228,18 @@ def test_a_simulations_information_takes_the_place_of_the_equations():
     surer = replace(found, simulated=np.array([[400.0]]))
     assert surer.covariance[0, 0] == pytest.approx(deviation**2 / 400.0)
     assert placed(c.problem.joint, found.fit).motor.damping == pytest.approx(0.055, rel=0.05)
+
+
+@pytest.mark.parametrize(("gain", "ends"), [(0.07, True), (0.15, False)])
+def test_a_fit_ends_where_its_deviance_gains_less_than_a_tenth(monkeypatch, gain, ends):
+    c, asked = case(HIDDEN["motor.viscous_friction", "link.inertia"][0]), []
+
+    def deviance(_):
+        asked.append(10.0 - (gain if asked else 0.0))
+        return asked[-1]
+
+    monkeypatch.setattr(posterior, "_surprise", lambda unknowns: 0.0)
+    names = ("motor.viscous_friction", "link.inertia")
+    start = tuple((c.site(name), np.array(c.site(name).start)) for name in names)
+    most_probable(c.problem, SimpleNamespace(system=c.system, deviance=deviance), start)
+    assert (len(asked) == 2) is ends
