@@ -18,8 +18,8 @@ from vsalog.core.resolution import ENOUGH
 
 Array = NDArray[np.float64]
 
-# Half a gap, and the motion over which a loop changes sides, as parts of the largest deflection and of its span: between two that
-# follow each other, the shape changes by less than the twentieth part of an error that is reported.
+# Half a gap, and the motion over which a loop changes sides, as parts of the largest deflection and of its span: of a shape
+# between two that follow each other, the nearer one leaves less than a tenth of the squares.
 WIDTHS = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
 # Names of positions begin like this.
 POSITIONS = ("link_position", "motor_position")
