@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vsalog.effects import delay
 from vsalog.effects.backlash import beyond_gap, engaged
 from vsalog.effects.calibration import reading, zeroed
 from vsalog.effects.contact import Contact
@@ -124,3 +125,14 @@ def test_a_payload_is_known_by_inertia_and_weight(mass, distance):
 def test_a_push_swells_and_fades():
     push = Contact(start=0.5, duration=0.2, torque=-3.0)
     np.testing.assert_allclose(push.at(np.array([0.4, 0.5, 0.55, 0.6, 0.7, 0.8])), [0, 0, -1.5, -3, 0, 0], atol=1e-12)
+
+
+def test_a_seconds_pendulum_is_a_metre_long():
+    """Less six millimetres: it swings to and fro in two seconds."""
+    load = Payload(mass=3.0, distance=0.994)
+    assert 2.0 * np.pi * (load.inertia / load.weight) ** 0.5 == pytest.approx(2.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(("seconds", "possible"), [(0.04, True), (0.07, False)])
+def test_no_channel_is_late_by_more_than_a_twentieth_of_a_second(seconds, possible):
+    assert all((cause.low <= seconds <= cause.high) == possible for cause in delay.EFFECT.causes)

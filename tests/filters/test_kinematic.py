@@ -137,3 +137,11 @@ def test_impossible_settings_are_refused(bad):
 def test_a_step_back_in_time_is_refused():
     with pytest.raises(FilterError, match="positive"):
         kinematic_filter(np.zeros(3), np.array([1e-3, -1e-3, 1e-3]), SETTINGS)
+
+
+def test_the_tuning_at_a_millisecond_is_the_papers():
+    """V_a = 1e10 and R = 10 at rest; at other rates as many samples are smoothed over."""
+    for period in (1e-3, 4e-3):
+        settings = KinematicSettings.for_resolution(1e-4, period)
+        ratio = settings.acceleration_variance / settings.variance_max
+        assert ratio == pytest.approx(1e10 / 10.0 * (1e-3 / period) ** 4)

@@ -10,6 +10,8 @@ from vsalog.core.errors import FilterError
 from vsalog.filters.square_root_ukf import (
     UnscentedWeights,
     downdate,
+    keep,
+    surprise_limits,
     triangularise,
     unscented_filter,
     workspace,
@@ -296,3 +298,13 @@ def test_a_middle_that_would_leave_no_covariance_is_left_out():
 def test_weights_that_cannot_be_are_refused(alpha, kappa):
     with pytest.raises(FilterError, match="has to be positive"):
         UnscentedWeights.scaled(3, alpha, 0.0, kappa)
+
+
+@pytest.mark.parametrize(("in_a_row", "lost"), [(50, False), (90, True)])
+def test_a_filter_is_lost_whose_latest_innovations_are_beyond_belief_by_a_majority(in_a_row, lost):
+    """Of a hundred or so: after n of them the share is 1 − 0.99ⁿ, a half at 69."""
+    x, S, surprise = np.zeros(1), np.eye(1), np.zeros(1)
+    rows = np.empty((in_a_row, 1)), np.empty((in_a_row, 1, 1)), np.empty(in_a_row), np.zeros(in_a_row, dtype=bool)
+    for k in range(in_a_row):
+        keep(k, x, S, 1e3, 1, surprise_limits(1), surprise, *rows)
+    assert rows[-1][-1] == lost

@@ -309,3 +309,9 @@ def test_bad_rigs_are_refused_by_key(change: str, message: str) -> None:
 def test_the_preset_is_written_and_read_back() -> None:
     rig = Rig.preset("pam")
     assert Rig.from_toml(rig.to_toml()).file == rig.file
+
+
+@pytest.mark.parametrize(("gauge", "bounded"), [(600.0, True), (1200.0, False)])
+def test_the_friction_of_a_muscle_grows_down_to_a_kilopascal_above_the_outside(gauge: float, bounded: bool) -> None:
+    levels = [friction_level(PAM, PAM.air.outside_pressure + p, 5e5, 0.0, 0.0, 0.0) for p in (gauge, 1.3 * gauge)]
+    assert (levels[0] == levels[1]) == bounded

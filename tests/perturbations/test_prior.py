@@ -1,7 +1,9 @@
 """The weak prior that the recursions begin with: it shall not decide what the data can tell, and where it does that is told."""
 
 import json
+from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -13,6 +15,7 @@ from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import device_of
 from vsalog.estimators.methods import direct, qr_rls, residual_rls
 from vsalog.estimators.tuning import LEAST_USUAL, usual_regressor
+from vsalog.perturbations import prior
 from vsalog.perturbations.prior import WEAKER, weaker
 from vsalog.perturbations.trials import Subject
 from vsalog.rig import Rig
@@ -136,3 +139,28 @@ def test_the_trial_has_a_weaker_prior_but_not_so_weak_that_digits_are_lost(metho
 def test_where_there_is_no_prior_or_a_weak_one_nothing_is_tried():
     assert weaker(subject_of(direct, p0=1e30)) is None
     assert weaker(subject_of(qr_rls, p0=np.inf)) is None
+
+
+class Tuned(msgspec.Struct):
+    """Of a recursion."""
+
+    p0: float | None = None
+    window: int | None = None
+
+
+def weakened(monkeypatch, room):
+    """The prior of a trial, of a prior of one and where rounding leaves room for one that is so much larger."""
+    monkeypatch.setattr(prior, "usual_regressor", lambda *_: (1.0 / (ROUNDING * room)) ** 0.5)
+    subject = SimpleNamespace(
+        tuning=Tuned(),
+        fold=SimpleNamespace(derived={"p0": 1.0}),
+        device=SimpleNamespace(transmissions=(1,)),
+        signals=None,
+    )
+    found = weaker(subject)
+    return None if found is None else found.p0
+
+
+@pytest.mark.parametrize(("room", "found"), [(1e9, 1e4), (120.0, 120.0), (90.0, None)])
+def test_a_trial_s_prior_is_a_hundred_times_as_wide_or_ten_times_where_there_is_no_more_room(monkeypatch, room, found):
+    assert weakened(monkeypatch, room) == (found and pytest.approx(found))

@@ -1,5 +1,7 @@
 """Encoder resolution: what steps that repeat with the motion, or rest, do to an estimate, found by coarser ones."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -137,3 +139,20 @@ def test_a_spring_between_rests_is_known_as_well_as_its_encoders_tell(method):
     assert np.mean(np.abs(z) < 1.96) > 0.9
     # And it is not hidden behind bands that nothing could leave.
     assert 0.4 < np.sqrt(np.mean(z**2)) < 1.1
+
+
+def test_a_trial_s_steps_are_three_times_as_large():
+    """In one of three places."""
+    (trial, *_) = Quantisation().trials(subject_of(to_and_fro((0.0, 0.4))))
+    for role in ("link_position", "motor_position"):
+        apart = np.diff(np.unique(trial.signals.roles[role])) / STEP
+        assert apart[apart > 0.1].min() == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(("steps", "tried"), [(200, True), (450, False)])
+def test_a_deflection_of_more_than_three_hundred_steps_is_not_tried(steps, tried):
+    signals = to_and_fro((0.0, 0.4))
+    signals.roles["motor_position"][:] = 0.0
+    signals.roles["link_position"][:] = STEP * np.round(np.linspace(0.0, steps, COUNT))
+    subject = SimpleNamespace(signals=signals, device=subject_of(signals).device, fold=None)
+    assert (Quantisation().trials(subject) is not None) == tried

@@ -153,3 +153,8 @@ def test_runs_that_each_begin_at_zero_follow_one_another():
     for begin, end in ((0, 100), (100, 200), (200, 250)):
         np.testing.assert_allclose(np.diff(time[begin:end]), 0.01)
     assert one_after_the_other(run) is run
+
+
+def test_points_of_a_figure_are_two_for_each_pixel_column_of_a_wide_screen():
+    x, y = np.random.default_rng(0).random((2, 100_000))
+    assert 500 < scattered(x, y).size <= 2404

@@ -157,3 +157,9 @@ def test_what_cannot_be_controlled_is_refused():
     twice = SCENARIO.replace("FEEDBACK", "truth") + '[[joint.arm.motor_torque]]\ntype = "constant"\nvalue = 1.0\n'
     with pytest.raises(SimulationError, match="drives the same motor"):
         Scenario.from_toml(twice)
+
+
+def test_the_other_two_eigenvalues_are_half_as_fast_again():
+    """Where the joint's own vibration, 37 rad/s, is slower."""
+    found = np.sort(np.abs(np.linalg.eigvals(linear(gains(joint(), M, 60.0, 0.7)))))
+    assert found == pytest.approx([60.0, 60.0, 90.0, 90.0], rel=1e-6)

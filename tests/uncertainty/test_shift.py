@@ -104,3 +104,10 @@ def test_a_shift_may_depend_on_the_set_point_alone():
     counts = (c < 0.18) | (phi < 0.0)
     found = spread_over([phi, c], counts, np.where(c > 0.15, 0.04, 0.0)[None])
     np.testing.assert_allclose(found.at(np.array([0.0, 0.0, 0.9]), np.array([0.11, 0.17, 0.2])), [0.0, 0.2, 0.2])
+
+
+@pytest.mark.parametrize(("outer", "told"), [(0.08, 0.0), (0.15, 0.3)])
+def test_a_range_of_a_deflection_is_moved_where_most_of_it_is(outer, told):
+    """A ninth of −1 to 1 is 0.22 wide."""
+    squares = np.where(np.abs(PHI) > 1.0 - outer, 0.09, 0.0)[None]
+    assert spread_over([PHI], ALL, squares).most == pytest.approx(told)

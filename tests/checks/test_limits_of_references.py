@@ -1,0 +1,44 @@
+"""What an estimate is held against: the rig's own spring, and averages of other sensors."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from vsalog.checks.cross_check import CrossCheck
+from vsalog.checks.nominal import NominalSpring
+from vsalog.estimators.device import device_of
+from vsalog.rig import Rig
+
+ROLES = {role: np.zeros(2) for role in ("link_position", "motor_position", "torque_sensor")}
+JOINT = Rig.from_toml("""
+[joint.arm]
+kind = "elastic"
+[joint.arm.transmission]
+type = "linear"
+stiffness = 100.0
+[joint.arm.signals]
+link_position = "q"
+motor_position = "theta"
+torque_sensor = "tau"
+""").joints["arm"]
+DEVICE = device_of("arm", JOINT, ROLES)
+
+
+@pytest.mark.parametrize(("ratio", "found"), [(2.5, False), (4.0, True), (0.4, False), (0.25, True)])
+def test_a_stiffness_is_of_another_scale_where_ten_times_the_rig_s_is_nearer(ratio, found):
+    watch = NominalSpring().start(SimpleNamespace(device=DEVICE))
+    count, (view,) = 10, DEVICE.transmissions
+    columns = {
+        "deflection": np.linspace(-0.1, 0.1, count),
+        "stiffness": np.full(count, 100.0 * ratio),
+        "excited": np.ones(count, dtype=bool),
+    }
+    watch.add(SimpleNamespace(transmissions={view.name: columns}, time=np.arange(count) * 1e-3))
+    assert [finding.code for finding in watch.findings()] == ["stiffness.scale"] * found
+
+
+@pytest.mark.parametrize(("period", "samples"), [(1e-3, 50), (5e-4, 100)])
+def test_a_twentieth_of_a_second_is_averaged(period, samples):
+    """Longer than what a filter makes of a quick change."""
+    assert CrossCheck((), DEVICE, JOINT, tuple(ROLES), period).box == samples
