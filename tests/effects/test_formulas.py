@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsalog.effects import delay
 from vsalog.effects.backlash import beyond_gap, engaged
 from vsalog.effects.calibration import reading, zeroed
 from vsalog.effects.contact import Contact
+from vsalog.effects.delay import EFFECT as DELAYS
 from vsalog.effects.delay import late, shifted
 from vsalog.effects.drive import commanded_for, delivered
 from vsalog.effects.eccentricity import Eccentricity
@@ -135,4 +135,4 @@ def test_a_seconds_pendulum_is_a_metre_long():
 
 @pytest.mark.parametrize(("seconds", "possible"), [(0.04, True), (0.07, False)])
 def test_no_channel_is_late_by_more_than_a_twentieth_of_a_second(seconds, possible):
-    assert all((cause.low <= seconds <= cause.high) == possible for cause in delay.EFFECT.causes)
+    assert all((cause.low <= seconds <= cause.high) == possible for cause in DELAYS.causes)
