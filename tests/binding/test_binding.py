@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import savgol_coeffs, savgol_filter
 
-from vsalog.binding.grid import is_even
+from vsalog.binding.grid import after_long_silence, is_even
 from vsalog.binding.joint import bind, offered_roles, wanted_channels
 from vsalog.core.errors import BindingError, RigError
 from vsalog.core.recording import Channel, Recording
@@ -255,6 +255,12 @@ def test_a_gap_splits_the_run_and_nothing_is_bridged():
     assert starts.size == 2
     assert not ((signals.time > 0.4) & (signals.time < 0.45)).any()
     assert [(f.code, f.value) for f in signals.findings] == [("recording.gaps", 1.0)]
+
+
+@pytest.mark.parametrize(("missing", "again"), [(2, False), (3, True)])
+def test_a_run_begins_again_after_three_samples_without_a_number(missing, again):
+    values = np.where((np.arange(20) >= 10) & (np.arange(20) < 10 + missing), np.nan, 1.0)
+    assert after_long_silence({"link_position": values})[0].any() == again
 
 
 def test_one_lost_sample_is_no_gap():
