@@ -1,4 +1,4 @@
-"""What is said of noise that few samples tell: how many it takes, and how its variance is taken to go on from octave to octave."""
+"""What is said of noise that few samples tell: how many it takes, and how its variance is taken to go on over the octaves."""
 
 import numpy as np
 import pytest
