@@ -54,7 +54,7 @@ def test_a_vibration_that_needs_more_than_two_thousand_steps_is_in_other_units(s
     ("parts", "rate"),
     [
         ({"friction": "[joint.arm.motor.friction]\ncoulomb = 1.0\npresliding_stiffness = 300.0"}, 300.0),
-        ({"hysteresis": "[joint.arm.transmission.bouc_wen]\ntorque = 0.01\nwidth = 0.00033333"}, 3000.0),
+        ({"hysteresis": "[joint.arm.transmission.bouc_wen]\ntorque = 0.01\nwidth = 0.000334"}, 1.0 / 0.000334),
     ],
 )
 def test_what_has_a_memory_stays_stable_at_five_times_the_speed_that_is_expected(parts, rate):

@@ -42,6 +42,15 @@ def test_what_an_encoder_adds_is_what_it_adds(steps, window):
         assert np.std(rate) > 1.5 * white * np.linalg.norm(weights[1])
 
 
+def test_a_swing_that_takes_little_more_than_the_longer_window_keeps_its_size():
+    """Of 300 samples, where 201 are smoothed: a parabola would flatten it, and its steps would come less often."""
+    motion = 3.0 * np.sin(2 * np.pi * np.arange(TIME.size) / 299.9)
+    recorded = np.round(motion)
+    rate = behind(51, recorded - motion)[1]
+    told = sensor_error(recorded, 51).rms(savgol_weights(51, 5, 2, PERIOD)[1])
+    assert told == pytest.approx(np.std(rate), rel=0.15)
+
+
 @pytest.mark.parametrize("noise", [0.3, 0.6, 0.95])
 @pytest.mark.parametrize("steps", [20.0, 300.0])
 def test_noise_before_the_steps_is_part_of_what_an_encoder_adds(steps, noise):
