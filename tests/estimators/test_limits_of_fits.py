@@ -16,8 +16,7 @@ from vsalog.estimators.friction_compensation import FrictionCompensation, doubt_
 from vsalog.estimators.known_effects import known_of
 from vsalog.estimators.link_impedance import _noise
 from vsalog.estimators.regression import RegressionFold
-from vsalog.estimators.residual_motion import least_change, motion_rows_block, motion_rows_start
-from vsalog.estimators.row_moments import lasts
+from vsalog.estimators.residual_motion import least_change
 from vsalog.estimators.screening import screened
 from vsalog.estimators.solvers import least_samples
 from vsalog.estimators.state_observer import state_columns
@@ -106,25 +105,6 @@ def test_a_deflection_counts_as_covered_two_windows_later():
 @pytest.mark.parametrize(("window", "enough"), [(501, 2505), (251, 1255)])
 def test_five_windows_of_a_filter_tell_how_large_slow_noise_is(window, enough):
     assert least_samples(SimpleNamespace(kind="savitzky-golay", window=window)) == enough
-
-
-@pytest.mark.parametrize(("part", "long"), [(0.6, True), (0.4, False)])
-def test_what_keeps_more_than_half_in_long_averages_lasts(part, long):
-    """Of noise a quarter of the power is left, of an effect all of it: between them is a half."""
-    assert lasts(part, 1.0) == long
-
-
-def test_rows_are_averages_of_25_samples_at_least_and_long_ones_of_four_such():
-    n = 20_000
-    one, at = np.ones(n), np.arange(n)
-    rows = [
-        motion_rows_block(
-            motion_rows_start(1), one[:, None], one[:, None], one, (one, one), at >= 0, at == 0, window, 1e-3
-        )
-        for window in (1, 25, 50)
-    ]
-    assert [r.short.rows for r in rows] == pytest.approx([800, 800, 400], abs=2)
-    assert [r.long.rows for r in rows] == pytest.approx([200, 200, 100], abs=2)
 
 
 @pytest.mark.parametrize(("degree", "found"), [(4, True), (5, False)])
