@@ -15,8 +15,8 @@ def test_a_multiple_leaves_less_than_a_hundred_thousandth(left, computed):
     assert (multiple_of(torque, X) is not None) == computed
 
 
-def code_of(torque):
-    found = computed_from(torque, "arm", "torque_sensor", X, "the deflection")
+def code_of(torque, x=X):
+    found = computed_from(torque, "arm", "torque_sensor", x, "the deflection")
     return None if found is None else found.code
 
 
@@ -27,7 +27,7 @@ def test_a_torque_is_late_by_a_dozen_samples_at_most(samples, followed):
 
 @pytest.mark.parametrize(("power", "followed"), [(5, True), (7, False)])
 def test_a_spring_and_its_lever_arm_are_a_fifth_power_at_most(power, followed):
-    assert (code_of(np.roll(X, 3) ** power) == "torque.filtered_function") == followed
+    assert (code_of(np.roll(X[:1500], 3) ** power, X[:1500]) == "torque.filtered_function") == followed
 
 
 @pytest.mark.parametrize(("part", "found"), [(0.15, False), (0.3, True)])
