@@ -1,5 +1,5 @@
 # make demo   the main job on a sample log
-# make test   everything that must hold: style, types, tests
+# make test   everything that must hold: style, types, tests; of some long ones every second to fifth case, all with ALL=1
 # make bench  speed, beside a reference in the same run
 # make fuzz SECONDS=3600   hostile logs, rigs and models without end: no crash, no hang, no memory beyond 1 GB
 # make battery SEED=1   hidden effects, and how many of them the diagnosis finds
@@ -27,7 +27,7 @@ demo: $(VENV)/.demo
 	@echo "Next: $(BIN)/vsalog init YOUR_LOG > rig.toml, look it over, $(BIN)/vsalog estimate YOUR_LOG --rig rig.toml"
 
 test: lint
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+	$(BIN)/python -m pytest -n 2 --dist worksteal $(ALL:%=--all-cases)
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
