@@ -44,9 +44,25 @@ EVERY = {
     "tests/validation/test_validate.py::test_a_hidden_effect_fails_and_is_named": 2,
     "tests/cli/test_refusals.py::test_magnitudes_that_cannot_be": 2,
     "tests/test_estimator_pages.py::test_the_example_does_what_it_says": 2,
+    "tests/diagnosis/test_selection.py::test_nothing_is_found_in_a_clean_log": 2,
+    "tests/diagnosis/test_balance_pneumatic.py::test_nothing_is_found_where_nothing_is_wrong": 2,
+    "tests/diagnosis/test_bench.py::test_loops_and_dry_friction_are_told_apart_with_their_sizes": 3,
+    "tests/diagnosis/test_trajectory.py::test_values_are_nearer_to_the_truth_and_as_sure_as_is_said": 3,
+    "tests/checks/test_cross_check.py::test_a_motor_with_another_inertia_is_found": 2,
+    "tests/checks/test_cross_check.py::test_a_link_with_another_inertia_is_found": 3,
+    "tests/diagnosis/test_units.py::test_equations_and_noise_are_those_of_the_plain_rig": 3,
+    "tests/cli/test_refusals.py::test_options_that_cannot_be": 2,
+    "tests/perturbations/test_prior.py::test_a_lever_that_begins_elsewhere_is_no_matter": 3,
+    "tests/cli/test_simulate.py::test_every_preset_plays_every_scenario_for_it": 2,
+    "tests/checks/test_residual_over_position.py::test_a_link_encoder_that_errs_several_times_a_turn_is_found": 2,
+    "tests/estimators/test_impedance.py::test_an_encoder_s_steps_are_no_motion_of_the_link": 2,
+    "tests/diagnosis/test_selection.py::test_torques_that_are_held_and_such_that_are_not_are_told_apart_where_that_is_little": 3,
+    "tests/readers/test_window_index.py::test_stamps_that_are_not_as_they_should_be": 3,
+    "tests/checks/test_standstill.py::test_an_encoder_of_a_soft_spring_that_is_stuck_once": 2,
+    "tests/checks/test_standstill.py::test_an_end_that_is_held_while_the_spring_gives_way": 2,
     "tests/hidden_effects/test_cases.py::test_the_log_and_the_nominal_rig_are_what_vsalog_reads": 2,
 }
-"""Tests of which `make test` runs every so manieth case, to end in time on two cores; `make test ALL=1` runs all."""
+"""Tests of which `make test` runs every second to fifth case, to end in time on two slow cores; `make test ALL=1` runs all."""
 
 
 def pytest_addoption(parser):
