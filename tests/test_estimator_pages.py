@@ -169,6 +169,7 @@ def test_relative_links_lead_somewhere(path):
             assert anchor in anchors(target), link
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("name", built_in())
 def test_the_example_does_what_it_says(name, run, tmp_path, samples):
     text = section(page(name), "Example")

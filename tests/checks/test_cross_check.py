@@ -47,6 +47,7 @@ def found(folder, estimator, *names):
     return {f["code"]: f for f in findings if f["code"].startswith("cross_check.") or f["code"] == INERTIA}
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     "estimator", ["residual-rls", "qr-rls", "batch-ls", "algebraic", "direct", "grioli-parametric"]
 )
@@ -130,6 +131,7 @@ def test_a_sensor_of_another_sign_is_found(tmp_path):
     assert found(tmp_path, "qr-rls")[UNRELATED]["value"] == 0.0
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("estimator", ["qr-rls", "batch-ls"])
 @pytest.mark.parametrize(("motor", "differs"), [(1.0, False), (0.97, False), (0.93, True), (0.8, True), (1000.0, True)])
 def test_a_motor_with_another_inertia_is_found(tmp_path, estimator, motor, differs):
@@ -142,6 +144,7 @@ def test_a_motor_with_another_inertia_is_found(tmp_path, estimator, motor, diffe
     assert inertias == ([pytest.approx(0.05 * motor, rel=0.05)] if differs else [])
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(("sensor", "differs"), [(1.0, False), (1.3, True), (1000.0, True)])
 def test_a_link_with_another_inertia_is_found(tmp_path, sensor, differs):
     """Without any motor: the link's inertia in the rig is what there is."""

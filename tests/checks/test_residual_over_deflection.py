@@ -80,6 +80,7 @@ def found(folder, estimator):
     return {finding["code"]: finding for finding in json.loads(done.stdout)["joints"][0]["findings"]}
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("estimator", ["residual-rls", "direct", "grioli-parametric", "algebraic"])
 @pytest.mark.parametrize("kind", ["backlash 0.006", "backlash 0.02", "stop"])
 def test_what_the_basis_cannot_follow_is_found_with_its_size(tmp_path, estimator, kind):
@@ -102,6 +103,7 @@ def test_so_it_is_from_rest_to_rest_and_with_coarse_encoders(tmp_path, estimator
     assert SHAPE in found(tmp_path, estimator)
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize("motion", [sines, rests])
 @pytest.mark.parametrize(
     "estimator", ["residual-rls", "direct", "grioli-parametric", "qr-rls", "batch-ls", "algebraic"]
@@ -112,6 +114,7 @@ def test_a_spring_that_it_can_follow_is_left_alone(tmp_path, estimator, seed, no
     assert not any("shape_over" in code for code in found(tmp_path, estimator))
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     ("pulses", "kind"), [(500, "backlash 0.02"), (700, "backlash 0.02"), (700, "cubic"), (1000, "cubic")]
 )

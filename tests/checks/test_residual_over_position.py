@@ -45,6 +45,7 @@ def estimated(folder, estimator):
     return np.mean((off > 0.05 * STIFFNESS) & (off > 3.0 * trace["stiffness_std"])), found
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("estimator", ["residual-rls", "direct", "algebraic"])
 @pytest.mark.parametrize(("most", "times"), [(5e-3, 3), (5e-3, 7)])
 def test_a_link_encoder_that_errs_several_times_a_turn_is_found(tmp_path, estimator, most, times):
@@ -69,6 +70,7 @@ def test_a_motor_that_cogs_is_found_by_the_method_that_reads_its_torque(tmp_path
     assert SHAPE not in estimated(tmp_path, "direct")[1]
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize(
     "estimator", ["residual-rls", "direct", "algebraic", "grioli-parametric", "qr-rls", "batch-ls"]
 )

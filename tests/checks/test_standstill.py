@@ -54,6 +54,7 @@ def findings(folder, estimator, q, theta, stuck=None, seconds=(0.0, 0.0)):
     return [f for f in joint["findings"] if f["code"] == "encoder.stuck"]
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("estimator", ["residual-rls", "direct"])
 @pytest.mark.parametrize(("name", "role"), [("q", "link_position"), ("theta", "motor_position")])
 @pytest.mark.parametrize("seconds", [(12.0, 20.0), (6.0, 9.0)])
@@ -64,6 +65,7 @@ def test_an_encoder_of_a_soft_spring_that_is_stuck_once(tmp_path, estimator, nam
     assert (found["evidence"]["begin"], found["evidence"]["end"]) == pytest.approx(seconds, abs=0.03)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("estimator", ["residual-rls", "direct"])
 @pytest.mark.parametrize("held", ["q", "theta"])
 @pytest.mark.parametrize("seconds", [(11.0, 19.0), (6.0, 9.0)])

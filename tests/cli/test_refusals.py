@@ -178,6 +178,7 @@ def test_a_joint_that_stands_still(run, bench):
     assert not pq.read_table(bench / "log.stiffness.parquet")["excited"].to_numpy().any()
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -214,6 +215,7 @@ def test_an_observer_that_never_settles(refused, simulate, tmp_path):
     assert "ask for a higher frequency" in message
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("estimator", ["residual-rls", "qr-rls", "direct"])
 @pytest.mark.parametrize(
     ("key", "value", "named"),

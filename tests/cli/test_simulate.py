@@ -113,6 +113,7 @@ def test_an_ideal_log_has_no_noise(done, tmp_path):
     assert (tmp_path / "1.csv").read_bytes() == (tmp_path / "2.csv").read_bytes()
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("preset", presets())
 def test_every_preset_plays_every_scenario_for_it(preset, done, tmp_path):
     mine = [name for name in built_in() if re.fullmatch(rf"{preset}-exp\d", name)]

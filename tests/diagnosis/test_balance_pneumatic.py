@@ -186,6 +186,7 @@ def test_a_clamped_seesaw_needs_no_encoder_and_has_no_equation_of_its_own() -> N
 METER = ("torque_sensor",)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("bench", "without", "cause", "part", "parameter", "truth"),
     [
@@ -218,6 +219,7 @@ def test_each_cause_is_named_with_its_size(
     assert loss(found) < 1.3 * found.system.count
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("without", [(), ("torque_sensor",), ("link_position",), ("pressure_2",), ("valve_1",)])
 def test_nothing_is_found_where_nothing_is_wrong(without: tuple[str, ...]) -> None:
     found = diagnosed(Bench(), without)

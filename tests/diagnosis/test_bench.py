@@ -44,6 +44,7 @@ def turned(seconds, seed, loop, dry):
     return time, roles
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("loop", "dry", "expected"),
     [

@@ -76,6 +76,7 @@ def with_springs(text, factors):
     return "\n".join(lines)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(("factors", "common"), [((1.07, 1.07), True), ((1.07, 0.95), False)])
 def test_springs_that_are_both_stiffer_have_one_factor(log, tmp_path, factors, common):
     rig = tmp_path / "rig.toml"

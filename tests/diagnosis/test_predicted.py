@@ -66,6 +66,7 @@ def laid(folder, truth, rig, roles):
     return folder / "log.csv", folder / "held.csv"
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("situation", SITUATIONS)
 def test_a_sound_log_is_predicted_to_its_noise(tmp_path, situation):
     rig, roles, answered = SITUATIONS[situation]
@@ -90,6 +91,7 @@ HIDDEN = {
 }
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("situation", SITUATIONS)
 def test_what_is_wrong_has_a_gain_on_the_held_out_log(tmp_path, situation):
     (rig, roles, answered), (truth, cause) = SITUATIONS[situation], HIDDEN[situation]
@@ -144,6 +146,7 @@ PRESETS = {
 }
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(("preset", "lacks"), PRESETS)
 def test_other_devices_that_lack_a_part_are_predicted_to_their_noise(tmp_path, request, preset, lacks):
     rig = Rig.preset(preset)

@@ -163,6 +163,7 @@ PUSHED = pytest.mark.xfail(reason="a short push is not yet told from model error
 UNMET = {"link.contact": PUSHED}
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("cause", [pytest.param(c, marks=UNMET.get(c, ())) for c in HIDDEN])
 def test_what_is_hidden_is_named_with_its_numbers_and_its_gain(tmp_path, cause):
     truth, expected = HIDDEN[cause]

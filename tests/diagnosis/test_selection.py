@@ -44,6 +44,7 @@ def squares(selection, joint=None):
     return float(np.sum(system.whitened(there) ** 2)) / system.count
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("seed", range(6))
 def test_nothing_is_found_in_a_clean_log(seed):
     """Its torque is smooth, not held from sample to sample: that must not look like a delay either."""
@@ -70,6 +71,7 @@ HIDDEN = {
 }
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("cause", HIDDEN)
 def test_the_hidden_cause_is_found_alone_and_with_its_size(cause):
     truth, expected = HIDDEN[cause]
@@ -184,6 +186,7 @@ def test_where_nothing_is_looked_for_nothing_is_found():
     assert selection.blocks.shape == system.centres.shape
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("seed", "late"),
     [(0, 0.0), (0, 0.5), (1, 0.0), (1, 0.5), (2, 0.0), (2, 0.5)],

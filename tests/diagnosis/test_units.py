@@ -40,6 +40,7 @@ def looked_at(folder, role="", change=None):
     return joint, system, shoot(joint, windows, np.zeros((len(windows.spans), 4)))
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(("role", "way"), CASES)
 def test_equations_and_noise_are_those_of_the_plain_rig(tmp_path, role, way):
     joint, plain, before = looked_at(tmp_path / "plain", role)
@@ -74,6 +75,7 @@ WRONG = {
 }
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("cause", WRONG)
 def test_what_is_found_beside_counts_is_told_in_the_joints_units(tmp_path, cause):
     truth, role, expected = WRONG[cause]

@@ -97,6 +97,7 @@ def test_a_sensor_that_an_unknown_spring_was_fitted_to_is_judged_by_motor_and_li
     np.testing.assert_allclose(flexibility_torque(arm.transmission, phi), flexibility_torque(truth, phi), atol=0.02)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("zero", ["motor_position", "link_position", "torque_sensor"])
 def test_motor_and_link_tell_whose_the_torque_at_rest_is(tmp_path, zero):
     """What is 0.02 rad of an encoder, or 0.24 N·m of the sensor, for a spring, is that of no other for motor and link."""

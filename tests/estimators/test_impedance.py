@@ -293,6 +293,7 @@ def test_what_the_torque_s_noise_bends_is_told(tmp_path, seed):
     assert abs(inertia - 0.05) < 2.5 * std
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     ("turn", "told"), [(40_000, True), (2000, True), (500, None), (200, None), (90, False), (40, False)]
 )

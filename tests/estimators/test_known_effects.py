@@ -91,6 +91,7 @@ def errors(effect, believed, name):
     return {"fed": fed, "fitted": fitted, "stiffness": share, "stds": ratio}
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(("effect", "name"), CASES)
 def test_an_extended_rig_is_estimated_as_well_as_a_plain_one(effect, name):
     plain, known, unknown = errors("none", "none", name), errors(effect, effect, name), errors(effect, "none", name)
@@ -160,6 +161,7 @@ def trace_of(fold, signals, *sizes):
     return Trace.concatenate(parts), fold.findings(state)
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize("kind", ["savitzky-golay", "kinematic", "pair"])
 @pytest.mark.parametrize("name", ["residual-rls", "qr-rls", "batch-ls", "SENSOR"])
 @pytest.mark.parametrize("joint", [ALL, BRISTLES], ids=["ideal", "bristles"])

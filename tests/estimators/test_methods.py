@@ -92,6 +92,7 @@ def short():
     }
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("device", ["vsa2", "awas"])
 @pytest.mark.parametrize(("name", "tune"), CASES)
 def test_blocks_of_any_size_give_the_same_bits_as_the_whole(short, device, name, tune):

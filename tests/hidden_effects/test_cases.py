@@ -40,6 +40,7 @@ def folder(tmp_path_factory):
     return out
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("device", DEVICES)
 def test_the_log_and_the_nominal_rig_are_what_vsalog_reads(folder, device):
     rig = Rig.load(folder / device / "rig.toml")

@@ -87,6 +87,7 @@ def wrong(trace, off):
     return np.mean((off > 0.05 * trace["stiffness"]) & (off > 3.0 * trace["stiffness_std"]))
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("estimator", ["residual-rls", "algebraic", "direct"])
 def test_a_lever_that_begins_elsewhere_is_no_matter(awas, estimator):
     """The rig says 100 mm; with r from 90 mm the stiffness still is a polynomial of the basis, if not r² alone.
@@ -99,6 +100,7 @@ def test_a_lever_that_begins_elsewhere_is_no_matter(awas, estimator):
     assert "prior.holds_back" not in found
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("estimator", "solver"),
     [("residual-rls", ()), ("algebraic", ()), ("direct", ()), ("direct", ("--tune", "solver=qr"))],

@@ -55,6 +55,7 @@ def test_values_of_more_or_of_one_that_is_faster_are_told(tmp_path, turns, digit
     assert told(log_of(tmp_path / "log", np.round(np.choose(which, (ONE, OTHER, THIRD)) + NOISE, digits)))
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("turns", [3, 4, 5, 6])
 @pytest.mark.parametrize("off", [0, 1e-3])
 def test_vibrations_and_pulses_as_fast_are_those_of_one(tmp_path, turns, off):

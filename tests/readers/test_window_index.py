@@ -89,6 +89,7 @@ def equal_to_the_whole(path, begin, end, wanted=None, time="auto"):
     return found
 
 
+@pytest.mark.every(5)
 @KINDS
 @pytest.mark.parametrize("time", ["auto", "header", "log"])
 @pytest.mark.parametrize(("begin", "end"), [(100, 110), (0, 5), (595, 700), (61, 65)])
@@ -110,6 +111,7 @@ def test_a_rare_stream_is_read_throughout(tmp_path, kind, monkeypatch):
     assert found.channel("/rare.position[b]").values.tolist() == [900]
 
 
+@pytest.mark.every(3)
 @KINDS
 @pytest.mark.parametrize(
     ("begin", "end", "stamp"),

@@ -46,6 +46,7 @@ def plain(models, tmp_path_factory):
     return {reference: held(models["sea"], log, reference, folder) for reference in ("sensor", "residual")}
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("name", EFFECTS)
 def test_a_known_effect_costs_nothing_and_an_unknown_one_does(name, models, plain, tmp_path):
     setting, reference = EFFECTS[name]

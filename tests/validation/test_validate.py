@@ -106,6 +106,7 @@ TOLD = {
 }
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("name", TOLD)
 def test_the_leading_finding_is_the_hidden_effect(name, models, tmp_path):
     setting, on, code = TOLD[name]
@@ -176,6 +177,7 @@ HIDDEN = {
 }  # fmt: skip
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("name", HIDDEN)
 def test_a_hidden_effect_fails_and_is_named(name, models, tmp_path):
     options, on, code = HIDDEN[name]

@@ -17,8 +17,7 @@ from vsalog.core.errors import BatchError
 
 NAME = ".lock"
 BEAT = 20.0
-"""Seconds between signs of life: lines of progress where there is no terminal, and of a lock in an object store, whose owner is
-taken for dead that misses four, within two minutes."""
+"""Seconds between two renewals of a lock in an object store; an owner that misses four, within two minutes, counts as dead."""
 
 
 @contextmanager

@@ -11,12 +11,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from vsalog.batch.lock import BEAT
 from vsalog.batch.records import Answer, Do, Log, Record
 from vsalog.batch.run import Outcome
 from vsalog.core.documents import document_text
 from vsalog.core.printable import plural
 from vsalog.report.page_text import plain
+
+LINE_INTERVAL = 30.0
+"""Seconds between two lines of progress where there is no terminal: a job's log stays short, and shows that work goes on."""
 
 
 class Shown:
@@ -78,7 +80,7 @@ class Shown:
             self.say(f"failed: {_reason(record)}")
         if self._bar is not None:
             self._bar.update(self._id, completed=self._done_bytes, description=escape(self._words()))
-        elif time.monotonic() - self._last > BEAT:
+        elif time.monotonic() - self._last > LINE_INTERVAL:
             self._last = time.monotonic()
             self.say(self._words())
 

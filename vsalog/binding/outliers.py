@@ -20,18 +20,17 @@ Flags = NDArray[np.bool_]
 
 # Roles that no command makes jump; a push or a blow seen by an accelerometer may be as short as it likes.
 ROLES = ("motor_position", "link_position", "deflection", "torque_sensor", "pressure")
-# A running median of twice as many samples as the longest outlier and one passes over it, and keeps steps as they are.
 
 MOST_OUTLIERS = 0.02
-"""Part of the samples that may stand alone [1]; of pulses that come more often, or noise with heavy tails, it is how far they
-usually are from the median. Where one outlier of that length is more, the log is too short to show what is usual."""
+"""Largest part of the samples that may be outliers [1]. The others give the usual distance from the running median, which pulses
+that come more often, and noise with heavy tails, make large. A log in which one longest outlier is a larger part is too short."""
 
 TAIL_INDEX = 3.0
 """Power with which the tail of a sensor's noise falls off, at least [1]: Student's t of three degrees of freedom, the heaviest
 that has a variance."""
 
 LEAST_SHARE = 0.05
-"""How far a sample is off that stands alone, in parts of the signal's usual range [1]; less does not spoil a fit."""
+"""Least distance of an outlier from the running median, as a share of the signal's usual range [1]; less does not spoil a fit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +120,8 @@ def _middle(known: Array) -> Array:
     """Return the running median."""
     from scipy.ndimage import median_filter
 
-    # The mirror does not repeat the first sample: alone, it would be three of seven.
+    # Over so many samples it passes over the longest outlier, and keeps steps as they are. The mirror does not repeat the first
+    # sample: alone, it would be three of seven.
     return np.asarray(median_filter(known, 2 * LONGEST_OUTLIER + 1, mode="mirror"))
 
 

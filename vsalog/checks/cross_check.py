@@ -37,7 +37,8 @@ from vsalog.uncertainty.errors_in_variables import MOST_NOISE
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Seconds that are averaged, at least: what an estimator's filters make of quick changes is shorter.
+# Shortest time over which torques are averaged before they are compared [s]: the transients that an estimator's filters add to
+# quick changes are shorter.
 AVERAGED_TIME = 0.05
 ANGLE = "link_position"
 # What is no sensor, but made of the motor's torque and motion.

@@ -12,7 +12,6 @@ from vsalog.checks.samples import FEWEST_LEVELS, MOVED_SHARE, SAME_MOTION, moved
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.precision import ROUNDING
 from vsalog.core.resolution import spread_over
-from vsalog.estimators.folding import BLOCK
 
 Array = NDArray[np.float64]
 
@@ -21,6 +20,8 @@ COMPUTED_RESIDUAL = 1e-5
 sensor's noise a hundred times as much."""
 LAGS = 12
 """Samples before and after from which a torque that was delayed or averaged follows."""
+JUDGED_SAMPLES = 2**13
+"""Consecutive samples of which a torque's dependence on another signal is judged: some swings, at whose ends a loop jumps."""
 POWERS = 5
 """Highest power of these samples: springs harden by the third, and the lever arms of a mechanism add one or two."""
 
@@ -131,9 +132,8 @@ def _follows(torque: Array, x: Array) -> bool:
     # Not where it is held or interpolated: only fresh values tell, those of a slower topic where its lines meet.
     on_a_line = np.abs(before - 2.0 * here + after) <= ROUNDING * float(np.nanmax(torque) - np.nanmin(torque))
     rows = LAGS + np.flatnonzero(np.isfinite(here) & (here != before) & ~on_a_line)
-    # In a row, as many as there is room for: some swings, at whose ends a loop jumps.
-    first = max(0, (rows.size - BLOCK) // 2)
-    F, y, last = _columns(torque, x, rows[first : first + BLOCK])
+    first = max(0, (rows.size - JUDGED_SAMPLES) // 2)
+    F, y, last = _columns(torque, x, rows[first : first + JUDGED_SAMPLES])
     if _is_told(F, y, SAME_MOTION):
         return True
     # Behind a lag its own last value counts too. That tells a loop as well, except where it jumps: no value may be off.

@@ -201,7 +201,7 @@ def _trial(moments: Array, shape: list[int], controls: list[int], residual: int)
 
 
 def _held_out(moments: Array, shape: list[int], controls: list[int], residual: int) -> tuple[Association | None, float]:
-    """Return the association at the given blocks, and how alike neighbouring scores are, in what chance makes of that."""
+    """Return the association with these blocks, and the correlation of neighbouring blocks' scores over its standard error."""
     trial = _trial(moments, shape, controls, residual)
     if trial is None:
         return None, 0.0
@@ -224,8 +224,8 @@ def _memory(products: Array, squares: float) -> tuple[float, float, float]:
 
     Returns
     -------
-    How alike neighbours are, in what chance makes of that; how much wider what they share makes the variance of their sum; and
-    the degrees of freedom by which that variance is known, a third where two neighbours count in it.
+    The correlation of neighbours over its standard error; the factor by which it raises the variance of the scores' sum; and the
+    degrees of freedom of that variance, a third where two neighbours count in it.
     """
     shared, chance = float(products.sum()), float(np.sqrt(np.sum(products**2)))
     if shared <= ROUNDING * squares:

@@ -26,8 +26,10 @@ def one_sided(tail: float) -> float:
 
 
 def variance_ratio(tail: float, degrees: int) -> float:
-    """Return how many times its expectation a variance of so many independent normal values exceeds with a probability."""
-    # A command that only prints its help needs none of it.
+    """Return the upper quantile of χ²/ν: the ratio of a sample variance of ν degrees of freedom to the true variance that is
+    exceeded with the probability `tail`.
+    """
+    # Imported here, since a command that only prints its help does not need scipy.
     from scipy import special
 
     return float(special.chdtri(degrees, tail)) / degrees
@@ -39,7 +41,7 @@ def draws_for(tail: float) -> int:
 
 
 def repeats_for(tail: float) -> int:
-    """Return how often something has to turn out alike, which chance would one time in two, to do so with that probability."""
+    """Return the number of equal outcomes in a row, of probability 1/2 each, that chance gives with at most a probability."""
     return math.ceil(-math.log2(tail))
 
 

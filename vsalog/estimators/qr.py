@@ -70,7 +70,7 @@ def qr_block(
     F : shape (N, n), regressors
     y : shape (N,), what they shall add up to
     use : shape (N,), samples to learn from
-    fresh : shape (N,), samples at which the first unknown begins anew
+    fresh : shape (N,), samples at which the first unknown begins again
     E : shape (N, q, n), functionals to evaluate
     spread : shape (q,), which of them need a variance
     forgetting : λ of eq. 21–22; R is multiplied by it, so a sample's squared error is discounted by λ² a step

@@ -9,11 +9,12 @@ from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.readers.limits import PACKED_BYTES
 
 FILE_RATIO = 100
-"""Tables and MATLAB files become ten times smaller, and their samples a few times as large in memory; what unfolds to so many
-times its size, and is large, is no recording but a bomb."""
+"""Largest ratio of a table's or MATLAB file's unpacked bytes, or of a log's samples in memory, to the size of its file [1]. Real
+ones reach some tens; a large file beyond is refused as a decompression bomb."""
 
 MAX_RATIO = 1032
-"""How many times larger zlib can make anything (zlib.net/zlib_tech.html); no recording is compressed more by another library."""
+"""Largest compression ratio of a chunk or page [1]: zlib's limit (zlib.net/zlib_tech.html), which no recording exceeds with other
+codecs either."""
 
 
 class DamagedDataError(Exception):

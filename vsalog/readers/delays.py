@@ -45,9 +45,8 @@ class Delays:
             return False
         self.least, self.most = min(self.least, int(delay.min())), max(self.most, int(delay.max()))
         before, self.level[stream] = self.level.get(stream), int(np.median(delay))
-        if (
-            before is not None and abs(self.level[stream] - before) > DELAY_VARIATION
-        ):  # a clock may have been set between them
+        # A clock may have been set between them.
+        if before is not None and abs(self.level[stream] - before) > DELAY_VARIATION:
             self.stepping.add(stream)
         self.seen[stream] += 1
         self.rows[stream] += stamps.size

@@ -20,7 +20,7 @@ class At(IntEnum):
     Ahead of the stamp is a sequence number (ROS 1) or what tells the byte order (ROS 2).
     """
 
-    STAMP, FRAME = 4, 4 + 8
+    FRAME = 4 + 8
 
 
 def has_frame(root: Struct, cdr: bool) -> bool:

@@ -29,7 +29,7 @@ def summary_records(file: IO[bytes], start: int | None = None) -> Iterator[tuple
     file : binary file
         Opened.
     start : int, optional
-        Where it begins, if not where the footer says: where chunks were taken out it lies nearer to the file's beginning.
+        Byte at which it begins, in place of the footer's: removed chunks leave the footer's number too large.
     """
     found = _footer(file)
     if found is None:

@@ -138,9 +138,8 @@ class ParquetRows:
         """Return columns side by side, in the file's order, null where there are no cells."""
         fields = [field for field in self.schema if field.name in columns]
         taken = {name: iter(arrays) for name, arrays in cells.items()}
-        found = [
-            next(taken.get(field.name, iter(())), None) for field in fields
-        ]  # a group without members has no cells
+        # A group without members has no cells.
+        found = [next(taken.get(field.name, iter(())), None) for field in fields]
         arrays = [pa.nulls(count, f.type) if one is None else one for one, f in zip(found, fields, strict=True)]
         return pa.RecordBatch.from_arrays(arrays, [field.name for field in fields])
 

@@ -25,7 +25,7 @@ from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages, Packet
 
 LEAST_RUNS = 3
-"""Runs of messages that are by turns of two publishers; one that is set up anew changes its frame fewer times. A frame that is
+"""Runs of messages that are by turns of two publishers; one that is set up again changes its frame fewer times. A frame that is
 `MOST_BAD_STAMPS` of another may be its slip: then it stands where one of the other would have been, two intervals
 apart if these are regular."""
 _UNNAMED = "unnamed"  # what publishers without a name are called

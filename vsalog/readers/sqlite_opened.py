@@ -1,7 +1,7 @@
 """SQLite files opened for reading only, with nothing left behind beside them.
 
 A database with a write-ahead log is read with the help of a third file, FILE-shm. Who may only read creates it all the same, as
-well as a log where there is none, and leaves both behind; one that a killed program has left is written anew.
+well as a log where there is none, and leaves both behind; one that a killed program has left is written again.
 """
 
 from __future__ import annotations

@@ -200,7 +200,7 @@ def _skip_preamble(table: Sequence[tuple[int, list[str]]], start: int, width: in
 def _skip_settings(table: Table, start: int, width: int, decimal_comma: bool) -> int:
     """Step over lines that say something of the log in as many cells as it has columns: the header below names a clock.
 
-    A few rows of values may be ahead of it too, as where a serial port was listened to before the recording began anew.
+    A few rows of values may be ahead of it too, as where a serial port was listened to before the recording began again.
     """
     rows = 0
     for k, (_, cells) in enumerate(table[start:], start=start):

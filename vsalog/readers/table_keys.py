@@ -179,7 +179,7 @@ def _jump(values: Values, who: Numbers) -> bool:
 def _in_blocks(candidate: _Candidate, first: pa.Array, keys: Sequence[int], clock: ClockColumn, whole: Whole) -> bool:
     """Tell whether the rows of one speaker follow those of another, with the same times once more.
 
-    Where the column is not called so, it may tell one experiment from the next: only dates, which do not begin anew with every
+    Where the column is not called so, it may tell one experiment from the next: only dates, which do not begin again with every
     log, say that blocks are of the same time. Where other columns are known to say whose values rows hold, the rows of each are
     looked at by themselves.
     """

@@ -28,7 +28,7 @@ _GZIP = b"\x1f\x8b"
 
 
 class WindowBits(IntEnum):
-    """What zlib is told of a stream's header, and the checksum behind it (zlib's manual, inflateInit2)."""
+    """Values of zlib's parameter wbits: window size, and the header and checksum to expect (zlib's manual, inflateInit2)."""
 
     GZIP = 16 + zlib.MAX_WBITS
 

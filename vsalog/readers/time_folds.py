@@ -29,9 +29,9 @@ class Folds:
     Parameters
     ----------
     period : int
-        After how long the clock begins anew [ns].
+        After how long the clock wraps [ns].
     dated : bool
-        Dates stand beside it: it begins anew only where the date stays the same, because it is that of the log's begin.
+        A date column goes with it: it wraps only where the date stays the same, because that is the date of the log's begin.
     """
 
     def __init__(self, period: int, dated: bool) -> None:
@@ -71,16 +71,16 @@ class Folds:
         ]
 
     def _periods(self, times: Stamps, before: Stamps, told: NDArray[np.bool_]) -> Stamps:
-        """Return how often the clock has begun anew at each sample."""
+        """Return how often the clock has wrapped by each sample."""
         steps = times - before
         near = self._period // 24
-        anew = steps < -self._period // 8  # no sample comes so late
+        wraps = steps < -self._period // 8  # no sample comes so late
         if self._dated:
-            anew &= (steps < near - self._period) & (times // Nanoseconds.DAY == before // Nanoseconds.DAY)
-        anew &= ~told
+            wraps &= (steps < near - self._period) & (times // Nanoseconds.DAY == before // Nanoseconds.DAY)
+        wraps &= ~told
         # A sample from before midnight that comes after it, or a date that follows late.
         undone = np.abs(steps - self._period) < near
-        turns = self._turns + np.cumsum(anew.astype(np.int64) - undone)
+        turns = self._turns + np.cumsum(wraps.astype(np.int64) - undone)
         lowest = np.minimum(np.minimum.accumulate(turns), self._lowest)
         self._turns, self._lowest = int(turns[-1]), int(lowest[-1])
         self._most = max(self._most, int((turns - lowest).max()))
@@ -137,16 +137,16 @@ class Restarts:
         few = REPEATS * int(np.median(steps[steps > 0])) if (steps > 0).any() else 0
         earlier, later = np.append(self._step, steps[:-1]), np.append(steps[1:], 0)
         # The clock goes on from the first stamps; a single stamp that is wrong, before or here, is left where it is.
-        anew = falls & (-steps > few) & (times <= self._first + few) & (np.maximum(earlier, later) < -steps // 2)
-        anew &= (self._first < Stamp.YEAR_2000) & (-steps < Stamp.YEAR_2000)
-        anew &= 2 * np.count_nonzero(falls) <= len(steps)  # else the newest rows are first
+        restarts = falls & (-steps > few) & (times <= self._first + few) & (np.maximum(earlier, later) < -steps // 2)
+        restarts &= (self._first < Stamp.YEAR_2000) & (-steps < Stamp.YEAR_2000)
+        restarts &= 2 * np.count_nonzero(falls) <= len(steps)  # else the newest rows are first
         full = np.zeros(len(steps), np.int64)
         for size in _FULL:
             if few < size // 4:
                 full[falls & (before >= size - few) & (before < size) & (times <= few)] = size
-        anew &= full == 0
-        self._count += int(np.count_nonzero(anew))
+        restarts &= full == 0
+        self._count += int(np.count_nonzero(restarts))
         self._overflows += int(np.count_nonzero(full))
-        shifts = self._shift + np.cumsum(np.where(anew, few - steps, full))
+        shifts = self._shift + np.cumsum(np.where(restarts, few - steps, full))
         self._shift, self._step = int(shifts[-1]), int(steps[-1])
         return shifts

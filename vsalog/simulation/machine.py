@@ -39,7 +39,7 @@ Movable = RigidJoint | ElasticJoint | SerialJoint | AntagonisticJoint
 STIFF_STEPS = 16
 """Steps per period for the sake of damping alone beyond which implicit steps are cheaper: the equations are stiff."""
 MOST_STEPS = 2000
-"""Steps per period, or sines of a multisine, beyond which units are likelier wrong than modes that fast or spectra that fine."""
+"""Integration steps per sample period beyond which a unit in the rig is likelier wrong than a mode that fast."""
 BRISTLE_SPEED = 10.0
 """Speed at which bristles have to be followed where none is known [rad/s]; they stay stable at five times this."""
 DEFLECTING = 1.0

@@ -20,7 +20,6 @@ from vsalog.rig.load import Rig, presets
 from vsalog.rig.schema import AntagonisticJoint, Joint, RigFile, RigidJoint, SerialJoint
 from vsalog.simulation.control import Controller, controller_of
 from vsalog.simulation.inputs import Input, Motion, Servo
-from vsalog.simulation.machine import MOST_STEPS
 from vsalog.simulation.scenario_generic import GENERIC, generic
 from vsalog.simulation.scenario_parts import sum_of_parts
 from vsalog.simulation.scenario_schema import (
@@ -36,6 +35,9 @@ from vsalog.simulation.scenario_schema import (
     Steps,
     Trapezoid,
 )
+
+MOST_SINES = 2000
+"""Sines of a multisine, at most: a finer spectrum than a log of minutes resolves, which costs as many evaluations per sample."""
 
 # The SI unit of what drives a role, by how the role's name begins or ends.
 TORQUE, ANGLE, VOLTAGE = "N*m", "rad", "V"
@@ -379,5 +381,5 @@ def _check_part(part: Part, path: KeyPath) -> None:
         lowest = part.spacing if part.lowest_frequency is None else part.lowest_frequency
         if part.highest_frequency < max(lowest, part.spacing):
             refuse((*path, "highest_frequency"), "there is no multiple of 'spacing' up to it")
-        if part.highest_frequency / part.spacing > MOST_STEPS:
-            refuse((*path, "spacing"), f"makes more than {MOST_STEPS} sines; take a wider one")
+        if part.highest_frequency / part.spacing > MOST_SINES:
+            refuse((*path, "spacing"), f"makes more than {MOST_SINES} sines; take a wider one")

@@ -48,19 +48,19 @@ from vsalog.core.significance import FALSE_ALARM, variance_ratio
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Samples that are summed first, at least: nothing moves within so few. Octaves that are looked at, and lengths of batches, each
-# twice the one before.
+# Samples summed to one value before the wavelet transform, at least: no joint moves within so few. Number of octaves, and of
+# batch lengths, each twice the one before.
 BOX, OCTAVES = 4, 14
-# An octave's variance is expected to go on as those before it did, half as steeply; the expectation counts as so many
-# coefficients. A logarithm of a variance of few is too small by one over their number, and what is divided by it has the tails,
-# and so the variance, of Student's t: two more.
+# Prior of an octave's log variance, extrapolated from the octaves before it with half their slope: its weight in wavelet
+# coefficients. And the correction of an estimate from few coefficients, in coefficients: the mean of a logarithm is too small by
+# one over their number, and a ratio to an estimated variance has the larger variance of Student's t, two more.
 COEFFICIENTS_OF_EXPECTATION, COEFFICIENTS_OF_TAILS = 8.0, 3.0
 # No power of the frequency is beyond this [1]: what was differentiated twice has 4. And no variance is expected to rise towards
 # slow octaves by a higher power than this [1]: flicker noise has 1.
 STEEPEST_POWER, STEEPEST_RISE = 4.0, 1.0
-# Batches, or coefficients of an octave, from which a variance is known well enough: to 25 %.
+# Batches, or coefficients of an octave, that give a variance to 25 %.
 ENOUGH_BATCHES = 32
-# By how much more of a variance the batches have to make than stationary noise would.
+# Ratio of the batches' variance to that of stationary noise, from which on noise is not stationary.
 CLEARLY_NONSTATIONARY = variance_ratio(FALSE_ALARM, ENOUGH_BATCHES)
 
 # Scaling filter of Daubechies' wavelet with four vanishing moments (Ten Lectures on Wavelets, table 6.1).
@@ -76,12 +76,12 @@ SLOW_OCTAVE = 4
 
 
 def samples_until_known() -> int:
-    """Return without how many samples nothing is said: the fastest octave has one coefficient of two boxes."""
+    """Return the number of samples from which on a covariance is given: the fastest octave has a coefficient every two boxes."""
     return 2 * BOX * ENOUGH_BATCHES
 
 
 def look_interval() -> int:
-    """Return how many samples lie between two looks: as many as bring something new to the slow octaves."""
+    """Return the samples between two updates of the covariance: the slow octaves have a new coefficient as often."""
     return BOX << SLOW_OCTAVE
 
 
@@ -300,9 +300,9 @@ def _loop(integral: bool, forgets: bool) -> Callable[..., int]:
         row, mean = vectors[Vector.ROW], vectors[Vector.MEAN]
         this, closed = energy[Run.THIS], energy[Run.CLOSED]
         looks = 0
-        # A variance of nothing at all, whose logarithm is still a number.
+        # In place of a variance of zero, which has no logarithm.
         nothing = np.finfo(np.float64).tiny
-        # The slow octaves see something new as often as that; see `look_interval`.
+        # As `look_interval`, which compiled code cannot call.
         every = BOX << SLOW_OCTAVE
         fall, rise = -STEEPEST_POWER * math.log(2.0), STEEPEST_RISE * math.log(2.0)
         for k in range(count + 1):
