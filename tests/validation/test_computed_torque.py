@@ -101,3 +101,14 @@ def test_a_law_of_the_fifth_power_is_seen_behind_a_delay(power, told):
     phi = deflection()[1]
     torque = np.roll(20.0 * phi + 20.0 * phi * (phi / np.max(np.abs(phi))) ** (power - 1), 3)
     assert (computed_from(torque, "j", "torque_sensor", phi, "the deflection") is not None) == told
+
+
+@pytest.mark.parametrize(("computed", "told"), [(12_000, True), (6000, False)])
+def test_eight_thousand_samples_in_the_middle_of_a_log_judge_it(computed, told):
+    """What is before and behind is noisy, as where a sensor was switched to and fro."""
+    t = np.arange(40_000) * 1e-3
+    phi = 0.03 * sum(np.sin(2 * np.pi * f * t + f) for f in (0.31, 0.77, 1.9))
+    noise = 1e-3 * np.random.default_rng(3).standard_normal(t.size)
+    noise[(t.size - computed) // 2 : (t.size + computed) // 2] = 0.0
+    torque = np.roll(law(phi), 3) + noise
+    assert (computed_from(torque, "j", "torque_sensor", phi, "the deflection") is not None) == told
