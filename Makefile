@@ -15,6 +15,8 @@ BIN = $(VENV)/bin
 BATTERY = --out battery$(addprefix /,$(firstword $(FAMILY))$(ENGINE:%=-%)) $(FAMILY:%=--kind %) $(ENGINE:%=--engine %) $(CASES:%=--cases %)
 IMPORTED = numba llvmlite numpy scipy pyarrow pandas msgspec rosbags distributed dask
 MAKEFLAGS += --no-print-directory
+# Tests start many processes: what one has compiled the next ones load, also where the environment says otherwise.
+export PYTHONDONTWRITEBYTECODE =
 
 .PHONY: demo test lint bench battery fuzz limits samples clean
 

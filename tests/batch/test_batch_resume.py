@@ -49,6 +49,7 @@ def test_what_is_finished_is_not_done_again(tmp_path, logs, here):
         assert (path.stat().st_ino, path.stat().st_mtime_ns) == (stat.st_ino, stat.st_mtime_ns)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     ("change", "again"),
     [

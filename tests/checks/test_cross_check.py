@@ -56,6 +56,7 @@ def test_a_sound_log_agrees(tmp_path, estimator):
     assert not found(tmp_path, estimator)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("estimator", ["residual-rls", "qr-rls", "batch-ls"])
 @pytest.mark.parametrize(("motor", "sensor"), [(1.2, 1.0), (1.0, 0.8)])
 def test_a_scale_that_is_off_is_found_with_its_size(tmp_path, estimator, motor, sensor):
@@ -72,6 +73,7 @@ def test_a_scale_that_is_off_is_found_with_its_size(tmp_path, estimator, motor, 
     assert scale["value"] < scale["limit"] < 1.0
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("estimator", ["direct", "grioli-parametric"])
 @pytest.mark.parametrize(("motor", "sensor"), [(1.0, 0.8), (1.0, 1000.0)])
 def test_a_sensor_s_scale_is_found_by_the_motor_s_side(tmp_path, estimator, motor, sensor):
@@ -107,6 +109,7 @@ def test_logs_with_the_same_clock_are_compared_each_with_its_own_sensor(tmp_path
     assert found(tmp_path, "qr-rls", "arm.csv", "other.csv")
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("estimator", ["algebraic", "direct"])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_reference_in_which_nothing_moves_differs_from_nothing(tmp_path, seed, estimator):

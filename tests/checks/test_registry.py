@@ -27,6 +27,7 @@ def test_a_finding_says_what_others_would_say_again(codes):
     assert left == [c for c in codes if "a" not in codes or c not in ("b", "c")]
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     ("scale", "estimator"),
     [(10.0, "direct"), (1e-3, "direct"), (1000.0, "residual-rls"), (4.0, "direct"), (2.5, "direct")],

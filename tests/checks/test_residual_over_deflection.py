@@ -96,6 +96,7 @@ def test_what_the_basis_cannot_follow_is_found_with_its_size(tmp_path, estimator
     assert 0.5 < shape["value"] / np.sqrt(np.mean(off**2)) < 1.2
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("estimator", ["residual-rls", "direct"])
 @pytest.mark.parametrize(("kind", "pulses"), [("backlash 0.006", 36_000), ("backlash 0.02", 1000)])
 def test_so_it_is_from_rest_to_rest_and_with_coarse_encoders(tmp_path, estimator, kind, pulses):

@@ -85,6 +85,7 @@ def test_the_modalities_on_the_vsa2(run, samples, tmp_path, name, experiment, tu
         assert mse <= most, f"transmission {transmission}"
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(("modality", "most"), [("MODEL", 2e-6), ("SENSOR", 5e-4), ("RESIDUAL", 5e-4)])
 def test_the_modalities_on_the_awas(run, samples, tmp_path, modality, most):
     """MSREP in % after the first second; the dominant coefficient is 2 k_s (Flacco 2012 §6.2)."""
@@ -98,6 +99,7 @@ def test_the_modalities_on_the_awas(run, samples, tmp_path, modality, most):
     assert dominant == pytest.approx(0.0284, rel=0.02)  # N·m/mm², r in mm
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(("name", "number"), [("sea_exp1.csv", 1), ("sea_exp2.bag", 2)], ids=["CSV", "ROS 1 bag"])
 @pytest.mark.parametrize("estimator", ["residual-rls", "qr-rls", "batch-ls", "direct"])
 def test_every_estimator_on_an_elastic_joint(run, samples, tmp_path, name, number, estimator):

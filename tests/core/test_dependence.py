@@ -50,6 +50,7 @@ def non_stationary(rng, x):
     )
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("columns", [1, 8])
 @pytest.mark.parametrize("noise", [white, correlated, non_stationary])
 def test_false_alarms_are_as_rare_as_stated(noise, columns):

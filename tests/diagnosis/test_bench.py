@@ -72,6 +72,7 @@ def test_loops_and_dry_friction_are_told_apart_with_their_sizes(tmp_path, loop, 
 STIFFNESS, GAIN = "transmission.stiffness", "sensor.torque_gain"
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     ("spring", "sensor", "expected"),
     [("10 %", "0.1 %", STIFFNESS), ("30 %", "0.1 %", STIFFNESS), ("0.1 %", "10 %", GAIN), ("0 %", "1 %", GAIN)],

@@ -103,6 +103,7 @@ def far(one, other):
     return max(np.abs(one[r] - other[r]).max() / (np.ptp(one[r]) or 1.0) for r in one)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("preset", DRIVEN)
 def test_no_effect_is_the_rig_as_it_stands(preset):
     joint = played(preset)[1]
@@ -113,6 +114,7 @@ def test_no_effect_is_the_rig_as_it_stands(preset):
         assert far(plain, same) < 1e-5, site.key
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("preset", DRIVEN)
 def test_an_effect_is_a_rig_that_loads_and_plays_and_is_another(preset):
     joint = played(preset)[1]

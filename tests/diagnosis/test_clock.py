@@ -98,6 +98,7 @@ def test_sets_of_held_and_smooth_drives_are_read_where_their_noise_is_alike():
     assert apart((), (), sites=[]) == 0.0
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("rate", [100.0, 150.0])
 def test_a_sound_joint_with_a_smooth_drive_has_no_late_channel_at_any_rate(rate, tmp_path):
     """Reading between samples takes off noise: three early sensors beside a held drive seemed better than none."""

@@ -206,6 +206,7 @@ def test_torques_that_are_held_and_such_that_are_not_are_told_apart_where_that_i
     assert (selection.system.hold > 0.0) == (late > 0.0)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("seed", [1, 4, 5])
 def test_smooth_torques_are_not_held_ones_with_every_sensor_late(seed):
     """Half a sample of all sensors together is what held torques are; one hypothesis without a cause is the more probable."""

@@ -40,6 +40,7 @@ def jammed(q, dq):
     return -0.15 * np.tanh(dq / 0.02) / (1.0 + (q / 0.3) ** 2)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("truth", "side", "variable", "rate"),
     [

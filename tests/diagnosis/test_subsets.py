@@ -143,6 +143,7 @@ def test_a_bound_costs_what_it_takes_to_stay_within_it(seed, far):
     assert near.scored(everything) == c.scored(everything)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     "kind",
     [

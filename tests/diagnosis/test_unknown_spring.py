@@ -54,6 +54,7 @@ def test_what_the_sensor_says_at_rest_is_added_to_its_offset(tmp_path, said):
     assert joint.signals.torque_sensor.offset == pytest.approx(0.2, abs=0.01)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("role", ["motor_position", "torque_sensor"])
 def test_a_sound_joint_whose_spring_is_unknown_is_consistent_in_counts_too(tmp_path, said, role):
     time, roles = said

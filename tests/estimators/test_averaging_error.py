@@ -71,6 +71,7 @@ def test_of_two_courses_the_sharper_is_claimed_where_it_is_more():
     assert replace(sharp, sharper=smooth.course).square(where)[0] == sharp.square(where)[0]
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_what_a_long_window_smooths_away_at_a_swing_s_ends_counts_there(tmp_path, seed):
     """The window is 1.2 s here; by its own course 7 % of what was supported was off by 17 to 20 %, with 5 to 8 % claimed."""
@@ -138,6 +139,7 @@ def stiffness(phi):
     return 10.0 + 48.0 * phi**2
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("name", "torque", "period", "steps", "frequencies"),
     [

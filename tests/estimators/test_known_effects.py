@@ -107,6 +107,7 @@ def test_an_extended_rig_is_estimated_as_well_as_a_plain_one(effect, name):
         assert unknown["fitted"] > 2.0 * known["fitted"]
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("effect", MOTOR)
 def test_a_torque_sensor_does_not_ask_what_the_motor_does(effect):
     assert errors(effect, effect, "direct") == errors(effect, "none", "direct")

@@ -59,6 +59,7 @@ def test_an_arm_that_one_accelerometer_sees_in_part_does_not_run_away(tmp_path):
 VENTED = "\n".join(f'[[joint.pam.valve_{i}]]\ntype = "constant"\nvalue = "{{}} V"' for i in (1, 2))
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     ("volts", "told"), [((0.0, 0.0), False), ((1.5, 1.5), False), ((0.0, 10.0), False), ((4.0, 4.0), True)]
 )

@@ -65,6 +65,7 @@ def test_infinity_is_no_value(run, samples, estimator, name):
     assert f"--tune {name}" in done.stderr
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("estimator", ["residual-rls", "qr-rls", "batch-ls"])
 def test_a_window_longer_than_the_motion_is_told(run, samples, tmp_path, estimator):
     log, out = samples / "vsa2_exp1.mcap", tmp_path / "out.parquet"
@@ -109,6 +110,7 @@ def test_samples_that_are_missing_are_not_blamed_on_the_motion(run, samples, tmp
     assert "move the joint more" not in said
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(("estimator", "log"), [("impedance", "sea_exp1.csv"), ("grioli-bicchi", "vsa2_exp1.mcap")])
 def test_a_gain_without_a_memory_supports_no_noise(run, samples, tmp_path, estimator, log):
     """What is excited all the same is as far from the rest's median as its band says."""

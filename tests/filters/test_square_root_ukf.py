@@ -124,6 +124,7 @@ def random_model(seed, n, steps, bent=1.0):
     return rng.normal(size=n), P, zs, us, p, Q, R
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("n", [2, 3, 4, 6])
 @pytest.mark.parametrize(
     ("alpha", "beta", "kappa"), [(1.0, 0.0, 0.0), (1.0, 0.0, 1.0), (0.7, 2.0, 0.5), (1.0, 0.0, -0.5)]

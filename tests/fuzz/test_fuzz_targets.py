@@ -13,6 +13,7 @@ EACH = 1
 """Changes of each seed; `make fuzz` makes thousands."""
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("name", TARGETS)
 def test_seeds_and_changes_of_them(name):
     target, rng = importlib.import_module(f"fuzz_{name}"), random.Random(name)

@@ -38,6 +38,7 @@ def cases(tmp_path_factory):
     return {name: (case, write_case(case, out)) for name, case in made.items()}
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("name", FAMILIES)
 def test_a_case_is_what_vsalog_reads(cases, name):
     case, folder = cases[name]
@@ -136,6 +137,7 @@ def drawn(device, count):
         yield [(h, nominal_values(h, bench)) for h in hidden]
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("device", ["elastic", "serial", "antagonistic"])
 def test_messy_strengths_are_those_of_real_machines(device):
     for hidden in drawn(device, 8):

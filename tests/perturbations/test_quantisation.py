@@ -125,6 +125,7 @@ def from_rest_to_rest(seed):
     )
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("method", ["SENSOR", "RESIDUAL"])
 def test_a_spring_between_rests_is_known_as_well_as_its_encoders_tell(method):
     """Sixty logs: the stiffness at the deflections it was seen at lies in its band; by residuals alone half of it does not."""

@@ -201,6 +201,7 @@ def switched(seed, inertia, damping):
     )
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     ("method", "inertia", "damping"), [(qr_rls, 0.06, 2.0), (algebraic, 0.08, 0.4), (residual_rls, 0.06, 4.0)]
 )

@@ -48,6 +48,7 @@ def wrong(found, sound):
     )
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     ("separator", "comma", "quoted"), [(",", False, False), (";", True, False), (",", True, True), (" ", False, False)]
 )
@@ -96,6 +97,7 @@ def ahead(bad):
     return out
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("cut", [False, True])
 @pytest.mark.parametrize("separator", [",", " "])
 def test_of_a_damaged_compressed_table_all_is_read_that_comes_out(tmp_path, cut, separator):

@@ -62,6 +62,7 @@ DATES = [
 TIMES = ["%H:%M:%S.%f", "%I:%M:%S.%f %p", "%I:%M:%S.%f%p"]
 
 
+@pytest.mark.every(4)
 @pytest.mark.parametrize("date", DATES)
 @pytest.mark.parametrize("time", TIMES)
 @pytest.mark.parametrize("columns", [1, 2])

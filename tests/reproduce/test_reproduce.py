@@ -76,6 +76,7 @@ def test_printed_values_of_the_other_papers():
     assert shin.UKF == {"angle": (0.838, 2.42, 6.13), "torque": (0.108, 0.238, 4.94)}
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("name", ["flacco2012-table1", "flacco2012-table2"])
 def test_every_modality_reaches_the_printed_msrep_by_default(results, name):
     rows = chosen(results(name).rows, settings="vsalog's default", quantity="MSREP of the stiffness")
@@ -107,6 +108,7 @@ def test_table_1_of_flacco_2014_is_reached_by_every_method(results):
     assert damping.ours.median == pytest.approx(0.9, rel=1e-3)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("name", ["flacco2014-noisy", "flacco2014-cubic"])
 def test_the_noisy_cases_reach_the_printed_numbers_after_the_transient(results, name):
     rows = [r for r in chosen(results(name).rows, window="after 5 s") if r.estimator == "qr-rls"]

@@ -77,6 +77,7 @@ def test_the_motion_is_in_the_papers_range(machines):
             assert 6.6e5 < pressure.max() < 7.3e5
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(("signal", "bound"), [("angle", 6.13), ("torque", 4.94)])
 def test_the_filter_keeps_the_printed_bound_and_is_better_than_the_model_alone(machines, signal, bound):
     filtered, alone = (

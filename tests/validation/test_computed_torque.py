@@ -64,6 +64,7 @@ def test_a_computed_torque_is_told(way, factor):
     assert (said.part, said.severity, said.evidence["source"]) == ("torque_sensor", "invalidates", "the deflection")
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("noise", [1e-3, 1e-2])
 def test_a_sensor_with_noise_of_its_own_is_not_suspected(way, noise):

@@ -16,6 +16,7 @@ from vsalog.validation.joint import judge, prepare
 ROLES = ("motor_position", "link_position", "torque_sensor")
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     ("spring", "count"),
     [(None, 60), (CubicTransmission(stiffness=24.0, cubic=1500.0), 20)],

@@ -105,6 +105,7 @@ def test_what_cannot_be_told_apart_is_said():
     assert (found.on, found.not_told_from) == ("zero", ())
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("alike", [1, 100, 1000])
 def test_noise_that_stays_alike_is_rarely_given_a_cause(alike):
     """Forty logs: a cause is told of at most one of them, however slow the noise is."""
