@@ -25,24 +25,29 @@ class Time:
 
 @dataclass(frozen=True)
 class Usage:
-    """What a process took: time on the wall and of processors [s], and its peak of resident memory [bytes]."""
+    """What a process took: time on the wall and of processors [s], its peak of resident memory [bytes]; and its stderr."""
 
     wall: float
     cpu: float
     memory: int
+    said: str
 
 
-def usage_of(command: Sequence[str | Path], codes: Sequence[int] = (0,)) -> Usage:
+def usage_of(
+    command: Sequence[str | Path], codes: Sequence[int] = (0,), environment: Mapping[str, str] | None = None
+) -> Usage:
     """Run a command, which may end with some codes; exit with what it says on stderr where it ends otherwise. Needs a Unix."""
     start = time.perf_counter()
-    process = subprocess.Popen([str(part) for part in command], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    process = subprocess.Popen(
+        [str(part) for part in command], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=environment
+    )
     assert process.stderr is not None
     said = process.stderr.read()
     _, status, usage = os.wait4(process.pid, 0)
     if os.waitstatus_to_exitcode(status) not in codes:
         sys.exit(f"{' '.join(map(str, command[:2]))} failed: {said.decode()}")
     memory = usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    return Usage(time.perf_counter() - start, usage.ru_utime + usage.ru_stime, memory)
+    return Usage(time.perf_counter() - start, usage.ru_utime + usage.ru_stime, memory, said.decode())
 
 
 def side_by_side(calls: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, Time]:
