@@ -8,8 +8,9 @@ from command_line import vsalog_run
 from hypothesis import given
 from hypothesis import strategies as st
 
+import vsalog
 from vsalog.checks import checks
-from vsalog.checks.check import without_superseded
+from vsalog.checks.check import OfSignals, without_superseded
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import TEXTS
 
@@ -55,3 +56,21 @@ def test_a_method_that_reads_no_set_point_is_not_held_against_a_spring_that_need
     done = vsalog_run("estimate", samples / "awas_exp1.mcap", "-e", "grioli-bicchi", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "stiffness.scale" not in {f["code"] for f in json.loads(done.stdout)["joints"][0]["findings"]}
+
+
+class Damp:
+    name = "damp"
+
+    def __init__(self, part):
+        self.part, self.supersedes = part, {}
+
+    def start(self, context):
+        return OfSignals([Finding(code="deflection.still", joint="vsa2", part=self.part, severity="invalidates")])
+
+
+@pytest.mark.parametrize(("part", "dead"), [("1", {"1", "total"}), ("torque_sensor", {"1", "2", "total"})])
+def test_nothing_counts_as_excited_where_signals_invalidate_the_estimate(samples, monkeypatch, part, dead):
+    monkeypatch.setattr("vsalog.checks.checks", lambda: (Damp(part),))
+    (joint,) = vsalog.estimate(samples / "vsa2_exp1.mcap")
+    for name, columns in joint.trace.transmissions.items():
+        assert columns["excited"].any() == (name not in dead), name

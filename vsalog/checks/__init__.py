@@ -12,7 +12,7 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from pkgutil import iter_modules
 
-from vsalog.checks.check import Check, Context, Watch
+from vsalog.checks.check import Check, Context, OfSignals, Watch
 from vsalog.core.finding import Finding
 from vsalog.core.trace import Trace
 
@@ -39,6 +39,10 @@ class Checks:
         self.supersedes: Mapping[str, Sequence[str]] = {
             code: superseded for kind in kinds for code, superseded in kind.supersedes.items()
         }
+
+    def of_signals(self) -> list[Finding]:
+        """Return what is known from the signals alone, before there is an estimate."""
+        return [finding for watch in self.watches if isinstance(watch, OfSignals) for finding in watch.findings()]
 
     def add(self, trace: Trace) -> None:
         """Take a block of the trace into account."""

@@ -46,7 +46,7 @@ class Watch(Protocol):
         """Take a block of the trace into account; blocks come in order."""
 
     def findings(self) -> Iterable[Finding]:
-        """Return what was found when the log has ended."""
+        """Return what was found when the log has ended; nothing that invalidates the trace, which is written by then."""
 
 
 class Check(Protocol):

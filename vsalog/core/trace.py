@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -87,6 +87,12 @@ class Trace:
 
     def __getitem__(self, transmission: str) -> Mapping[str, NDArray[np.generic]]:
         return self.transmissions[transmission]
+
+    def never_excited(self, transmissions: Collection[str]) -> Trace:
+        """Return the trace with no sample of some transmissions excited."""
+        never = {"excited": np.zeros(len(self), np.bool_)}
+        columns = {name: {**own, **never} if name in transmissions else own for name, own in self.transmissions.items()}
+        return replace(self, transmissions=columns)
 
     @classmethod
     def of_rows(cls, rows: JointSignals, transmissions: Mapping[str, Mapping[str, NDArray[np.generic]]]) -> Trace:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence, Set
 from dataclasses import dataclass
 
 import msgspec
@@ -255,10 +255,13 @@ def estimate_joint(
         trials = run_trials(subject, PERTURBATIONS, short)
 
         rows = 0
+        dead = {finding.part for finding in checks.of_signals() if finding.severity == "invalidates"}
 
         def give(trace: Trace) -> None:
             nonlocal rows
             trace = trials.widened(trace, rows)
+            if dead:
+                trace = trace.never_excited(_invalidated(dead, trace.transmissions.keys()))
             rows += len(trace)
             summarizer.add(trace)
             checks.add(trace)
@@ -293,6 +296,11 @@ def estimate_joint(
             tuple(without_superseded(found, checks.supersedes)),
             Trace.concatenate(kept) if kept else None,
         )
+
+
+def _invalidated(parts: Set[str], transmissions: Set[str]) -> Set[str]:
+    """Return the transmissions whose estimate is not to be used, and the total; all, where a role or the joint is at fault."""
+    return {*parts, "total"} if parts <= transmissions else transmissions
 
 
 def _stands_still(values: NDArray[np.float64] | None) -> bool:
