@@ -155,7 +155,14 @@ def _with_units(head: Sequence[str], header: str) -> str:
     """Return LabVIEW's header with the units that its head states, where there is one for each column but the first."""
     for separator in "\t,":
         names = header.split(separator)
-        units = next((line.split(separator)[1:] for line in head if line.startswith(f"Y_Unit_Label{separator}")), [])
+        units = next(
+            (
+                line.rstrip(separator).split(separator)[1:]
+                for line in head
+                if line.startswith(f"Y_Unit_Label{separator}")
+            ),
+            [],
+        )
         if units and len(units) == len(names) - 1:
             stated = [f"{name} [{unit}]" if unit else name for name, unit in zip(names[1:], units, strict=True)]
             return separator.join([names[0], *stated])
