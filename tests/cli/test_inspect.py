@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from vsalog.cli import cli
 from vsalog.readers import sampling
-from vsalog.readers.table import TableReader
+from vsalog.readers.tables.reader import TableReader
 from vsalog.report.inspect_text import seconds
 
 ROWS = 12_000

@@ -21,14 +21,13 @@ from vsalog.readers.frames import Frames, stated_frames
 from vsalog.readers.gathered import Gathered
 from vsalog.readers.json_messages import JsonDecoder
 from vsalog.readers.labels import usable_labels
-from vsalog.readers.last_line import may_be_cut
 from vsalog.readers.layout import TooManyPartsError, learn
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.packets import Messages
 from vsalog.readers.protobuf_types import message_class
 from vsalog.readers.sniff import looks_like_text, sniff
-from vsalog.readers.table_detection import detect
-from vsalog.readers.table_notation import find_notations
+from vsalog.readers.tables.dialect import detect
+from vsalog.readers.tables.source import may_be_cut
 from vsalog.readers.walk_findings import walk_findings
 
 MI = 2**20
@@ -123,13 +122,6 @@ def test_32_rows_may_be_ahead_of_a_header(ahead, found):
 def test_10_rows_show_a_pattern():
     assert may_be_cut(["1,2.50"] * 10, "1,2.5", ",")
     assert not may_be_cut(["1,2.50"] * 9, "1,2.5", ",")
-
-
-@pytest.mark.parametrize(("commas", "mark"), [(91, True), (90, False), (60, False)])
-def test_nine_of_ten_cells_tell_a_notation(commas, mark):
-    rows = [["1,25"]] * commas + [["1.25"]] * (100 - commas)
-    notations, _ = find_notations(rows, 1, ";")
-    assert notations[0].decimal_comma is mark
 
 
 def test_three_places_are_shown():

@@ -1,12 +1,11 @@
-"""Clocks, on both sides of what tells a slip from a delay, one unit from another, and a pause from another table."""
+"""Clocks, on both sides of what tells a slip from a delay, and one unit from another."""
 
 import numpy as np
 import pytest
 
 from vsalog.readers.alternating import alternating
 from vsalog.readers.bad_stamps import bad_stamps
-from vsalog.readers.repeated_header import goes_on
-from vsalog.readers.time_sizes import guessed_unit
+from vsalog.readers.tables.time_sizes import guessed_unit
 
 MS = 10**6
 EVENLY = np.arange(1000) * 10 * MS
@@ -32,11 +31,6 @@ def test_an_encoders_last_digit_is_not_two_publishers(swing, found):
     k = np.arange(256)
     values = swing * np.sin(2.0 * np.pi * k / 256) + 0.5 * (-1.0) ** k
     assert [one.code for one in alternating("t", {"x": values})] == ["recording.values_alternate"] * found
-
-
-@pytest.mark.parametrize(("seconds", "right"), [(750, True), (1500, False)])
-def test_a_pause_is_a_thousand_steps_long(seconds, right):
-    assert goes_on("1", "2", str(2 + seconds)) is right
 
 
 @pytest.mark.parametrize(

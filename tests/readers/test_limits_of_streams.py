@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from vsalog.core.errors import ReadError
-from vsalog.readers import sampling_tables
 from vsalog.readers.carried import together
 from vsalog.readers.container import Connection
 from vsalog.readers.sqlite_ranges import ranges
 from vsalog.readers.streams import _refuse_absurd
-from vsalog.readers.text_source import open_text
+from vsalog.readers.tables.source import open_text
 
 MI = 2**20
 
@@ -54,18 +53,6 @@ def test_a_table_becomes_ten_times_smaller_and_not_a_hundred(tmp_path, times, go
         else:
             with pytest.raises(ReadError):
                 sum(iter(lambda: len(file.read(MI)), 0))
-
-
-@pytest.mark.parametrize(("size", "codes"), [(3 * 2**30, []), (6 * 2**30, ["table.headers_not_sought"])])
-def test_headers_are_sought_in_4_gibibytes(tmp_path, monkeypatch, size, codes):
-    path = tmp_path / "log.csv"
-    path.write_bytes(b"t,x\n" + b"".join(b"%d,1.5\n" % k for k in range(2000)))
-    with path.open("r+b") as file:
-        file.truncate(size)
-    monkeypatch.setattr(sampling_tables, "last_header", lambda *where: b"")
-    monkeypatch.setattr(sampling_tables, "_next_line", lambda file, at: at)
-    cut = sampling_tables.cut_text(path, tmp_path / "part.csv", 8000)
-    assert [finding.code for finding in cut.findings] == codes
 
 
 @pytest.mark.parametrize(("steps", "read"), [(20_000, True), (90_000, False)])

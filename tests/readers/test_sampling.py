@@ -18,8 +18,7 @@ from rosbags.rosbag2 import Writer as Rosbag2Writer
 from write_logs import JOINT_STATE, MS, START, STORES, McapLog, joint_state, joints_mcap, serialised
 
 from vsalog.core.errors import ReadError
-from vsalog.core.resolution import STRETCHES
-from vsalog.readers import read, sampling, sampling_pieces, sampling_tables
+from vsalog.readers import read, sampling, sampling_pieces
 from vsalog.readers.sniff import sniff
 
 ROWS = 12_000
@@ -210,37 +209,3 @@ def test_the_rig_is_in_the_sample(tmp_path):
     part, sample = sampling.read_sample(log.save(tmp_path / "log"))
     assert sample is not None
     assert part.rig_text == "preset = 'sea'"
-
-
-@pytest.mark.parametrize(
-    "again", ["# link,time,motor\n", "Link [rad],time,motor\n", "# paused\n", "time,other,names\n"]
-)
-@pytest.mark.parametrize("at", [0.05, 0.3, 0.55, 0.9])
-@pytest.mark.parametrize("first", ["time", "note"])
-def test_a_header_between_the_stretches_of_a_table_is_heeded(tmp_path, again, at, first):
-    """Below it the columns are others, and nothing else there says so."""
-    names = ["time", "motor", "link"] if first == "time" else ["note", "time", "motor", "link"]
-    order = {"#": ["link", "time", "motor"], "L": ["link", "time", "motor"], "t": ["time", "link", "motor"]}
-    below = names if "paused" in again else names[: len(names) - 3] + order[again[0]]
-    if first == "note":
-        again = again.replace("# ", "# note,") if again[:3] == "# l" else again if again[0] == "#" else "note," + again
-    rows = [{"note": "ok", "time": i / 1000, "motor": 1000 + i, "link": 50_000 + i} for i in range(ROWS)]
-    cut = int(at * ROWS)
-    text = "".join(
-        ",".join(str(row[name]) for name in (names if i < cut else below)) + "\n" for i, row in enumerate(rows)
-    ).splitlines(keepends=True)
-    (tmp_path / "log").write_text("".join([",".join(names) + "\n", *text[:cut], again, *text[cut:]]))
-    part, sample = sampling.read_sample(tmp_path / "log")
-    assert sample is not None
-    assert sample.stretches == STRETCHES
-    for name, begin in (("motor", 1000), ("link", 50_000)):
-        channel = part.channel(name)
-        np.testing.assert_array_equal(channel.values, begin + channel.stamps // MS)
-        assert (channel.stamps.max() > (ROWS - 2) * MS) == ("other" not in again)
-    assert ("table.other_table" in codes(part)) == ("other" in again)
-
-
-def test_that_headers_were_not_looked_for_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(sampling_tables, "SEARCHED_BYTES", 1000)
-    part, _ = sampling.read_sample(csv(tmp_path / "log"))
-    assert "table.headers_not_sought" in codes(part)

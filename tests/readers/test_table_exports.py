@@ -60,12 +60,6 @@ def test_simulink_states_units_with_a_word(tmp_path):
     assert (log.channel("q").unit, log.channel("tau").unit) == ("rad", "N*m")
 
 
-def test_a_header_of_many_rows_whose_last_names_the_clock(tmp_path):
-    """As those of systems that follow markers."""
-    head = "Format,1.23,Rate,100\n\nType,Body,Body\nName,Link,Link\nID,x9,x9\n,Position,Position\nTime (Seconds),X,Y\n"
-    check(log_of(tmp_path, head + rows()), "Body.Link.x9.Position.X", "Body.Link.x9.Position.Y")
-
-
 def test_a_serial_port_that_was_listened_to_before_the_header_came(tmp_path):
     log = log_of(tmp_path, "7,0.25,9.5\n8,0.5,9.25\ntime,q,tau\n" + rows())
     check(log, "q", "tau")
@@ -123,12 +117,12 @@ def test_cells_that_say_what_they_are(tmp_path, mark, separator):
     assert log.channel("q").unit == "rad"
 
 
-def test_a_cell_with_another_label_is_none_of_its_column(tmp_path):
+def test_a_line_with_another_label_is_no_row(tmp_path):
     lines = [f"t:{t:.2f},q:{q:.4f},tau:{tau:.4f}" for t, q, tau in zip(T, Q, TAU, strict=True)]
     lines[250] = lines[250].replace("q:", "x:")
     log = log_of(tmp_path, "\n".join(lines) + "\n")
-    assert np.flatnonzero(np.isnan(log.channel("q").values)).tolist() == [250]
-    np.testing.assert_array_equal(log.channel("tau").values, TAU)
+    np.testing.assert_array_equal(log.channel("q").values, np.delete(Q, 250))
+    assert values_of(log, "clock.rows_without_time") == [1]
 
 
 @pytest.mark.parametrize("ends", [("", ","), (",", ""), (",", ","), ("", "")])
@@ -140,3 +134,12 @@ def test_separators_at_the_ends_of_a_header_alone(tmp_path, ends, units):
     assert {name: channel.unit for name, channel in log.channels.items()} == {"theta": "deg", "torque": "Nm"}
     assert log.channel("theta").stamps[-1] == 590_000_000
     assert log.findings == ()
+
+
+def test_lists_whose_header_names_their_elements(tmp_path):
+    rows = "".join(f'{i / 100},"[{i}, {-i}]"\n' for i in range(60))
+    log = log_of(tmp_path, 'time,"state[hip,knee]"\n' + rows)
+    assert list(log.channels) == ["state[hip]", "state[knee]"]
+    np.testing.assert_array_equal(log.channel("state[knee]").values, -np.arange(60.0))
+    (tmp_path / "log").write_text('time,"state[hip,knee]"\n' + rows)
+    assert list(read(tmp_path / "log", ["state[knee]"]).channels) == ["state[knee]"]

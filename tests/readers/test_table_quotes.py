@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import gzip
-
 import numpy as np
 import pytest
-from finding_codes import found, values_of
 
 from vsalog.readers import read
 
@@ -23,13 +20,6 @@ def thousands(i):
     return f'"{i:,}"' if i >= 1000 else str(i)
 
 
-def test_thousands_in_quotes_are_read(tmp_path):
-    """Programs write quotes only where a comma needs them: the first is far below the rows that are looked at."""
-    log = read(write(tmp_path / "log.csv", "time,pos,tau", thousands))
-    np.testing.assert_array_equal(log.channels["pos"].values, np.arange(ROWS))
-    assert [one.evidence["cell"] for one in found(log, "table.marks_in_numbers")] == ["1,000"]
-
-
 def test_a_comma_in_quotes_is_no_thousand_among_fractions(tmp_path):
     log = read(write(tmp_path / "log.csv", "time,pos,tau", lambda i: '"1,500"' if i == 2000 else f"{i}.25"))
     assert np.isnan(log.channels["pos"].values[2000])
@@ -39,13 +29,6 @@ def test_a_comma_in_quotes_is_no_thousand_among_fractions(tmp_path):
 def test_a_stray_quote_swallows_no_lines(tmp_path):
     log = read(write(tmp_path / "log.csv", "time,pos,tau", lambda i: f'"{i}' if i in (1000, 2500) else str(i)))
     assert len(log.channels["tau"].values) >= ROWS - 2
-
-
-def test_of_a_compressed_table_it_is_said_that_quotes_are_the_reason(tmp_path):
-    raw = write(tmp_path / "log.csv", "time,pos,tau", thousands).read_bytes()
-    path = tmp_path / "log.csv.gz"
-    path.write_bytes(gzip.compress(raw))
-    assert values_of(read(path), "table.quoted_lines_skipped") == [2000]
 
 
 @pytest.mark.parametrize("header", ['time,"pos\nof motor [deg]",tau', '"time","pos\nof\nmotor [deg]","tau"'])

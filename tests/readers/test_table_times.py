@@ -382,16 +382,6 @@ LEFT_OUT = {"date": "2024-03-13 23:59:{:02d}.{}", "day": "11:59:{:02d}.{} PM", "
 
 
 @pytest.mark.parametrize("form", LEFT_OUT)
-@pytest.mark.parametrize(("step", "offset", "size"), [(1, 0, 1000), (10, 0, 1000), (37, 5, 1000), (1000, 37, 10**6)])
-def test_fractions_without_leading_zeros(table, form, step, offset, size):
-    """As where a program prints seconds and milliseconds each as a whole number."""
-    ticks = [offset + i * step for i in range(2000) if offset + i * step < 60 * size]
-    recording = table("time,x", *(f"{LEFT_OUT[form].format(*divmod(t, size))},{i}" for i, t in enumerate(ticks)))
-    assert since_first(recording) == [(t - offset) * S // size for t in ticks]
-    assert codes(recording) == ["clock.fractions_unpadded"]
-
-
-@pytest.mark.parametrize("form", LEFT_OUT)
 @pytest.mark.parametrize("step", [250, 1, 37])
 def test_fractions_without_the_zeros_at_their_ends(table, form, step):
     ticks = [i * step for i in range(1500)]

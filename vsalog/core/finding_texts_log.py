@@ -224,9 +224,6 @@ LOG_TEXTS: Mapping[str, Text] = {
         "so it is in each of the {value:.0f} tables by itself: from there on, rows of one time may not belong together.",
         "Put what begins again into files of its own.",
     ),
-    "clock.fractions_unpadded": Text(
-        "the fractions of the time are {read_as} without leading zeros ('12.7' is {example}).", "They are read as such."
-    ),
     "clock.guessed_by_dates": Text(
         "column '{part}' holds dates and times and is taken for the time, as no other is called so."
     ),
@@ -278,46 +275,17 @@ LOG_TEXTS: Mapping[str, Text] = {
         "the header has one name fewer than the rows have cells: the first column is taken as unnamed."
     ),
     "table.header_again": Text("{value:n line} between the rows skipped as the header once more."),
-    "table.columns_reordered": Text(
-        "a header further down changes the order of columns: they are read by their names."
-    ),
-    "table.units_converted": Text(
-        "where a header further down states another unit, numbers are converted to the first ({columns})."
-    ),
-    "table.unit_stated_once": Text("only one of two headers states a unit for {columns}: it is taken as the same."),
-    "table.header_below": Text(
-        "a header ('{header}') stands below rows that have none, and names no column.", "Put it at the top."
-    ),
     "table.other_table": Text(
         "left out from row {value:.0f} on: a header there ('{header}') names other columns than the first, or other units.",
         "Put what follows it into a file of its own.",
     ),
-    "table.too_many_headers": Text(
-        "left out from row {value:.0f} on: a header there ('{header}') is one too many of a recording.",
-        "Put what follows it into a file of its own.",
-    ),
-    "table.headers_not_sought": Text(
-        "a second header, as where tables were put behind one another, was looked for only in the parts that were read.",
-        "Below one, columns may be others.",
-    ),
     "table.remarks": Text("{value:n line} between the rows skipped as remarks (they begin with # or %)."),
     "table.lines_skipped": Text("{value:n line} without exactly {cells} cells skipped (the first: '{first}')."),
-    "table.quoted_lines_skipped": Text(
-        "{value:n line} with cells in quotes, of which the rows ahead have none, skipped.",
-        "If the file is compressed, decompress it first.",
-    ),
     "table.stray_quotes": Text("{value:n row} skipped that a stray quote runs together with the rows behind."),
     "table.last_line_left_out": Text(
         "the last line is left out: it has no end, and its last number may be cut off ('{line}')."
     ),
-    "table.marks_in_numbers": Text("column '{part}': the '{mark}' in '{cell}' is read as {read_as}."),
     "table.decimal_commas": Text("the comma in numbers is read as a decimal mark."),
-    "table.mixed_decimal_marks": Text(
-        "some columns are written with a decimal comma, others with a point: each is read as it is written."
-    ),
-    "table.unit_in_cells": Text(
-        "column '{part}': the unit is '{cells}', as its cells have it (by its header: {header})."
-    ),
     "table.numbers_rounded": Text("column '{part}': its whole numbers are rounded to 53 bits, such as {number}."),
     "table.cells_without_number": Text(
         "column '{part}': {value:n cell} without a number read as NaN (the first in row {row}: '{first}')."

@@ -12,7 +12,7 @@ from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.limits import MOST_EXCEPTIONS
 from vsalog.readers.reach import Nanoseconds
-from vsalog.readers.time_sizes import SERIAL, SHORTEST_STEP, SINCE, guessed_unit
+from vsalog.readers.tables.time_sizes import SERIAL, SHORTEST_STEP, SINCE, guessed_unit
 
 _NANOSECONDS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
 _STATED = re.compile(r"_(s|ms|us|ns)$", re.IGNORECASE)

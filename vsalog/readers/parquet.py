@@ -17,20 +17,20 @@ from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps, Values
 from vsalog.core.units import split_header
 from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each
-from vsalog.readers.headers import printable_cell, unique_names
-from vsalog.readers.long_tables import Speakers, find_speakers
-from vsalog.readers.merged_tables import Layers, blank, columns_apart, group_by_blanks, stretches
 from vsalog.readers.parquet_cells import as_numbers, is_moment, is_number, rising
 from vsalog.readers.parquet_cells import rounded as rounded_in
 from vsalog.readers.parquet_flat import FlatRows
 from vsalog.readers.parquet_footer import footer_trouble
 from vsalog.readers.parquet_rows import ParquetRows
-from vsalog.readers.row_clock import row_clock
-from vsalog.readers.row_times import RowTimes
-from vsalog.readers.table_cells import Cells, numbers_and_words
-from vsalog.readers.table_slots import Slots
-from vsalog.readers.time_columns import ClockPlan, find_clocks, looks_like_clock, runs_backwards
-from vsalog.readers.time_steps import row_marks
+from vsalog.readers.tables.cells import Cells, numbers_and_words
+from vsalog.readers.tables.long_tables import Speakers, find_speakers
+from vsalog.readers.tables.merged_tables import Layers, blank, columns_apart, group_by_blanks, stretches
+from vsalog.readers.tables.row_clock import row_clock
+from vsalog.readers.tables.row_times import RowTimes
+from vsalog.readers.tables.slots import Slots
+from vsalog.readers.tables.text import printable_cell, unique_names
+from vsalog.readers.tables.time_columns import ClockPlan, find_clocks, looks_like_clock, runs_backwards
+from vsalog.readers.tables.time_steps import row_marks
 
 KEYS = ("joint", "transmission")
 """Text columns of vsalog's own traces: their values name the part of the device a row belongs to."""

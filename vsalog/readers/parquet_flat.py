@@ -9,10 +9,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from vsalog.core.finding import Finding
-from vsalog.readers.headers import printable_cell
 from vsalog.readers.limits import MAX_ARRAY
 from vsalog.readers.parquet_cells import is_number, plain_cells, plain_type
 from vsalog.readers.parquet_rows import ParquetRows
+from vsalog.readers.tables.text import printable_cell
 
 
 class FlatRows:

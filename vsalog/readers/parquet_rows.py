@@ -13,11 +13,11 @@ from vsalog.core.finding import Finding, Findings
 from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.core.printable import plural, printable
 from vsalog.readers.compression import MAX_RATIO
-from vsalog.readers.headers import printable_cell
 from vsalog.readers.limits import BLOCK_ROWS, SAMPLE_ROWS
 from vsalog.readers.parquet_footer import row_groups
 from vsalog.readers.parquet_opened import open_parquet
 from vsalog.readers.parquet_pages import trouble_with_pages
+from vsalog.readers.tables.text import printable_cell
 
 _UNREADABLE = (pa.ArrowException, OSError)
 

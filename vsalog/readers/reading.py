@@ -20,7 +20,7 @@ from vsalog.readers.parquet import ParquetReader
 from vsalog.readers.remote import downloaded, local
 from vsalog.readers.rosbag2 import FolderContainer, bag_file, counted
 from vsalog.readers.sniff import sniff
-from vsalog.readers.table import TableReader
+from vsalog.readers.tables.reader import TableReader
 from vsalog.readers.window import Window, cut
 
 TIMES = ("auto", "header", "log", "publish")

@@ -9,17 +9,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vsalog.core.finding import Finding
 from vsalog.core.resolution import STRETCHES
 from vsalog.readers.limits import PACKED_BYTES
 from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.sampling_pieces import Cut, Piece, chosen_pieces, copy_pieces
-from vsalog.readers.skipped_header import last_header
-from vsalog.readers.table import TableReader
-from vsalog.readers.text_source import open_text, read_beginning
-
-SEARCHED_BYTES = 2**32
-"""To look for headers in a larger table would take longer than anybody waits for a glance at it."""
+from vsalog.readers.tables.reader import TableReader
+from vsalog.readers.tables.source import open_text, read_beginning
 
 
 def cut_parquet(source: Path, target: Path, budget: int) -> Cut | None:
@@ -42,11 +37,7 @@ def cut_parquet(source: Path, target: Path, budget: int) -> Cut | None:
 
 
 def cut_text(source: Path, target: Path, budget: int) -> Cut | None:
-    """Cut stretches of lines out of a text table, or its beginning where lines do not tell their time. See `sampling.Cutter`.
-
-    A header between two stretches is taken along, for it says what the columns below it are; to look for one takes a fraction
-    of the time that reading everything does.
-    """
+    """Cut stretches of lines out of a text table, or its beginning where lines do not tell their time. See `sampling.Cutter`."""
     reader = TableReader(source, None, thorough=False)
     size = source.stat().st_size
     with open_text(source) as file, target.open("wb") as out:
@@ -58,13 +49,8 @@ def cut_text(source: Path, target: Path, budget: int) -> Cut | None:
         share = budget // STRETCHES
         begins = [_next_line(file, int(at)) for at in np.linspace(0, size - share, STRETCHES)]
         pieces = [Piece(begin, _next_line(file, begin + share) - begin) for begin in begins]
-        end, searched = 0, size <= SEARCHED_BYTES
-        for piece in pieces:
-            if end and searched:
-                out.write(last_header(source, reader.dialect, end, piece.position))
-            copy_pieces(file, [piece], out)
-            end = piece.position + piece.size
-        return Cut(out.tell(), STRETCHES, findings=() if searched else (Finding(code="table.headers_not_sought"),))
+        copy_pieces(file, pieces, out)
+        return Cut(out.tell(), STRETCHES)
 
 
 def _next_line(file: IO[bytes], position: int) -> int:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 from vsalog.core.errors import ReadError
 from vsalog.readers.limits import GLANCE_BYTES, MOST_DAMAGED
 from vsalog.readers.matlab_v4 import is_v4
 from vsalog.readers.rosbag2 import is_bag_folder
-from vsalog.readers.text_source import DAMAGE, open_text, read_beginning
+from vsalog.readers.tables.source import DAMAGE, open_text, read_beginning, without_holes
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MAGIC = (
@@ -122,11 +121,6 @@ def looks_like_text(head: bytes) -> bool:
         head = without_holes(head)
     control = sum(byte < 32 and byte not in b"\t\n\v\f\r\x1b" for byte in head)
     return head.count(0) <= MOST_DAMAGED * len(head) and 20 * control < len(head)
-
-
-def without_holes(text: bytes) -> bytes:
-    """Return text without runs of zeros, which files are left with that were being written when power failed."""
-    return re.sub(rb"\0{16,}", b"", text)
 
 
 def _zeros_alternate(head: bytes) -> bool:

@@ -19,8 +19,8 @@ from vsalog.core.recording import Channel, Recording, Stamps
 from vsalog.core.units import parse_quantity, shown
 from vsalog.readers.base import Reader
 from vsalog.readers.reach import Stamp, within_reach
-from vsalog.readers.time_columns import nanoseconds
-from vsalog.readers.time_sizes import epoch_unit
+from vsalog.readers.tables.time_columns import nanoseconds
+from vsalog.readers.tables.time_sizes import epoch_unit
 from vsalog.readers.timing import choose_clock
 
 HOW = (

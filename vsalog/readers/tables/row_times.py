@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
 from itertools import product
 
 import numpy as np
@@ -12,10 +11,9 @@ from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.recording import Stamps
-from vsalog.readers.merged_tables import Layers
-from vsalog.readers.time_columns import ClockColumn, folds_of, nanoseconds
-from vsalog.readers.time_fractions import Fractions
-from vsalog.readers.time_steps import Marks, StepsBack
+from vsalog.readers.tables.merged_tables import Layers
+from vsalog.readers.tables.time_columns import ClockColumn, folds_of, nanoseconds
+from vsalog.readers.tables.time_steps import Marks, StepsBack
 
 
 class RowTimes:
@@ -35,7 +33,6 @@ class RowTimes:
         self._clocks, self._layers = clocks, layers
         every = [*product(parts, range(layers.count))]
         self._folds = {(kind, *one): folds_of(clocks[kind].form) for kind, one in product(clocks, every)}
-        self._fractions = {kind: Fractions() for kind in clocks}
         # Of two clocks, what is wrong with the one is told by the other.
         self._steps = {one: StepsBack() for one in every} if [*clocks] == ["column"] else {}
 
@@ -54,13 +51,13 @@ class RowTimes:
         parts : mapping of str to bool array, shape (n,)
             Whose rows they are.
         marks : callable
-            See `vsalog.readers.time_steps.StepsBack.unfold`.
+            See `vsalog.readers.tables.time_steps.StepsBack.unfold`.
         """
         good = np.ones(len(next(iter(parts.values()), ())), dtype=bool)
         layers = self._layers.rows(cells, good.size)
         stamps: dict[str, Stamps] = {}
         for kind, clock in self._clocks.items():
-            times, valid = self._fractions[kind].read(cells(clock.columns), partial(nanoseconds, form=clock.form))
+            times, valid = nanoseconds(cells(clock.columns), clock.form)
             for (part, own), (layer, theirs) in product(parts.items(), enumerate(layers)):
                 rows = valid & own & theirs
                 times = self._folds[kind, part, layer].unfold(times, rows)
@@ -79,5 +76,4 @@ class RowTimes:
         found.add(*(one for moved in (*self._folds.values(), *self._steps.values()) for one in moved.findings()))
         if found and self._layers.count > 1:
             found.add(Finding(code="clock.tables_step_apart", value=self._layers.count))
-        found.add(*(one for fractions in self._fractions.values() for one in fractions.findings()))
         return found

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.recording import Stamps
 from vsalog.readers.reach import Nanoseconds
-from vsalog.readers.time_written import moments, times_of_day
+from vsalog.readers.tables.time_written import moments, times_of_day
 
 _SHAPE = r"^\d{4}-\d\d-\d\d([T ]\d\d(:?\d\d(:?\d\d([.]\d{1,9})?)?)?)?([+-]\d\d:?\d\d)?$"
 _ZONED = r":?\d\d(\.\d+)?[+-]\d\d:?\d\d$"

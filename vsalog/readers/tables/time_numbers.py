@@ -10,7 +10,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vsalog.core.recording import Stamps
-from vsalog.readers.time_dates import in_nanoseconds, integers, scaled, trimmed
+from vsalog.readers.tables.time_dates import in_nanoseconds, integers, scaled, trimmed
 
 
 def is_numeric(sample: pa.Array) -> bool:
@@ -75,14 +75,19 @@ def _surely(array: pa.Array, digits: int) -> tuple[Stamps, NDArray[np.bool_]] | 
         numbers = pc.cast(array, pa.float64())
     except pa.ArrowInvalid:
         return None
-    good = np.asarray(pc.is_valid(numbers).to_numpy(zero_copy_only=False), bool)
+    if not is_exact(numbers, digits):
+        return None
+    return multiplied(pc.fill_null(numbers, 0.0), 10.0**digits)[0], np.asarray(
+        pc.is_valid(numbers).to_numpy(zero_copy_only=False), bool
+    )
+
+
+def is_exact(numbers: pa.Array, digits: int) -> bool:
+    """Tell whether numbers times a power of ten come so near to integers that rounding them is exact."""
     with np.errstate(invalid="ignore", over="ignore"):
         values = np.asarray(pc.fill_null(numbers, 0.0).to_numpy(zero_copy_only=False), np.float64) * 10.0**digits
-        whole = np.rint(values)
         # They were rounded twice: when they were read, and multiplied.
-        if not (np.abs(values - whole) + 2 * np.spacing(np.abs(values)) < 0.5).all():
-            return None
-    return whole.astype(np.int64), good
+        return bool((np.abs(values - np.rint(values)) + 2 * np.spacing(np.abs(values)) < 0.5).all())
 
 
 def _exact(cells: pa.Array, digits: int) -> tuple[Stamps, NDArray[np.bool_]] | None:

@@ -16,11 +16,11 @@ from vsalog.core.recording import Stamps, Values
 from vsalog.core.significance import REPEATS
 from vsalog.readers.limits import MAX_ARRAY, MOST_EXCEPTIONS, MOST_PARTS, TIMES_LARGER
 from vsalog.readers.reach import Stamp
-from vsalog.readers.table_cells import numbers_and_words
-from vsalog.readers.time_columns import ClockColumn, ClockPlan, nanoseconds
-from vsalog.readers.time_dates import trimmed
-from vsalog.readers.time_names import plain
-from vsalog.readers.time_numbers import floats
+from vsalog.readers.tables.cells import numbers_and_words
+from vsalog.readers.tables.time_columns import ClockColumn, ClockPlan, nanoseconds
+from vsalog.readers.tables.time_dates import trimmed
+from vsalog.readers.tables.time_names import plain
+from vsalog.readers.tables.time_numbers import floats
 
 MOST_KEYS = 3
 """Columns that together name a part: a robot, its arm and a joint."""
@@ -64,7 +64,7 @@ def find_keys(
 
     Parameters
     ----------
-    names, sample, plan, whole : as for `vsalog.readers.long_tables.find_speakers`
+    names, sample, plan, whole : as for `vsalog.readers.tables.long_tables.find_speakers`
     """
     clock = plan.clocks.get("column")
     if clock is None:

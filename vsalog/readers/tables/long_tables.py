@@ -10,10 +10,10 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
-from vsalog.readers.headers import printable_cell
 from vsalog.readers.limits import MOST_PARTS
-from vsalog.readers.table_keys import BETWEEN, Whole, find_keys, joined
-from vsalog.readers.time_columns import ClockPlan
+from vsalog.readers.tables.keys import BETWEEN, Whole, find_keys, joined
+from vsalog.readers.tables.text import printable_cell
+from vsalog.readers.tables.time_columns import ClockPlan
 
 
 def find_speakers(

@@ -1,14 +1,14 @@
-"""CSV, TSV and other text tables."""
+"""Reads text tables."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vsalog.core.errors import ReadError
@@ -19,22 +19,26 @@ from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each
 from vsalog.readers.fields import MAX_FIELDS
 from vsalog.readers.limits import DECODED_BYTES, SAMPLE_ROWS
-from vsalog.readers.long_tables import find_speakers
-from vsalog.readers.merged_tables import Layers, columns_apart, group_by_blanks, stretches
-from vsalog.readers.row_clock import row_clock
-from vsalog.readers.row_times import RowTimes
-from vsalog.readers.table_cells import Cells, numbers_and_words
-from vsalog.readers.table_damage import Damage
-from vsalog.readers.table_detection import detect
-from vsalog.readers.table_dialect import Dialect
-from vsalog.readers.table_rows import Rows
-from vsalog.readers.table_sections import find_sections
-from vsalog.readers.table_slots import Slots
-from vsalog.readers.table_text import NULLS
-from vsalog.readers.text_source import BoundedGzip, open_text, read_beginning
-from vsalog.readers.time_columns import ClockColumn, ClockPlan, find_clocks, looks_like_clock, runs_backwards
-from vsalog.readers.time_names import UNITS
-from vsalog.readers.time_steps import row_marks
+from vsalog.readers.tables.cells import Cells, element_names, elements_of, numbers_and_words, split_lists, with_points
+from vsalog.readers.tables.dialect import Dialect, detect
+from vsalog.readers.tables.long_tables import find_speakers
+from vsalog.readers.tables.merged_tables import Layers, columns_apart, group_by_blanks, stretches
+from vsalog.readers.tables.row_clock import row_clock
+from vsalog.readers.tables.row_times import RowTimes
+from vsalog.readers.tables.rows import Rows
+from vsalog.readers.tables.sections import find_sections
+from vsalog.readers.tables.slots import Slots
+from vsalog.readers.tables.source import BoundedGzip, open_text, read_beginning
+from vsalog.readers.tables.text import NULLS
+from vsalog.readers.tables.time_columns import (
+    ClockColumn,
+    digits_of,
+    find_clocks,
+    looks_like_clock,
+    runs_backwards,
+)
+from vsalog.readers.tables.time_numbers import is_exact
+from vsalog.readers.tables.time_steps import row_marks
 
 
 class TableReader:
@@ -65,24 +69,23 @@ class TableReader:
         self.unread: dict[str, str] = {}
         self._compressed = False
         self._dialect = self._detect()
+        self._names = names = self._dialect.names
         self._sample = _sample_columns(self._dialect)
-        self._plan = find_clocks(
-            self._dialect.names, self._dialect.units, self._sample, self._all_cells if thorough else None
-        )
-        self._dialect = _with_unit_of_time(self._dialect, self._plan)
-        self._counts: dict[str, Cells] = {}
-        self._times: list[RowTimes] = []
+        counts = [numbers_and_words(column) for column in self._sample]
+        self._kinds = {i: pa.float64() for i, (good, words) in enumerate(counts) if good > words}
+        self._digits: dict[int, int] = {}
+        self._plan = find_clocks(names, self._dialect.units, self._sample, self._all_cells if thorough else None)
         clocks = self._plan.columns()
-        numbers = [numbers_and_words(column) for column in self._sample]
-        if not any(good and (clocks or good > words) for good, words in numbers):
+        lists = {i: elements_of(column) for i, column in enumerate(self._sample) if counts[i][1] and i not in clocks}
+        self._lists = {i: element_names(names[i], count) for i, count in lists.items() if count}
+        if not self._lists and not any(good and (clocks or good > words) for good, words in counts):
             raise ReadError("holds text, but no table: none of its columns holds numbers", path)
-        self._numbers = [i for i, (good, words) in enumerate(numbers) if good > words]
         whole = self._all_rows if thorough else self._first_rows
-        self._slots = Slots(self._dialect.names, self._sample)
+        self._slots = Slots(names, self._sample)
         first = self._slots.without_names(self._sample)
-        self._speakers, self._perhaps = find_speakers(self._dialect.names, first, self._plan, whole)
+        self._speakers, self._perhaps = find_speakers(names, first, self._plan, whole)
         taken = {*clocks, *(self._speakers.columns if self._speakers else ())}
-        names = self._dialect.names
+        self._kinds = {i: kind for i, kind in self._kinds.items() if i not in taken} | self._kinds_of_clocks()
         self._sections = find_sections(
             names, self._sample, self._plan, [i for i in range(len(names)) if i not in taken]
         )
@@ -95,20 +98,32 @@ class TableReader:
         groups += [section.columns for section in apart]
         self._streams = {i: self._stream_name(k, group) for k, group in enumerate(groups) for i in group}
 
+    def _kinds_of_clocks(self) -> dict[int, pa.DataType]:
+        """Return how columns of clocks are parsed, unless as text: as whole numbers, or as decimal ones where these are exact."""
+        kinds = {}
+        for clock in self._plan.clocks.values():
+            for column, digits in zip(clock.columns, digits_of(clock.form), strict=False):
+                cells = self._sample[column]
+                if not pc.any(pc.match_substring_regex(cells, "[.eE]")).as_py():
+                    kinds[column] = pa.int64()
+                elif is_exact(pa.array(Cells().convert(cells), from_pandas=True), digits):
+                    kinds[column], self._digits[column] = pa.float64(), digits
+        return kinds
+
     def catalogue(self) -> Catalogue:
         """Return the columns; those whose first cells are all text are listed as unread."""
         channels: dict[str, ChannelInfo] = {}
         unread: dict[str, str] = {}
         for i in self._channels:
-            name, unit = self._dialect.names[i], self._dialect.units[i]
             cells = Cells()
-            for rows in self._seen:
+            for rows in () if i in self._lists else self._seen:
                 cells.convert(rows[i])
-            if cells.text:
-                unread[name] = self._why_unread(name, cells)
-            else:
+            for name in self._named(i):
+                if cells.text and i not in self._lists:
+                    unread[name] = cells.text
+                    continue
                 for part in self._parts:
-                    channels[name + part] = ChannelInfo(self._streams[i] + part, "csv", unit)
+                    channels[name + part] = ChannelInfo(self._streams[i] + part, "csv", self._dialect.units[i])
         return Catalogue(channels, unread)
 
     def heads(self) -> Iterator[Block]:
@@ -124,77 +139,91 @@ class TableReader:
             The table cannot be parsed.
         """
         self._note_dialect()
-        names = self._dialect.names
         texts = self.catalogue().unread if self._speakers else {}  # whose text would be unread for each
         self.unread |= texts
         columns = [
             i
             for i in self._channels
-            if names[i] not in texts and (wanted is None or any(names[i] + part in wanted for part in self._parts))
+            if self._names[i] not in texts
+            and (wanted is None or any(name + part in wanted for name in self._named(i) for part in self._parts))
         ]
-        self._counts = {names[i]: Cells() for i in columns}
-        self._times = [RowTimes(section.clocks, self._parts, self._layers) for section in self._sections]
+        counts = {name: Cells() for i in columns for name in self._named(i)}
+        times = [RowTimes(section.clocks, self._parts, self._layers) for section in self._sections]
         speaker = self._speakers.columns if self._speakers else ()
-        row, dropped = 0, 0
-        damage = Damage(self.path) if self._compressed else None
-        rows = Rows(self.path, self._dialect, self._numbers)
-        sections = [(clocks, [i for i in own if names[i] in self._counts]) for clocks, own in self._sections]
+        row, untimed = 0, 0
+        rows = Rows(self.path, self._dialect, self._kinds, self._digits)
+        chosen = {*columns}
+        sections = [(clocks, [i for i in own if i in chosen]) for clocks, own in self._sections]
         needed = {*columns, *speaker, *self._layers.columns, *(i for clocks, _ in sections for i in _columns(clocks))}
         needed |= self._slots.begin(columns)
         for parsed in rows.batches(sorted(needed)):
             batch = self._slots.in_place(parsed, partial(self._at, parsed))
             everyones = {"": np.ones(batch.num_rows, bool)}
             parts = self._speakers.rows(self._cells(batch, speaker)) if self._speakers else everyones
-            values = {names[i]: self._counts[names[i]].convert(batch.column(names[i])) for i in columns}
+            values = self._values(batch, columns, counts)
             marks = partial(row_marks, values, batch.num_rows)
-            timed = [
-                times.of(partial(self._cells, batch), parts, marks)
-                if clocks
-                else (row_clock(row, batch.num_rows, self.rate), np.ones(batch.num_rows, bool))
-                for times, (clocks, _) in zip(self._times, sections, strict=True)
-            ]
-            told = np.logical_or.reduce([good for _, good in timed])
-            sound = damage.sound_rows(row, told, self._counts.values(), rows.first_odd) if damage else None
-            if sound is None:
-                dropped += sum(
-                    self._untimed(clocks, batch, g) for (clocks, _), (_, g) in zip(sections, timed, strict=True)
-                )
-            row += batch.num_rows
-            for (_, own), (stamps, good) in zip(sections, timed, strict=True):
-                if sound is not None:
-                    good[sound:] = False
+            for (clocks, own), time in zip(sections, times, strict=True):
+                if clocks:
+                    stamps, good = time.of(partial(self._cells, batch), parts, marks)
+                    untimed += self._untimed(clocks, batch, good)
+                else:
+                    stamps, good = row_clock(row, batch.num_rows, self.rate), np.ones(batch.num_rows, bool)
                 if own or len(sections) == 1:
                     for part, theirs in parts.items():
-                        chosen = _chosen(good & theirs, stamps, {names[i]: values[names[i]] for i in own})
-                        yield from self._by_stream(own, part, *chosen, wanted)
-            if damage and sound is not None:  # what is told of cells would be of those that were left out
-                self.findings.append(damage.finding())
-                self._note_text()
-                return
+                        yield from self._by_stream(own, part, good & theirs, stamps, values, wanted)
+            row += batch.num_rows
         self.findings.add(*rows.findings)
-        self._report(dropped)
+        if untimed:
+            self.findings.append(Finding(code="clock.rows_without_time", part=self.path.stem, value=untimed))
+        if self._speakers:
+            self.findings.add(*self._speakers.left_out())
+        self.findings.add(*self._slots.findings(), *(one for time in times for one in time.findings()))
+        for name, cells in counts.items():
+            if cells.text:
+                self.unread |= dict.fromkeys((name + part for part in self._parts), cells.text)
+            self.findings.add(*cells.findings(name))
+
+    def _values(self, batch: pa.RecordBatch, columns: Sequence[int], counts: Mapping[str, Cells]) -> dict[str, Values]:
+        """Return the channels' numbers in a batch by name, those of lists apart."""
+        values = {}
+        for i in columns:
+            cells = batch.column(self._names[i])
+            elements = split_lists(cells, len(self._lists[i])) if i in self._lists else [cells]
+            for name, one in zip(self._named(i), elements, strict=True):
+                values[name] = counts[name].convert(one)
+        return values
 
     def _by_stream(
         self,
-        columns: list[int],
+        columns: Sequence[int],
         part: str,
-        stamps: dict[str, Stamps],
-        values: dict[str, Values],
+        rows: NDArray[np.bool_],
+        stamps: Mapping[str, Stamps],
+        values: Mapping[str, Values],
         wanted: Collection[str] | None,
     ) -> Iterator[Block]:
-        """Yield a block per stream, the sparse ones without their blank rows; `part` stands behind all names."""
-        names, units = self._dialect.names, self._dialect.units
+        """Yield a block of some rows per stream, the sparse ones without their blank rows; `part` stands behind all names."""
+        units = self._dialect.units
+        every = bool(rows.all())
         for stream in dict.fromkeys(self._streams[i] for i in columns) or [self.path.stem]:
-            own = [i for i in columns if self._streams[i] == stream]
-            cells = {names[i]: values[names[i]] for i in own}
-            times = stamps
+            own = {name: units[i] for i in columns if self._streams[i] == stream for name in self._named(i)}
+            kept = rows
             if stream != self.path.stem:
-                filled = ~np.all([np.isnan(column) for column in cells.values()], axis=0)
-                cells = {name: column[filled] for name, column in cells.items()}
-                times = {kind: time[filled] for kind, time in stamps.items()}
-            cells = {name + part: column for name, column in cells.items() if wanted is None or name + part in wanted}
-            stated = {names[i] + part: unit for i in own if (unit := units[i]) is not None}
-            yield Block(stream + part, "csv", times, cells, stated, self._timeless())
+                kept = rows & ~np.all([np.isnan(values[name]) for name in own], axis=0)
+            whole = every and kept is rows
+            asked = {name: name + part for name in own if wanted is None or name + part in wanted}
+            yield Block(
+                stream + part,
+                "csv",
+                {kind: times if whole else times[kept] for kind, times in stamps.items()},
+                {full: values[name] if whole else values[name][kept] for name, full in asked.items()},
+                {name + part: unit for name, unit in own.items() if unit is not None},
+                self._timeless(),
+            )
+
+    def _named(self, column: int) -> Sequence[str]:
+        """Return the names of a column's channels: its own, or those of the elements of its lists."""
+        return self._lists.get(column) or (self._names[column],)
 
     @property
     def _parts(self) -> Collection[str]:
@@ -206,28 +235,29 @@ class TableReader:
         return (cells for (cells,) in self._all_rows([column]))
 
     def _all_rows(self, columns: Sequence[int]) -> Iterator[list[pa.Array]]:
-        """Yield all of some columns, part by part."""
-        for batch in Rows(self.path, self._dialect, ()).batches(columns):
+        """Yield all of some columns as text, part by part."""
+        others = {i: kind for i, kind in self._kinds.items() if i not in columns}
+        for batch in Rows(self.path, self._dialect, others).batches(columns):
             yield self._cells(batch, columns)
 
     def _first_rows(self, columns: Sequence[int]) -> list[list[pa.Array]]:
         return [[self._sample[i] for i in columns]]
 
     def _cells(self, batch: pa.RecordBatch, columns: Sequence[int]) -> list[pa.Array]:
-        return [batch.column(self._dialect.names[i]) for i in columns]
+        return [batch.column(self._names[i]) for i in columns]
 
     def _at(self, batch: pa.RecordBatch, column: int) -> int:
         """Return where in a batch a column is, -1 where it is not."""
-        return int(batch.schema.get_field_index(self._dialect.names[column]))
+        return int(batch.schema.get_field_index(self._names[column]))
 
     def _stream_name(self, number: int, group: list[int]) -> str:
-        return self.path.stem if number == 0 else f"{self.path.stem} ({self._dialect.names[group[0]]} …)"
+        return self.path.stem if number == 0 else f"{self.path.stem} ({self._names[group[0]]} …)"
 
     def _detect(self) -> Dialect:
         try:
             with open_text(self.path) as source:
                 self._compressed = isinstance(source, BoundedGzip)
-                head = read_beginning(source, PIECE_BYTES)
+                head, whole = read_beginning(source, PIECE_BYTES), False
                 if head.count(b"\n") < SAMPLE_ROWS:  # a header of thousands of columns
                     head += read_beginning(source, DECODED_BYTES - len(head))
                     whole = len(head) < DECODED_BYTES
@@ -279,12 +309,10 @@ class TableReader:
         if self._plan.backwards is None:
             return None
         column, row = self._plan.backwards
-        return runs_backwards(self._dialect.names[column], f"line {self._dialect.lines[row]}")
+        return runs_backwards(self._names[column], f"line {self._dialect.lines[row]}")
 
     def _note_dialect(self) -> None:
         self.findings.add(*self._dialect.findings, *self._plan.findings)
-        if self._dialect.separator == "," and any(n.decimal_comma for n in self._dialect.notations):
-            self.findings.add(Finding(code="table.decimal_commas"))
         if self._speakers:
             self.findings.add(self._speakers.finding())
         if self._perhaps:
@@ -299,46 +327,14 @@ class TableReader:
         if self._plan.clocks or self.rate is not None:
             return
         self.findings.add(self._timeless() or Finding(code="clock.missing", part=self.path.stem))
-        for name, cells in zip(self._dialect.names, self._sample, strict=True):
+        for name, cells in zip(self._names, self._sample, strict=True):
             if looks_like_clock(Cells().convert(cells)):
                 self.findings.add(Finding(code="clock.perhaps", part=name))
                 break
 
-    def _why_unread(self, name: str, cells: Cells) -> str:
-        notation = self._dialect.notations[self._dialect.names.index(name)]
-        if notation.hexadecimal:
-            return "hexadecimal numbers"
-        mixed = notation.mixed
-        return f"its numbers have units that are not all the same: {mixed}" if mixed else cells.text
-
-    def _report(self, dropped: int) -> None:
-        """Tell what was wrong with the cells."""
-        if dropped:
-            self.findings.add(Finding(code="clock.rows_without_time", part=self.path.stem, value=dropped))
-        if self._speakers:
-            self.findings.add(*self._speakers.left_out())
-        self.findings.add(*self._slots.findings(), *(one for times in self._times for one in times.findings()))
-        self._note_text()
-        self.findings.add(*(one for name, cells in self._counts.items() for one in cells.findings(name)))
-
-    def _note_text(self) -> None:
-        """Say which columns are no signals after all."""
-        for name, cells in self._counts.items():
-            if cells.text:
-                self.unread |= dict.fromkeys((name + part for part in self._parts), self._why_unread(name, cells))
-
 
 def _columns(clocks: Mapping[str, ClockColumn]) -> set[int]:
     return {column for clock in clocks.values() for column in clock.columns}
-
-
-def _chosen(
-    own: NDArray[np.bool_], stamps: dict[str, Stamps], values: dict[str, Values]
-) -> tuple[dict[str, Stamps], dict[str, Values]]:
-    """Return some of a batch's rows."""
-    if own.all():
-        return stamps, values
-    return {kind: times[own] for kind, times in stamps.items()}, {name: cells[own] for name, cells in values.items()}
 
 
 def _too_many_columns(head: bytes) -> str:
@@ -351,16 +347,7 @@ def _too_many_columns(head: bytes) -> str:
     return "" if count <= quotes * MAX_FIELDS else f"{count}" if lines else f"more than {count}"
 
 
-def _with_unit_of_time(dialect: Dialect, plan: ClockPlan) -> Dialect:
-    """Return a dialect with the unit that a clock was found to have, for headers further down that state theirs."""
-    units = {clock.columns[0]: clock.form for clock in plan.clocks.values() if clock.form in UNITS}
-    return replace(dialect, units=tuple(units.get(i, unit) for i, unit in enumerate(dialect.units)))
-
-
 def _sample_columns(dialect: Dialect) -> list[pa.Array]:
-    """Return the columns' first cells, as `Rows` would give them."""
+    """Return the columns' first cells as text, numbers with a decimal point."""
     columns = ([row[i] if row[i] not in NULLS else None for row in dialect.rows] for i in range(len(dialect.names)))
-    return [
-        notation.plain(pa.array(cells, pa.string()))[0]
-        for notation, cells in zip(dialect.notations, columns, strict=True)
-    ]
+    return [with_points(pa.array(cells, pa.string()), dialect.decimal_comma) for cells in columns]

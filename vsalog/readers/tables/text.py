@@ -1,4 +1,4 @@
-"""Lines and cells of text tables: what a line is split into, what a cell may hold."""
+"""Lines and cells of text tables: what a line is split into, what a cell may hold, what columns are called."""
 
 from __future__ import annotations
 
@@ -6,10 +6,8 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
-from functools import lru_cache
 
-from vsalog.core.unit_tables import OFFSET_UNITS
-from vsalog.core.units import is_known_by_heart
+from vsalog.core.printable import printable
 
 WHITESPACE = " "
 SEPARATORS = (",", ";", "\t", "|", WHITESPACE)
@@ -24,23 +22,21 @@ LIKE_NUMBERS = ("-nan", "-NaN", "nan(ind)", "-nan(ind)", "1.#QNAN", "-1.#QNAN", 
 
 NUMBER = r"^[+-]?(\d+(?:\.\d*)?|\.\d+)([eE][+-]?\d+)?$"
 COMMA_NUMBER = re.compile(r"^[+-]?\d*,\d+([eE][+-]?\d+)?$")
-GROUPED_BY_POINT = re.compile(r"^[+-]?\d{1,3}(\.\d{3})+,\d+$")
-GROUPED_BY_COMMA = re.compile(r"^[+-]?\d{1,3}(,\d{3})+\.\d+$")
-"""Thousands apart and a decimal mark, which leaves no doubt which of the two is which."""
-_QUANTITY = re.compile(
-    r"^([+−-]?(?:\d{1,3}(?:['’ \u00a0\u202f]\d{3})+(?:[.,]\d+)?|\d[\d.,]*|[.,]\d+)(?:[eEdD][+-]?\d+)?)\s*([^\d\s.,:;'].*)?$"
-)
-
+GROUPED = {
+    True: re.compile(r"^[+-]?\d{1,3}(?:\.\d{3})+,\d+$"),
+    False: re.compile(r"^[+-]?\d{1,3}(?:,\d{3})+\.\d+$"),
+}
+"""Thousands apart and a decimal mark, which leaves no doubt which of the two is which; by whether that is a comma."""
+_DURATION = re.compile(r"^(-?\d+(?:[.,]\d+)?) (sec|min|hr|days?)$")
+"""As MATLAB writes durations."""
 _BLANKS = re.compile(r"[ \t]+(?![\[(])")
 """Between cells; a unit in brackets belongs to the name ahead of it."""
 _NUMBER = re.compile(NUMBER)
 _NOT_A_NUMBER = re.compile(r"^(nan|[+-]?inf(inity)?|n/?a|null|none)$", re.IGNORECASE)
-_CLOCK = r"(?:\d{1,5} days?,? )?-?\d{1,4}:\d\d(?::\d\d(?:[.,]\d+|:\d{3})?)?(?:\s*[ap]\.?m\.?)?|\d{1,3}:\d\d[.,]\d+"
-_DAY = (
-    r"\d{1,4}([./-])\d{1,2}\1\d{2,4}|\d{8}(?=[T ])|\d{1,2}[ -][a-zä]{3,9}[ -]\d{2,4}|[a-zä]{3,9} \d{1,2},? \d{4}"
-    r"|[a-z]{3} [a-z]{3} [ \d]\d(?= )"
-)
+_CLOCK = r"(?:\d{1,5} days?,? )?-?\d{1,4}:\d\d(?::\d\d(?:[.,]\d+)?)?(?:\s*[ap]\.?m\.?)?|\d{1,3}:\d\d[.,]\d+"
+_DAY = r"\d{1,4}([./-])\d{1,2}\1\d{2,4}|\d{8}(?=[T ])|\d{1,2}[ -][a-z]{3,9}[ -]\d{2,4}"
 _DATE = re.compile(rf"^(?:{_DAY})(?:[T ](?:{_CLOCK}|\d{{6}}).*)?$|^(?:{_CLOCK})$", re.IGNORECASE)
+_LIST = re.compile(r"^\[\s*(?:[+-]?[\d.]|nan)[^\]]*\]$")
 
 
 def is_comment(line: str) -> bool:
@@ -60,42 +56,39 @@ def split(line: str, separator: str) -> list[str]:
 
 
 def is_value(cell: str, decimal_comma: bool) -> bool:
-    """Tell whether a cell holds a number, one with a unit behind it, a date or a word for none."""
-    if (
-        _NUMBER.match(cell)
-        or _NOT_A_NUMBER.match(cell)
-        or cell in _WORDS
+    """Tell whether a cell holds a number, a list, a date, a duration or a word for none."""
+    found = (
+        cell in _WORDS
         or cell in LIKE_NUMBERS
-        or _DATE.match(cell)
-        or GROUPED_BY_COMMA.match(cell)
-    ):
-        return True
-    if decimal_comma and (COMMA_NUMBER.match(cell) or GROUPED_BY_POINT.match(cell)):
-        return True
-    quantity = quantity_of(cell)
-    return quantity is not None and (decimal_comma or not set(", ") & set(quantity[0]))
-
-
-def quantity_of(cell: str) -> tuple[str, str] | None:
-    """Return the number in a cell, in whatever notation, and the unit behind it, "" for none; None where it is neither.
-
-    >>> quantity_of("1.234,5 Nm"), quantity_of("2 apples")
-    (('1.234,5', 'Nm'), None)
-    """
-    if _NUMBER.match(cell):
-        return cell, ""
-    match = _QUANTITY.match(cell)
-    if match is None or (match[2] and not _is_unit(match[2])):
-        return None
-    return match[1].strip(), match[2] or ""
-
-
-@lru_cache(maxsize=4096)
-def _is_unit(text: str) -> bool:
-    return text in OFFSET_UNITS or is_known_by_heart(text)
+        or any(one.match(cell) for one in (_NUMBER, _NOT_A_NUMBER, _DATE, _DURATION, _LIST, GROUPED[decimal_comma]))
+    )
+    return found or (decimal_comma and COMMA_NUMBER.match(cell) is not None)
 
 
 def most_common_width(rows: Sequence[Sequence[str]]) -> int:
     """Return how many cells most rows have, 0 where there are no rows."""
     counts = Counter(len(row) for row in rows)
     return counts.most_common(1)[0][0] if counts else 0
+
+
+def has_quotes(line: str) -> bool:
+    """Tell whether a line has cells in quotes; a single quote is damage."""
+    count = line.count('"')
+    return count > 0 and count % 2 == 0
+
+
+def unique_names(names: Sequence[str]) -> list[str]:
+    """Return names for all columns: ``column_3`` for an empty one, ``x#2`` for the second ``x``."""
+    taken: dict[str, int] = {}
+    result = []
+    for i, name in enumerate(names):
+        name = printable(name).strip() or f"column_{i}"
+        taken[name] = taken.get(name, 0) + 1
+        result.append(name if taken[name] == 1 else f"{name}#{taken[name]}")
+    return result
+
+
+def printable_cell(text: str) -> str:
+    """Return a cell or line for a message: short, without anything that could disturb a terminal."""
+    text = printable(text)
+    return text if len(text) <= 40 else text[:39] + "…"

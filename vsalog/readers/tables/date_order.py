@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from vsalog.core.finding import Finding
-from vsalog.readers.time_written import day_of, parts_of
+from vsalog.readers.tables.time_written import day_of, parts_of
 
 _STATED = re.compile(r"\b(d+|m+)[./-](d+|m+)[./-](y+)\b|\b(y+)[./-](m+)[./-](d+)\b")
 _SAID = {"dmy": "day, month, year", "mdy": "month, day, year", "ymd": "year, month, day"}

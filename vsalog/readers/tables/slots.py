@@ -14,9 +14,9 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
-from vsalog.readers.headers import printable_cell
-from vsalog.readers.table_cells import numbers_and_words
-from vsalog.readers.time_dates import trimmed
+from vsalog.readers.tables.cells import numbers_and_words
+from vsalog.readers.tables.text import printable_cell
+from vsalog.readers.tables.time_dates import trimmed
 
 _NAME = re.compile(r"^(?P<stem>.*?)names?(?P<number>[\[_.]?\d+\]?)$")
 

@@ -15,21 +15,23 @@ from numpy.typing import NDArray
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps
 from vsalog.core.significance import REPEATS
-from vsalog.readers.date_order import order_of, possible_orders
-from vsalog.readers.headers import printable_cell
 from vsalog.readers.limits import MOST_EXCEPTIONS, SAMPLE_ROWS
 from vsalog.readers.reach import Nanoseconds
-from vsalog.readers.time_dates import dates, of_day, trimmed
-from vsalog.readers.time_folds import Folds, Restarts
-from vsalog.readers.time_names import UNITS, Rank, plain, rank_of, stated_unit
-from vsalog.readers.time_numbers import floats, is_numeric, multiplied, scaled_up
-from vsalog.readers.time_sizes import EPOCH, SERIAL, guessed_unit
-from vsalog.readers.time_written import dates_of, without_midnight
+from vsalog.readers.tables.date_order import order_of, possible_orders
+from vsalog.readers.tables.text import printable_cell
+from vsalog.readers.tables.time_dates import dates, of_day, trimmed
+from vsalog.readers.tables.time_folds import Folds, Restarts
+from vsalog.readers.tables.time_names import UNITS, Rank, plain, rank_of, stated_unit
+from vsalog.readers.tables.time_numbers import floats, is_numeric, multiplied, scaled_up
+from vsalog.readers.tables.time_sizes import EPOCH, SERIAL, guessed_unit
+from vsalog.readers.tables.time_written import dates_of, without_midnight
 
 # Decimal digits from the unit to the nanosecond.
 _DIGITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 _NANOSECONDS = {"min": 60 * 10**9, "h": Nanoseconds.HOUR, "d": Nanoseconds.DAY}
 
+_DURATION = r"^(?P<number>-?\d+(?:\.\d+)?) (?P<unit>sec|min|hr|days?)$"
+"""As MATLAB writes durations."""
 _SECONDS = re.compile(r"^(?P<stem>.*?)(?:^|[._/])(secs?)$")
 _HOURS, _MINUTES = ("hour", "hours", "hr", "hrs"), ("minute", "minutes", "min", "mins")
 _WHOLE_SECONDS = ("second", "seconds", "sec", "secs")
@@ -48,8 +50,8 @@ class ClockColumn:
         One column, or seconds and nanoseconds, or hours, minutes and seconds, or date and time of day.
     form : str
         A unit (``s``, ``ms``, ``us``, ``ns``, ``min``, ``h``, ``d``), ``serial`` or ``datenum`` (days), ``date``, ``day`` (time
-        of day), ``minutes`` (``59:58.5``), ``pair``, ``pair us``, ``hms`` or ``date+day``. Behind ``date`` and ``date+day`` may
-        stand the order of day, month and year: ``date mdy``.
+        of day), ``minutes`` (``59:58.5``), ``duration s`` (``0.5 sec``), ``pair``, ``pair us``, ``hms`` or
+        ``date+day``. Behind ``date`` and ``date+day`` may stand the order of day, month and year: ``date mdy``.
     """
 
     columns: tuple[int, ...]
@@ -185,6 +187,8 @@ def nanoseconds(columns: Sequence[pa.Array], form: str) -> tuple[Stamps, NDArray
         each = [multiplied(column, size) for column, size in zip(columns, sizes, strict=True)]
         good = np.logical_and.reduce([also & (np.abs(part) < 2**61) for part, also in each])
         return np.where(good, sum(part for part, _ in each), 0), good
+    if kind == "duration":
+        return nanoseconds([pc.replace_substring_regex(trimmed(columns[0]), _DURATION, r"\1")], order)
     if kind == "date+day":
         joined = pc.binary_join_element_wise(without_midnight(trimmed(columns[0])), trimmed(columns[1]), " ")
         return dates(joined, order)
@@ -198,6 +202,14 @@ def nanoseconds(columns: Sequence[pa.Array], form: str) -> tuple[Stamps, NDArray
     if kind in _NANOSECONDS:
         return multiplied(columns[0], _NANOSECONDS[kind])
     return scaled_up(columns[0], _DIGITS[kind])
+
+
+def digits_of(form: str) -> tuple[int, ...]:
+    """Return to how many digits behind the point each column of numbers of a clock is read exactly; () for other clocks."""
+    kind, _, order = form.partition(" ")
+    if kind == "pair":
+        return _DIGITS["s"], _DIGITS[order or "ns"]
+    return (_DIGITS[kind],) if kind in _DIGITS else ()
 
 
 def folds_of(form: str) -> Folds | Restarts:
@@ -252,6 +264,9 @@ def _written_form(name: str, sample: pa.Array, rest: Rest) -> tuple[str | None, 
         return f"date {order}", doubts
     if _reads(sample, "day"):
         return "day", []
+    units = pc.struct_field(pc.extract_regex(sample, _DURATION), "unit").drop_null().unique().to_pylist()
+    if len(units) == 1 and _reads(sample, form := f"duration {UNITS[units[0]]}"):
+        return form, []
     if _reads(sample, "minutes"):
         return "minutes", [Finding(code="clock.minutes_and_seconds", part=name)]
     return None, []

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from vsalog.readers.time_columns import ClockColumn, ClockPlan, nanoseconds
+from vsalog.readers.tables.time_columns import ClockColumn, ClockPlan, nanoseconds
 
 
 class Section(NamedTuple):

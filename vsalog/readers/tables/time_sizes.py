@@ -62,7 +62,7 @@ def guessed_unit(name: str, values: NDArray[np.float64], written: str = "{} [{}]
     Returns
     -------
     unit : str
-        As in `vsalog.readers.time_columns.ClockColumn`.
+        As in `vsalog.readers.tables.time_columns.ClockColumn`.
     doubts : list of Finding
         None where there is no doubt.
     """

@@ -1,4 +1,4 @@
-"""Files of text, compressed or not, and text that the CSV parser cannot take as it is, rewritten while it is read."""
+"""The text of a table: decompressed, in UTF-8, and in blocks of whole lines."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import codecs
 import io
 import re
 import zlib
+from collections.abc import Iterator, Sequence
 from enum import IntEnum
 from pathlib import Path
 from typing import IO, cast
@@ -13,10 +14,10 @@ from typing import IO, cast
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding
 from vsalog.core.memory import PIECE_BYTES
+from vsalog.core.significance import REPEATS
 from vsalog.readers.compression import FILE_RATIO
-from vsalog.readers.last_line import may_be_cut
-from vsalog.readers.limits import GLANCE_BYTES, PACKED_BYTES
-from vsalog.readers.table_text import WHITESPACE
+from vsalog.readers.limits import DECODED_BYTES, GLANCE_BYTES, PACKED_BYTES
+from vsalog.readers.tables.text import WHITESPACE, is_comment, printable_cell, split
 
 DAMAGE = (EOFError, zlib.error)
 """What a damaged compressed file raises."""
@@ -128,20 +129,6 @@ class BoundedGzip(io.RawIOBase):
         self._compressed.close()
 
 
-def is_utf8(file: IO[bytes]) -> bool:
-    """Tell whether all of a file, which is read from its beginning and left there, is UTF-8, as far as bytes tell."""
-    decoder = codecs.getincrementaldecoder("utf-8")()
-    try:
-        while raw := file.read(PIECE_BYTES):
-            decoder.decode(raw)
-        decoder.decode(b"", final=True)
-    except UnicodeDecodeError:
-        return False
-    finally:
-        file.seek(0)
-    return True
-
-
 def read_beginning(source: IO[bytes], most: int) -> bytes:
     """Return the first bytes of a file, of a damaged one as far as it goes."""
     parts: list[bytes] = []
@@ -156,6 +143,11 @@ def read_beginning(source: IO[bytes], most: int) -> bytes:
         parts.append(part)
         size += len(part)
     return b"".join(parts)
+
+
+def without_holes(text: bytes) -> bytes:
+    """Return text without runs of zeros, which files are left with that were being written when power failed."""
+    return re.sub(rb"\0{16,}", b"", text)
 
 
 def trouble_at_end(path: Path) -> str:
@@ -174,8 +166,8 @@ def trouble_at_end(path: Path) -> str:
     return ""
 
 
-class TextSource(io.RawIOBase):
-    """A file that gives UTF-8, with runs of blanks turned into one where asked for.
+class Lines:
+    """The lines of a table in UTF-8, as its parser can take them: single blanks between cells, no labels in them.
 
     Parameters
     ----------
@@ -184,72 +176,114 @@ class TextSource(io.RawIOBase):
     encoding : str
         Python's name of its encoding; what does not decode is replaced.
     separator : str
-        What separates cells. Where that is blanks, every run of them becomes a single space, and those at the ends of lines
-        are dropped.
+        What separates cells. Where that is blanks, every run of them becomes a single one.
+    labels : sequence of str
+        What stands ahead of the number in every cell, by column; empty where nothing does.
 
     Attributes
     ----------
-    cut : str
-        The last line where it was left out, as it has no end and may be cut off; else "".
-    damage : Finding or None
-        What is wrong with a compressed file.
+    findings : list of Finding
+        What was left out at the end; complete once all blocks are read.
     """
 
-    def __init__(self, file: IO[bytes], encoding: str, separator: str) -> None:
-        super().__init__()
+    def __init__(self, file: IO[bytes], encoding: str, separator: str, labels: Sequence[str] = ()) -> None:
+        self.findings: list[Finding] = []
         self._file = file
-        self._decoder = codecs.getincrementaldecoder(encoding)("replace")
+        self._above = b""
         self._separator = separator
-        self._squeeze = separator == WHITESPACE
-        self._ready = b""
-        self._line = ""
-        self._ended = False
-        self._tail = ""
-        self.damage: Finding | None = None
-        self.cut = ""
+        self._decoder = None if encoding == "utf-8" else codecs.getincrementaldecoder(encoding)("replace")
+        between = rf"\s*{re.escape(separator)}\s*" if separator != WHITESPACE else "[ \t]+"
+        cells = between.join(rf"{re.escape(label)}\s*[:=]\s*([^\n{re.escape(separator)}]*?)" for label in labels)
+        self._labelled = re.compile(rf"(?m)^\s*{cells}\s*$".encode()) if labels else None
+        self._bare = separator.encode().join(rb"\%d" % (i + 1) for i in range(len(labels)))
 
-    def readable(self) -> bool:
-        """Tell that the file can be read."""
-        return True
+    def blocks(self) -> Iterator[bytes]:
+        """Yield the text, cut at the ends of lines outside quotes; a line that is too long has no end."""
+        rest, ended, damaged = b"", False, False
+        while not ended:
+            raw, damaged = self._read()
+            ended = not raw
+            if self._decoder is not None:
+                raw = self._decoder.decode(raw, final=ended).encode()
+            text = rest + raw
+            # A line that is not whole waits for its end, which never comes where the file is damaged: half a number is another.
+            end = _end_of_lines(text)
+            if ended and not damaged:
+                end = self._end_of_file(text, end)
+            elif len(text) - end > PACKED_BYTES:
+                end = len(text)
+            rest = text[end:]
+            if end:
+                self._above = text[max(end - GLANCE_BYTES, 0) : end]
+                yield self._plain(text[:end])
 
-    def readinto(self, buffer: bytearray) -> int:  # type: ignore[override]
-        """Fill `buffer`; return how many bytes were written, 0 at the end."""
-        while not self._ready and not self._ended:
-            self._fill()
-        count = min(len(buffer), len(self._ready))
-        buffer[:count] = self._ready[:count]
-        self._ready = self._ready[count:]
-        return count
-
-    def _fill(self) -> None:
+    def _read(self) -> tuple[bytes, bool]:
         try:
-            raw = self._file.read(PIECE_BYTES)
+            return self._file.read(DECODED_BYTES), False
         except DAMAGE as error:
-            raw, self.damage = b"", _damage(error)
-        self._ended = not raw
-        text = self._line + self._decoder.decode(raw, final=self._ended)
-        if self._squeeze:
-            half = "\r" * (text.endswith("\r") and not self._ended)  # its "\n" may be still to come
-            text = text.removesuffix(half).replace("\r\n", "\n").replace("\r", "\n") + half
-        end = text.rfind("\n") if self._squeeze else max(text.rfind("\n"), text.rfind("\r"))
-        # A line that is not whole waits for its end, which never comes where the file is damaged: half a number is another one.
-        whole = self._ended and not self.damage
-        cut = len(text) if whole or len(text) > PACKED_BYTES else end + 1
-        if whole and may_be_cut(
-            re.split(r"\r\n|\n|\r", self._tail + text[: end + 1]), text[end + 1 :], self._separator
-        ):
-            cut, self.cut = end + 1, text[end + 1 :]
-        text, self._line = text[:cut], text[cut:]
-        self._tail = text[-GLANCE_BYTES:] or self._tail
-        self._ready = (_squeezed(text) if self._squeeze else text).encode("utf-8")
+            self.findings.append(_damage(error))
+            return b"", True
+
+    def _end_of_file(self, text: bytes, end: int) -> int:
+        """Return where the text ends, without a last line that has no end and may be cut off."""
+        last = text[end:].decode("utf-8", "replace")
+        above = (self._above + text[max(end - GLANCE_BYTES, 0) : end]).decode("utf-8", "replace").splitlines()
+        if not may_be_cut(above, last, self._separator):
+            return len(text)
+        self.findings.append(Finding(code="table.last_line_left_out", evidence={"line": printable_cell(last)}))
+        return end
+
+    def _plain(self, text: bytes) -> bytes:
+        if not text.isascii():
+            text = text.decode("utf-8", "replace").replace("\ufeff", "").encode()
+        if self._separator == WHITESPACE:
+            text = _squeezed(text)
+        return text if self._labelled is None else self._labelled.sub(self._bare, text)
 
 
-def _squeezed(text: str) -> str:
+def _end_of_lines(text: bytes) -> int:
+    """Return where the last whole line ends that no quotes hold together with the next, 0 where there is none."""
+    mark = b"\n" if b"\n" in text else b"\r"
+    end = last = text.rfind(mark) + 1
+    quotes = text.count(b'"', 0, end)
+    while quotes % 2 and end:
+        before = text.rfind(mark, 0, end - 1) + 1
+        quotes -= text.count(b'"', before, end)
+        end = before
+    return end if last - end < GLANCE_BYTES else last  # a single quote is damage
+
+
+def _squeezed(text: bytes) -> bytes:
     """Turn runs of blanks into one, and drop those at the ends of lines; many times as fast as regular expressions."""
-    text = text.replace("\t", " ")
-    while "  " in text:
-        text = text.replace("  ", " ")
-    return text.replace("\n ", "\n").replace(" \n", "\n").removeprefix(" ").removesuffix(" ")
+    text = text.replace(b"\t", b" ").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    while b"  " in text:
+        text = text.replace(b"  ", b" ")
+    return text.replace(b"\n ", b"\n").replace(b" \n", b"\n").removeprefix(b" ").removesuffix(b" ")
+
+
+def may_be_cut(lines: Sequence[str], last: str, separator: str) -> bool:
+    """Tell whether the last cell of a line without an end may have been longer.
+
+    It is whole where it is as long as the longest above, unless numbers may have an exponent or not.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Those ahead of it.
+    last : str
+        The line.
+    separator : str
+        What separates cells.
+    """
+    cells = split(last, separator)
+    rows = [split(line, separator) for line in lines if line.strip() and not is_comment(line)]
+    above = [row[-1].lstrip("+-") for row in rows[1:] if len(row) == len(cells)]  # the first may be cut, or the header
+    if not last.strip() or is_comment(last) or last.endswith('"') or len(above) + 1 < REPEATS:
+        return False
+    widths = {len(cell) for cell in above}
+    cell = cells[-1].lstrip("+-")
+    exponents = len(widths) > 1 and any("e" in one.lower() for one in above) and "e" not in cell.lower()
+    return exponents or len(cell) < max(widths)
 
 
 def _damage(error: Exception) -> Finding:

@@ -1,0 +1,166 @@
+"""Cells of tables as numbers: one in a cell, or a list of them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from vsalog.core.arrow import arrow_texts
+from vsalog.core.finding import Evidence, Finding
+from vsalog.core.recording import Values
+from vsalog.readers.limits import MAX_ARRAY, MOST_EXCEPTIONS, SAMPLE_ROWS
+from vsalog.readers.tables.text import GROUPED, LIKE_NUMBERS, NUMBER, printable_cell
+
+_CELL = NUMBER.replace("^", "^(", 1)[:-1] + r"|[+-]?(?i:inf|infinity)|[+-]?(?i:nan))$"
+_EMPTY = arrow_texts(["", *LIKE_NUMBERS])
+_WHOLE = re.compile(r"^[+-]?\d{1,40}$")
+_NOTHING = pa.nulls(1, pa.string())[0]
+_LIST = r"^\s*[\[(].*[\])]\s*$"
+_NAMED = re.compile(r"^(.*)\[([^\]]*)\]$", re.DOTALL)
+
+
+class Cells:
+    """Turns the cells of a column into numbers and counts those that are none."""
+
+    def __init__(self) -> None:
+        self.rows = 0
+        self.good = 0
+        self.bad = 0
+        self.first = ""
+        self.first_row = 0
+        self.rounded = ""
+
+    @property
+    def text(self) -> str:
+        """Why the column is no signal, "" where it is one."""
+        if self.good:
+            return ""
+        return "text" if self.bad else "no values"
+
+    def findings(self, column: str) -> list[Finding]:
+        """Return what was no number, or is none that floating point can hold."""
+        found = []
+        if self.rounded:
+            found.append(Finding(code="table.numbers_rounded", part=column, evidence={"number": self.rounded}))
+        if self.bad and not self.text:
+            first: Evidence = {"row": self.first_row + 1, "first": printable_cell(self.first)}
+            found.append(Finding(code="table.cells_without_number", part=column, value=self.bad, evidence=first))
+        return found
+
+    def convert(self, cells: pa.Array) -> Values:
+        """Return the numbers in a stretch of the column, texts or numbers already, NaN where there is none."""
+        if pa.types.is_floating(cells.type):
+            numbers, wrong = cells, None
+        else:
+            numbers, wrong = numbers_in(cells)
+        if wrong is not None:
+            if not self.bad:
+                at = int(np.argmax(wrong))
+                self.first_row = self.rows + at
+                self.first = bytes(pc.cast(cells[at], pa.binary()).as_py()).decode("utf-8", "replace")
+            self.bad += int(np.count_nonzero(wrong))
+        self.good += len(numbers) - numbers.null_count
+        self.rows += len(cells)
+        values = np.array(numbers.to_numpy(zero_copy_only=False), dtype=np.float64)
+        if numbers is not cells:
+            self.rounded = self.rounded or _rounded(cells, values)
+        return values
+
+
+def numbers_in(cells: pa.Array) -> tuple[pa.Array, NDArray[np.bool_] | None]:
+    """Return texts as float64, null where one is no number, and which of them are something else; None where none is."""
+    numbers = _all_numbers(cells)
+    if numbers is None:
+        cells = pc.ascii_trim_whitespace(cells)
+        numbers = _all_numbers(pc.if_else(pc.equal(cells, ""), _NOTHING, cells))
+    if numbers is not None:
+        return numbers, None
+    cells = pc.replace_substring_regex(cells, "^(?i:true)$", "1")
+    cells = pc.replace_substring_regex(cells, "^(?i:false)$", "0")
+    number = pc.match_substring_regex(cells, _CELL)
+    wrong = pc.fill_null(pc.and_not(pc.invert(number), pc.is_in(cells, _EMPTY)), False)
+    numbers = pc.cast(pc.if_else(pc.fill_null(number, False), cells, _NOTHING), pa.float64())
+    return numbers, np.asarray(wrong.to_numpy(zero_copy_only=False), bool) if pc.any(wrong).as_py() else None
+
+
+def with_points(cells: pa.Array, decimal_comma: bool) -> pa.Array:
+    """Return texts with numbers as ``1234.5``; among decimal commas, a point alone is of a thousand or of nothing."""
+    apart = pc.match_substring_regex(cells, GROUPED[decimal_comma].pattern)
+    cells = pc.if_else(apart, pc.replace_substring(cells, "." if decimal_comma else ",", ""), cells)
+    if not decimal_comma:
+        return cells
+    cells = pc.replace_substring_regex(cells, r"^(\s*[+-]?\d+)\.(\d+\s*)$", r"\1'\2")
+    return pc.replace_substring_regex(cells, r"^(\s*[+-]?\d*),(\d+(?:[eE][+-]?\d+)?\s*)$", r"\1.\2")
+
+
+def too_large(values: Values) -> NDArray[np.bool_]:
+    """Return which values are beyond those between which floating point holds all whole numbers."""
+    found: NDArray[np.bool_] = np.abs(values) * np.finfo(np.float64).epsneg > 1.0
+    return found
+
+
+def _rounded(cells: pa.Array, values: Values) -> str:
+    """Return a whole number that floating point cannot hold, "" where none was found."""
+    for at in np.flatnonzero(too_large(values) & np.isfinite(values))[:SAMPLE_ROWS].tolist():
+        cell = str(cells[at].as_py()).strip()
+        if _WHOLE.match(cell) and int(cell) != int(values[at]):
+            return cell
+    return ""
+
+
+def _all_numbers(cells: pa.Array) -> pa.Array | None:
+    """Return cells as numbers; None where one of them is none."""
+    try:
+        pc.cast(cells[:SAMPLE_ROWS], pa.float64())  # to tell of each cell that it is no number takes long
+        return pc.cast(cells, pa.float64())
+    except pa.ArrowInvalid:
+        return None
+
+
+def numbers_and_words(column: pa.Array) -> tuple[int, int]:
+    """Count the cells that hold a number and those that hold something else: prose has numbers too, between words."""
+    cells = Cells()
+    cells.convert(column)
+    return cells.good, cells.bad
+
+
+def elements_of(column: pa.Array) -> int:
+    """Return how many numbers the lists in most cells of a column hold, 0 where they hold none."""
+    filled = column.drop_null()
+    lists = pc.filter(filled, pc.match_substring_regex(filled, _LIST))
+    if not len(lists) or len(lists) < (1 - MOST_EXCEPTIONS) * len(filled):
+        return 0
+    lengths, often = np.unique(pc.list_value_length(_parts(lists)).to_numpy(zero_copy_only=False), return_counts=True)
+    count = int(lengths[np.argmax(often)])
+    return count if count <= MAX_ARRAY and numbers_and_words(split_lists(lists, count)[0])[0] else 0
+
+
+def split_lists(cells: pa.Array, count: int) -> list[pa.Array]:
+    """Return the elements of lists such as ``[0.5, 1.5]`` as columns of text; a list of another length is none."""
+    parts = _parts(cells)
+    good = pc.fill_null(pc.equal(pc.list_value_length(parts), count), False)
+    whole = pc.if_else(good, parts, pa.scalar(None, parts.type))
+    return [pc.if_else(good, pc.list_element(whole, k), cells) if len(cells) else cells for k in range(count)]
+
+
+def element_names(name: str, count: int) -> Sequence[str]:
+    """Return what the elements of a column of lists are called, by the names in its header's brackets, else by their numbers.
+
+    >>> element_names("state[hip,knee]", 2), element_names("state", 2)
+    (['state[hip]', 'state[knee]'], ['state[0]', 'state[1]'])
+    """
+    found = _NAMED.match(name)
+    names = [one.strip() for one in found[2].split(",")] if found else []
+    if found and len(names) == count == len({*names}) > 1:
+        return [f"{found[1]}[{one}]" for one in names]
+    return [f"{name}[{k}]" for k in range(count)]
+
+
+def _parts(cells: pa.Array) -> pa.Array:
+    inside = pc.utf8_trim(cells, " \t\r\n[]()")
+    return pc.split_pattern_regex(inside, r"\s*,\s*|\s+")
