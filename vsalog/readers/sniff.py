@@ -35,6 +35,9 @@ _FOREIGN = (
 _BOMS = (b"\xff\xfe", b"\xfe\xff", b"\xef\xbb\xbf")
 
 
+_CONTROL = bytes({*range(32)} - {*b"\t\n\v\f\r\x1b"})
+
+
 def sniff(path: Path) -> str:
     """Return what a file or folder is: ``mcap``, ``rosbag1``, ``rosbag2``, ``rosbag2-folder``, ``parquet``, ``matlab`` or
     ``table``.
@@ -119,7 +122,7 @@ def looks_like_text(head: bytes) -> bool:
         return True  # UTF-16 without its mark
     if head[0] and b"\n" in head:
         head = without_holes(head)
-    control = sum(byte < 32 and byte not in b"\t\n\v\f\r\x1b" for byte in head)
+    control = len(head) - len(head.translate(None, _CONTROL))
     return head.count(0) <= MOST_DAMAGED * len(head) and 20 * control < len(head)
 
 

@@ -66,7 +66,7 @@ class Cells:
             self.bad += int(np.count_nonzero(wrong))
         self.good += len(numbers) - numbers.null_count
         self.rows += len(cells)
-        values = np.array(numbers.to_numpy(zero_copy_only=False), dtype=np.float64)
+        values = np.asarray(numbers.to_numpy(zero_copy_only=False), dtype=np.float64)
         if numbers is not cells:
             self.rounded = self.rounded or _rounded(cells, values)
         return values

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -170,7 +171,8 @@ class TableReader:
                     stamps, good = row_clock(row, batch.num_rows, self.rate), np.ones(batch.num_rows, bool)
                 if own or len(sections) == 1:
                     for part, theirs in parts.items():
-                        yield from self._by_stream(own, part, good & theirs, stamps, values, wanted)
+                        for block in self._by_stream(own, part, good & theirs, stamps, values, wanted):
+                            yield replace(block, expected=0 if self._speakers else rows.expected)
             row += batch.num_rows
         self.findings.add(*rows.findings)
         if untimed:

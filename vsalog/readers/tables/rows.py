@@ -46,6 +46,8 @@ class Rows:
     ----------
     findings : Findings
         What was left out; complete once all batches are read.
+    expected : int
+        How many rows there are, as the first block's size says; 0 where the file is compressed.
     """
 
     def __init__(
@@ -57,7 +59,11 @@ class Rows:
         self._kinds = kinds
         self._header = [_bare(row) for row in dialect.header]
         self._digits = digits or {}
+        self.expected = 0
         self._quoted = dialect.quoted
+        # To look for words that stand for no number takes as long as parsing the numbers does.
+        words = any(cell and cell in NULLS for row in dialect.rows for cell in row)
+        self._nulls = [*NULLS] if words else [""]
         self._packed = False
         self._count: dict[str, int] = {}
         self._example = ""
@@ -80,9 +86,14 @@ class Rows:
             with open_text(self._path) as file:
                 self._packed = isinstance(file, BoundedGzip)
                 lines = Lines(file, dialect.encoding, dialect.separator, dialect.labels)
-                for block in lines.blocks():
-                    batch = self._parsed(block, columns, skip)
+                for block, quotes in lines.blocks():
+                    self._quoted = self._quoted or (quotes and self._has_quotes(block, skip))
+                    batch = None if self._elsewhere else self._at_once(block, columns, skip)
+                    if batch is None:
+                        batch = self._carefully(block, columns, skip)
                     skip = 0
+                    if not self._packed and not self.expected:
+                        self.expected = batch.num_rows * self._path.stat().st_size // max(block.size, 1)
                     self._rows += batch.num_rows
                     yield batch
                     if self._ended:
@@ -94,23 +105,14 @@ class Rows:
             raise ReadError(f"cannot be read: {error.strerror or error}", self._path) from error
         self._note()
 
-    def _parsed(self, block: bytes, columns: Sequence[int], skip: int) -> pa.RecordBatch:
-        if not self._quoted and b'"' in block:
-            self._quoted = self._has_quotes(block, skip)
-        if not self._elsewhere:
-            batch = self._at_once(block, columns, skip)
-            if batch is not None:
-                return batch
-        return self._carefully(block, columns, skip)
-
-    def _has_quotes(self, block: bytes, skip: int) -> bool:
+    def _has_quotes(self, block: pa.Buffer, skip: int) -> bool:
         """Tell whether quotes hold cells together: in a table without them one is damage, and would swallow lines."""
-        lines = [line.decode() for line in block.splitlines()[skip:] if b'"' in line][:SAMPLE_ROWS]
+        lines = [line.decode() for line in block.to_pybytes().splitlines()[skip:] if b'"' in line][:SAMPLE_ROWS]
         width = len(self._dialect.names)
         fitting = sum(has_quotes(line) and len(split(line, self._dialect.separator)) == width for line in lines)
         return 2 * fitting > len(lines)
 
-    def _at_once(self, block: bytes, columns: Sequence[int], skip: int) -> pa.RecordBatch | None:
+    def _at_once(self, block: pa.Buffer, columns: Sequence[int], skip: int) -> pa.RecordBatch | None:
         """Return a block as numbers, None where a cell is none, a line is no row, or floating point would round."""
         looked_at = {0, *columns, *([] if self._kinds.keys() & {*columns} else [*self._kinds][:1])}
         try:
@@ -125,15 +127,12 @@ class Rows:
                 continue
             cells = batch.column(names[i])
             digits = self._digits.get(i)
-            if digits is not None and not is_exact(cells, digits):
-                return None
-            most = pc.max(pc.abs(cells)).as_py()
-            if digits is None and most is not None and too_large(np.array([most]))[0] and np.isfinite(most):
+            if not (is_exact(cells, digits) if digits is not None else _whole_numbers_hold(cells)):
                 return None
         return batch.select([names[i] for i in columns])
 
     def _table(
-        self, block: bytes, kinds: Mapping[int, pa.DataType], skip: int, odd: list[tuple[int, str]] | None = None
+        self, block: pa.Buffer, kinds: Mapping[int, pa.DataType], skip: int, odd: list[tuple[int, str]] | None = None
     ) -> pa.RecordBatch:
         """Parse a block; lines that are no rows are appended to `odd`, or refused where it is not given."""
         names = self._dialect.names
@@ -148,7 +147,7 @@ class Rows:
             pa.BufferReader(block),
             read_options=pacsv.ReadOptions(
                 use_threads=odd is None,  # else lines have no numbers
-                block_size=len(block) + 1,
+                block_size=block.size + 1,
                 skip_rows=skip,
                 column_names=list(names),
             ),
@@ -163,14 +162,14 @@ class Rows:
                 column_types={names[i]: kind for i, kind in kinds.items()},
                 strings_can_be_null=True,
                 quoted_strings_can_be_null=True,
-                null_values=list(NULLS),
+                null_values=self._nulls if odd is None else [*NULLS],
                 decimal_point="," if self._dialect.decimal_comma else ".",
                 check_utf8=False,
             ),
         )
         return _one_batch(table)
 
-    def _carefully(self, block: bytes, columns: Sequence[int], skip: int) -> pa.RecordBatch:
+    def _carefully(self, block: pa.Buffer, columns: Sequence[int], skip: int) -> pa.RecordBatch:
         """Return the rows of a block as text, without those that are none."""
         odd: list[tuple[int, str]] = []
         names = self._dialect.names
@@ -256,6 +255,12 @@ class Rows:
                 self.findings.append(Finding(code=code, value=count, evidence=evidence))
         if self._other is not None:
             self.findings.append(self._other)
+
+
+def _whole_numbers_hold(cells: pa.Array) -> bool:
+    """Tell whether floating point holds all whole numbers of the cells' size."""
+    ends = np.array([one for one in pc.min_max(cells).as_py().values() if one is not None])
+    return not (too_large(ends) & np.isfinite(ends)).any()
 
 
 def _wrong(numbers: Mapping[int, pa.Array], rows: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

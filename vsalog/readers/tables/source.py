@@ -11,6 +11,8 @@ from enum import IntEnum
 from pathlib import Path
 from typing import IO, cast
 
+import pyarrow as pa
+
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding
 from vsalog.core.memory import PIECE_BYTES
@@ -197,8 +199,8 @@ class Lines:
         self._labelled = re.compile(rf"(?m)^\s*{cells}\s*$".encode()) if labels else None
         self._bare = separator.encode().join(rb"\%d" % (i + 1) for i in range(len(labels)))
 
-    def blocks(self) -> Iterator[bytes]:
-        """Yield the text, cut at the ends of lines outside quotes; a line that is too long has no end."""
+    def blocks(self) -> Iterator[tuple[pa.Buffer, bool]]:
+        """Yield the text, cut at ends of lines outside quotes, and whether it has quotes; a line that is too long has no end."""
         rest, ended, damaged = b"", False, False
         while not ended:
             raw, damaged = self._read()
@@ -215,7 +217,7 @@ class Lines:
             rest = text[end:]
             if end:
                 self._above = text[max(end - GLANCE_BYTES, 0) : end]
-                yield self._plain(text[:end])
+                yield self._plain(text, end), b'"' in text
 
     def _read(self) -> tuple[bytes, bool]:
         try:
@@ -233,18 +235,21 @@ class Lines:
         self.findings.append(Finding(code="table.last_line_left_out", evidence={"line": printable_cell(last)}))
         return end
 
-    def _plain(self, text: bytes) -> bytes:
-        if not text.isascii():
-            text = text.decode("utf-8", "replace").replace("\ufeff", "").encode()
+    def _plain(self, text: bytes, end: int) -> pa.Buffer:
+        if self._separator != WHITESPACE and self._labelled is None and text.isascii():
+            return pa.py_buffer(text).slice(0, end)
+        text = text[:end].decode("utf-8", "replace").replace("\ufeff", "").encode()
         if self._separator == WHITESPACE:
             text = _squeezed(text)
-        return text if self._labelled is None else self._labelled.sub(self._bare, text)
+        return pa.py_buffer(text if self._labelled is None else self._labelled.sub(self._bare, text))
 
 
 def _end_of_lines(text: bytes) -> int:
     """Return where the last whole line ends that no quotes hold together with the next, 0 where there is none."""
     mark = b"\n" if b"\n" in text else b"\r"
     end = last = text.rfind(mark) + 1
+    if b'"' not in text:
+        return end
     quotes = text.count(b'"', 0, end)
     while quotes % 2 and end:
         before = text.rfind(mark, 0, end - 1) + 1
