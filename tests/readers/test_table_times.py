@@ -210,11 +210,6 @@ def test_hours_minutes_and_seconds_in_columns_of_their_own(table):
     assert since_first(recording) == [i * S // 4 for i in range(20)]
 
 
-def test_zones_by_their_names(table):
-    recording = table(*noon("2024-03-13 12:00:00 CET", "2024-03-13 11:00:01 UTC", "2024-03-13 07:00:02 EDT"))
-    assert stamps(recording) == [nanoseconds(datetime(2024, 3, 13, 11, 0, i, tzinfo=UTC)) for i in range(3)]
-
-
 @pytest.mark.parametrize(
     ("header", "unit"),
     [(h, u) for u, hs in {

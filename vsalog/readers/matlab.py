@@ -19,7 +19,7 @@ from vsalog.readers.compression import FILE_RATIO
 from vsalog.readers.limits import GLANCE_BYTES, MAX_ARRAY, MAX_DEPTH
 from vsalog.readers.matlab_clock import find_clock, is_called_time, stamps_of
 from vsalog.readers.matlab_v4 import is_v4
-from vsalog.readers.tables.row_clock import row_clock
+from vsalog.readers.tables.row_times import row_clock
 
 V73 = b"MATLAB 7.3 MAT-file"
 """How files begin that are HDF5 within."""

@@ -25,8 +25,7 @@ from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.tables.cells import Cells, numbers_and_words
 from vsalog.readers.tables.long_tables import Speakers, find_speakers
 from vsalog.readers.tables.merged_tables import Layers, blank, columns_apart, group_by_blanks, stretches
-from vsalog.readers.tables.row_clock import row_clock
-from vsalog.readers.tables.row_times import RowTimes
+from vsalog.readers.tables.row_times import RowTimes, row_clock
 from vsalog.readers.tables.slots import Slots
 from vsalog.readers.tables.text import printable_cell, unique_names
 from vsalog.readers.tables.time_columns import ClockPlan, find_clocks, looks_like_clock, runs_backwards

@@ -8,7 +8,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vsalog.core.recording import Values
-from vsalog.readers.tables.time_dates import in_nanoseconds
+from vsalog.readers.tables.dates import in_nanoseconds
 
 
 def plain_type(kind: pa.DataType) -> pa.DataType:

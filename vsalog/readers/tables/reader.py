@@ -24,8 +24,7 @@ from vsalog.readers.tables.cells import Cells, element_names, elements_of, numbe
 from vsalog.readers.tables.dialect import Dialect, detect
 from vsalog.readers.tables.long_tables import find_speakers
 from vsalog.readers.tables.merged_tables import Layers, columns_apart, group_by_blanks, stretches
-from vsalog.readers.tables.row_clock import row_clock
-from vsalog.readers.tables.row_times import RowTimes
+from vsalog.readers.tables.row_times import RowTimes, row_clock
 from vsalog.readers.tables.rows import Rows
 from vsalog.readers.tables.sections import find_sections
 from vsalog.readers.tables.slots import Slots

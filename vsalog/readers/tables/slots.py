@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
 from vsalog.readers.tables.cells import numbers_and_words
+from vsalog.readers.tables.dates import trimmed
 from vsalog.readers.tables.text import printable_cell
-from vsalog.readers.tables.time_dates import trimmed
 
 _NAME = re.compile(r"^(?P<stem>.*?)names?(?P<number>[\[_.]?\d+\]?)$")
 

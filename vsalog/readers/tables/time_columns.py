@@ -17,14 +17,12 @@ from vsalog.core.recording import Stamps
 from vsalog.core.significance import REPEATS
 from vsalog.readers.limits import MOST_EXCEPTIONS, SAMPLE_ROWS
 from vsalog.readers.reach import Nanoseconds
-from vsalog.readers.tables.date_order import order_of, possible_orders
+from vsalog.readers.tables.dates import dates, dates_of, format_of, of_day, possible_formats, trimmed, without_midnight
 from vsalog.readers.tables.text import printable_cell
-from vsalog.readers.tables.time_dates import dates, of_day, trimmed
 from vsalog.readers.tables.time_folds import Folds, Restarts
 from vsalog.readers.tables.time_names import UNITS, Rank, plain, rank_of, stated_unit
 from vsalog.readers.tables.time_numbers import floats, is_numeric, multiplied, scaled_up
 from vsalog.readers.tables.time_sizes import EPOCH, SERIAL, guessed_unit
-from vsalog.readers.tables.time_written import dates_of, without_midnight
 
 # Decimal digits from the unit to the nanosecond.
 _DIGITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
@@ -51,7 +49,7 @@ class ClockColumn:
     form : str
         A unit (``s``, ``ms``, ``us``, ``ns``, ``min``, ``h``, ``d``), ``serial`` or ``datenum`` (days), ``date``, ``day`` (time
         of day), ``minutes`` (``59:58.5``), ``duration s`` (``0.5 sec``), ``pair``, ``pair us``, ``hms`` or
-        ``date+day``. Behind ``date`` and ``date+day`` may stand the order of day, month and year: ``date mdy``.
+        ``date+day``. Behind ``date`` and ``date+day`` may stand how dates are written: ``date %d.%m.%Y``.
     """
 
     columns: tuple[int, ...]
@@ -279,14 +277,14 @@ def _reads(sample: pa.Array, form: str) -> bool:
 
 
 def _order(name: str, sample: pa.Array, rest: Rest) -> tuple[str, list[Finding]]:
-    """Return the order of day, month and year in a column's dates and what to tell of it, see `date_order`."""
+    """Return how a column's dates are written and what to tell of it, see `format_of`."""
     dates = dict.fromkeys(dates_of(without_midnight(trimmed(sample))))
-    if len(possible_orders(list(dates))) > 1:
+    if len(possible_formats(list(dates))) > 1:
         for cells in rest():
             dates |= dict.fromkeys(dates_of(without_midnight(trimmed(cells))))
-            if len(dates) > SAMPLE_ROWS or len(possible_orders(list(dates))) < 2:
+            if len(dates) > SAMPLE_ROWS or len(possible_formats(list(dates))) < 2:
                 break
-    return order_of(name, list(dates))
+    return format_of(name, list(dates))
 
 
 def _rising(values: NDArray[np.float64]) -> bool:

@@ -10,7 +10,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vsalog.core.recording import Stamps
-from vsalog.readers.tables.time_dates import in_nanoseconds, integers, scaled, trimmed
+from vsalog.readers.tables.dates import in_nanoseconds, integers, scaled, trimmed
 
 
 def is_numeric(sample: pa.Array) -> bool:
