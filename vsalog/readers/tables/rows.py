@@ -64,6 +64,7 @@ class Rows:
         # To look for words that stand for no number takes as long as parsing the numbers does.
         words = any(cell and cell in NULLS for row in dialect.rows for cell in row)
         self._nulls = [*NULLS] if words else [""]
+        self._whole = {i for i in kinds if any(row[i].lstrip("+-").isdigit() for row in dialect.rows)}
         self._packed = False
         self._count: dict[str, int] = {}
         self._example = ""
@@ -126,8 +127,9 @@ class Rows:
             if not pa.types.is_floating(kind) or names[i] not in batch.schema.names:
                 continue
             cells = batch.column(names[i])
-            digits = self._digits.get(i)
-            if not (is_exact(cells, digits) if digits is not None else _whole_numbers_hold(cells)):
+            if i in self._digits and not is_exact(cells, self._digits[i]):
+                return None
+            if i in self._whole and not _whole_numbers_hold(cells):
                 return None
         return batch.select([names[i] for i in columns])
 
