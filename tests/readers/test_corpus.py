@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from finding_codes import codes
+from finding_codes import codes, values_of
 
 from vsalog.core.errors import ReadError
 from vsalog.readers import read
@@ -39,6 +39,25 @@ def test_numbers_of_many_digits_are_read_at_once(tmp_path):
     path = tmp_path / "digits.csv"
     path.write_text("time [s],x\n" + "".join(f"{k},{'7' * 20_000}\n" for k in range(40)), encoding="utf-8")
     assert list(read(path).channels) == ["x"]
+
+
+@pytest.mark.parametrize("line", [f"t:301{' ' * 2**20}x:1", f"t{' ' * 2**20}", f"t:301,x:{' ' * 2**20}y"])
+def test_blanks_within_a_line_are_passed_over_at_once(tmp_path, line):
+    """The square of their number would take minutes."""
+    path = tmp_path / "log.txt"
+    path.write_text("".join(f"t:{k / 100},x:{k}\n" for k in range(300)) + line + "\n", encoding="utf-8")
+    np.testing.assert_array_equal(read(path).channel("x").values[:300], np.arange(300.0))
+
+
+@pytest.mark.parametrize("line", ["# paused", "# x,time", "time,x", "y,z"])
+def test_lines_of_words_are_passed_over_however_many_they_are(tmp_path, line):
+    path = tmp_path / "log.csv"
+    rows = "".join(f"{k / 100},{k}\n" for k in range(300))
+    path.write_text("time,x\n" + rows + (line + "\n") * 20_000, encoding="utf-8")
+    log = read(path)
+    np.testing.assert_array_equal(log.channel("x").values, np.arange(300.0))
+    if line == "# paused":
+        assert values_of(log, "table.remarks") == [20_000]
 
 
 def test_a_table_may_become_shorter_while_it_is_read(tmp_path):

@@ -204,12 +204,6 @@ def test_hours_beyond_a_day_and_before_the_begin(table):
     assert stamps(table(*noon("-00:00:01.5", "00:00:00", "100:00:00.25"))) == [-3 * S // 2, 0, 360_000 * S + S // 4]
 
 
-def test_hours_minutes_and_seconds_in_columns_of_their_own(table):
-    recording = table("hour,minute,second,x", *(f"{m.hour},{m.minute},{m:%S.%f},{i}" for i, m in enumerate(ROWS)))
-    assert list(recording.channels) == ["x"]
-    assert since_first(recording) == [i * S // 4 for i in range(20)]
-
-
 @pytest.mark.parametrize(
     ("header", "unit"),
     [(h, u) for u, hs in {

@@ -31,7 +31,7 @@ _THOUSANDS = re.compile(r"^[+-]?[1-9]\d{0,2},\d{3}$")
 _FRACTION = re.compile(NUMBER)
 _STATED_SEPARATOR = re.compile(r"^sep=(.)$")
 """A first line that spreadsheets write and read."""
-_LABELLED = re.compile(r"^\s*([A-Za-z_][^:=\"{}]*?)\s*[:=]\s*(.*)$")
+_LABELLED = re.compile(r"^\s*([A-Za-z_][^:=\"{}]*)[:=]\s*(.*)$")
 """A cell that says what it is, as lines for the plotter of a microcontroller: ``t:0.01,angle:0.5``."""
 
 
@@ -212,7 +212,7 @@ def _labels_of(rows: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
     """Return what stands ahead of the number in each cell of a column, none where a column's cells have no label in common."""
     labels = []
     for cells in zip(*(row for row in rows if len(row) == width), strict=True):
-        found = Counter(match[1] for cell in cells if (match := _LABELLED.match(cell)))
+        found = Counter(match[1].strip() for cell in cells if (match := _LABELLED.match(cell)))
         (label, count), *_ = found.most_common(1) or [("", 0)]
         if count < (1 - MOST_EXCEPTIONS) * len(cells):
             return ()

@@ -190,17 +190,29 @@ class Rows:
         for i, cells in numbers.items():
             batch = batch.set_column(i, names[i], cells)
         wrong, wordy = _wrong(numbers, batch.num_rows)
-        kept &= self._without_headers(batch, (wordy & kept) | remarks, odd)
+        lines = np.flatnonzero((wordy & kept) | remarks)
+        self._add("table.remarks", int(np.count_nonzero(remarks[lines[BLOCK_ROWS:]])))
+        kept &= self._without_headers(batch, lines[:BLOCK_ROWS], odd)
         if self._packed:
             kept &= self._without_damage(wrong & kept, [at for at, text in odd if not is_comment(text)], batch.num_rows)
         return batch.select([names[i] for i in columns]).filter(pa.array(kept))
 
     def _without_headers(
-        self, batch: pa.RecordBatch, wordy: NDArray[np.bool_], odd: Sequence[tuple[int, str]]
+        self, batch: pa.RecordBatch, wordy: NDArray[np.intp], odd: Sequence[tuple[int, str]]
     ) -> NDArray[np.bool_]:
-        """Return which rows are of this table: no header, nor below that of another; count lines that are no rows."""
+        """Return which rows are of this table: no header, nor below that of another; count lines that are no rows.
+
+        Parameters
+        ----------
+        batch : RecordBatch
+            All columns.
+        wordy : int array
+            Rows that hold no number.
+        odd : sequence of (int, str)
+            Lines that are no rows, and how many rows are ahead of each.
+        """
         lines = [(at, 0, text, split(text, self._dialect.separator)) for at, text in odd]
-        for at in np.flatnonzero(wordy)[:BLOCK_ROWS].tolist():
+        for at in wordy.tolist():
             cells = [(column[at].as_py() or "").strip() for column in batch.columns]
             lines.append((at, 1, cells[0], cells))
         kept = np.ones(batch.num_rows, bool)
@@ -210,6 +222,7 @@ class Rows:
             bare = _bare(cells)
             own = bare in self._header
             other = not own and (sorted(bare) in map(sorted, self._header) if remark else names_a_clock(cells))
+            other = other and not self._dialect.labels  # such a table has no header
             if own or remark:
                 self._add("table.header_again" if own else "table.remarks", 1)
             elif not other and not inside:

@@ -194,9 +194,9 @@ class Lines:
         self._above = b""
         self._separator = separator
         self._decoder = None if encoding == "utf-8" else codecs.getincrementaldecoder(encoding)("replace")
-        between = rf"\s*{re.escape(separator)}\s*" if separator != WHITESPACE else "[ \t]+"
-        cells = between.join(rf"{re.escape(label)}\s*[:=]\s*([^\n{re.escape(separator)}]*?)" for label in labels)
-        self._labelled = re.compile(rf"(?m)^\s*{cells}\s*$".encode()) if labels else None
+        mark = re.escape(separator)
+        cells = f"{mark} *".join(rf"{re.escape(label)} *[:=] *([^\r\n{mark}]*)" for label in labels)
+        self._labelled = re.compile(rf"(?m)^ *{cells}(?=\r?$)".encode()) if labels else None
         self._bare = separator.encode().join(rb"\%d" % (i + 1) for i in range(len(labels)))
 
     def blocks(self) -> Iterator[tuple[pa.Buffer, bool]]:

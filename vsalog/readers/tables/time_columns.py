@@ -31,8 +31,6 @@ _NANOSECONDS = {"min": 60 * 10**9, "h": Nanoseconds.HOUR, "d": Nanoseconds.DAY}
 _DURATION = r"^(?P<number>-?\d+(?:\.\d+)?) (?P<unit>sec|min|hr|days?)$"
 """As MATLAB writes durations."""
 _SECONDS = re.compile(r"^(?P<stem>.*?)(?:^|[._/])(secs?)$")
-_HOURS, _MINUTES = ("hour", "hours", "hr", "hrs"), ("minute", "minutes", "min", "mins")
-_WHOLE_SECONDS = ("second", "seconds", "sec", "secs")
 _FRACTION = dict.fromkeys(("nanosec", "nsec", "nsecs", "nanosecs"), "pair") | dict.fromkeys(
     ("usec", "usecs"), "pair us"
 )
@@ -45,10 +43,10 @@ class ClockColumn:
     Attributes
     ----------
     columns : tuple of int
-        One column, or seconds and nanoseconds, or hours, minutes and seconds, or date and time of day.
+        One column, or seconds and nanoseconds, or date and time of day.
     form : str
         A unit (``s``, ``ms``, ``us``, ``ns``, ``min``, ``h``, ``d``), ``serial`` or ``datenum`` (days), ``date``, ``day`` (time
-        of day), ``minutes`` (``59:58.5``), ``duration s`` (``0.5 sec``), ``pair``, ``pair us``, ``hms`` or
+        of day), ``minutes`` (``59:58.5``), ``duration s`` (``0.5 sec``), ``pair``, ``pair us`` or
         ``date+day``. Behind ``date`` and ``date+day`` may stand how dates are written: ``date %d.%m.%Y``.
     """
 
@@ -103,14 +101,11 @@ def find_clocks(
         Asked for dates whose day and month the first rows do not tell apart.
     """
     pair = _second_and_fraction(names, sample)
-    parts = _hours_minutes_seconds(names, sample)
     ranked = sorted(
         (rank, i) for i, name in enumerate(names) if (rank := rank_of(name)) is not None and i < len(sample)
     )
     clocks: list[tuple[int, ClockColumn, tuple[Finding, ...]]] = []
     for rank, i in ranked:
-        if parts and i in parts.columns:
-            continue
         form, doubts = _form(names[i], units[i], sample[i], partial(whole, i) if whole else _nothing)
         if form is not None and (rank != Rank.DATED or _is_moment(form, sample[i])):
             clock, more = _with_date(ClockColumn((i,), form), names, sample, whole)
@@ -118,8 +113,6 @@ def find_clocks(
     best = clocks[0][0] if clocks else len(Rank)
     if pair and best > 0:
         return ClockPlan({"column": pair})
-    if parts and best > 2:
-        return ClockPlan({"column": parts})
     if not clocks and (found := _unnamed(names, sample, whole)):
         return found
     if not clocks:
@@ -180,11 +173,6 @@ def nanoseconds(columns: Sequence[pa.Array], form: str) -> tuple[Stamps, NDArray
         fraction, also = scaled_up(columns[1], _DIGITS[order or "ns"])
         good &= also & (np.abs(seconds // 2 + fraction // 2) < 2**61)  # their sum fits into 64 bits, and is a time
         return np.where(good, seconds, 0) + np.where(good, fraction, 0), good
-    if kind == "hms":
-        sizes = Nanoseconds.HOUR, Nanoseconds.MINUTE, Nanoseconds.SECOND
-        each = [multiplied(column, size) for column, size in zip(columns, sizes, strict=True)]
-        good = np.logical_and.reduce([also & (np.abs(part) < 2**61) for part, also in each])
-        return np.where(good, sum(part for part, _ in each), 0), good
     if kind == "duration":
         return nanoseconds([pc.replace_substring_regex(trimmed(columns[0]), _DURATION, r"\1")], order)
     if kind == "date+day":
@@ -213,7 +201,7 @@ def digits_of(form: str) -> tuple[int, ...]:
 def folds_of(form: str) -> Folds | Restarts:
     """Return what makes a clock go on where it goes back."""
     kind = form.partition(" ")[0]
-    if kind in ("day", "hms"):
+    if kind == "day":
         return Folds(Nanoseconds.DAY, False)
     if kind == "minutes":
         return Folds(Nanoseconds.HOUR, False)
@@ -327,14 +315,6 @@ def _second_and_fraction(names: Sequence[str], sample: Sequence[pa.Array]) -> Cl
             if other is not None and all(is_numeric(sample[c]) for c in (i, other)):
                 return ClockColumn((i, other), form)
     return None
-
-
-def _hours_minutes_seconds(names: Sequence[str], sample: Sequence[pa.Array]) -> ClockColumn | None:
-    """Return the columns of a time that is split into hours, minutes and seconds."""
-    called = [plain(name) for name in names[: len(sample)]]
-    found = [[i for i, name in enumerate(called) if name in known] for known in (_HOURS, _MINUTES, _WHOLE_SECONDS)]
-    columns = tuple(one[0] for one in found if len(one) == 1)
-    return ClockColumn(columns, "hms") if len(columns) == 3 and all(is_numeric(sample[i]) for i in columns) else None
 
 
 def _with_date(

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vsalog.core.recording import Stamps
+from vsalog.readers.tables.cells import numbers_in
 from vsalog.readers.tables.dates import in_nanoseconds, integers, scaled, trimmed
 
 
@@ -22,26 +21,11 @@ def is_numeric(sample: pa.Array) -> bool:
 def floats(array: pa.Array) -> NDArray[np.float64]:
     """Return cells as floating point numbers, NaN where there is none."""
     if pa.types.is_string(array.type) or pa.types.is_large_string(array.type):
-        array = _cast_or_null(array, pa.float64())
+        array = numbers_in(trimmed(array))[0]
     try:
         return np.asarray(pc.cast(array, pa.float64(), safe=False).to_numpy(zero_copy_only=False), np.float64)
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
         return np.full(len(array), np.nan)
-
-
-def _cast_or_null(array: pa.Array, kind: Any) -> pa.Array:
-    """Cast texts; those that cannot be become null."""
-    array = trimmed(array)
-    try:
-        return pc.cast(array, kind)
-    except pa.ArrowInvalid:
-        cells = []
-        for text in array.to_pylist():
-            try:
-                cells.append(pc.cast(pa.scalar(text, pa.string()), kind).as_py() if text else None)
-            except pa.ArrowInvalid:
-                cells.append(None)
-        return pa.array(cells, kind)
 
 
 def scaled_up(array: pa.Array, digits: int) -> tuple[Stamps, NDArray[np.bool_]]:
