@@ -7,9 +7,9 @@ Four topics at 1 kHz (JointState with three joints, WrenchStamped, FluidPressure
 drivers leave them. vsalog reads all channels through `vsalog.readers.read`; rosbags deserialises every message with its
 `AnyReader` and does nothing with it, rerun-sdk turns an MCAP file into Arrow. The floor is reading, decompressing and copying the
 chunks. Last, MCAP files of JointStates of 1 to 200 joints at random, always in one order or in
-another one in every message. Each runs in a process of its own, in turn, round after
-round; compared are the least times. vsalog's process tells its peak of resident memory. Exits with 1 where a target is missed.
-Needs Linux.
+another one in every message. A text table of a million rows of six numbers is compared with polars by CPU time. Each runs in
+a process of its own, in turn, round after round; compared are the least times. vsalog's process tells its peak of resident
+memory. Exits with 1 where a target is missed. Needs Linux.
 """
 
 from __future__ import annotations
@@ -67,6 +67,28 @@ from rerun.chunk import McapReader
 begin = time.perf_counter()
 rows = sum(chunk.num_rows for chunk in McapReader(sys.argv[1]).stream().to_chunks())
 print(time.perf_counter() - begin, rows)
+"""
+TABLE_ROWS = 1_000_000
+READ_TABLE = """
+import sys, time
+from pathlib import Path
+from vsalog.readers import read
+path = Path(sys.argv[1])
+read(path.with_name("short.csv"))
+begin = time.process_time()
+recording = read(path)
+print(time.process_time() - begin, len(recording.channel("x0").values))
+"""
+POLARS = """
+import sys, time
+from pathlib import Path
+import polars
+path = Path(sys.argv[1])
+polars.read_csv(path.with_name("short.csv"))
+begin = time.process_time()
+table = polars.read_csv(path)
+columns = [table[name].to_numpy() for name in table.columns]
+print(time.process_time() - begin, len(columns[0]))
 """
 COPY = """
 import struct, sys, time
@@ -214,6 +236,27 @@ def write_db3(path: Path, rows: int) -> None:
 WRITERS = {"mcap": write_mcap, "bag": write_bag, "db3": write_db3, "random": write_random, "shuffled": write_shuffled}
 
 
+def write_table(path: Path, rows: int) -> None:
+    import numpy as np
+    import pyarrow as pa
+    import pyarrow.csv
+
+    values = np.random.default_rng(1).standard_normal((5, rows)).round(9)
+    columns = {f"x{k}": column for k, column in enumerate(values)}
+    pyarrow.csv.write_csv(pa.table({"time": np.arange(rows) / 1000, **columns}), path)
+
+
+def tables(folder: Path, rounds: int) -> None:
+    """Print how many times polars' CPU time a text table takes; Arrow's parser alone takes about as much as all of polars."""
+    path = folder / "table.csv"
+    write_table(folder / "short.csv", 200)
+    write_table(path, TABLE_ROWS)
+    ways = {"vsalog": READ_TABLE, "polars": POLARS}
+    found = {way: min(run(code, path)[0] for _ in range(rounds)) for way, code in ways.items()}
+    own, other = found["vsalog"], found["polars"]
+    print(f"csv      vsalog {own:6.2f} s of CPU; polars {other:6.2f} s: {own / other:5.2f} x that")
+
+
 def run(code: str, path: Path) -> tuple[float, int]:
     """Run a piece of Python on a log; return the two numbers it prints, of which the first is its time [s]."""
     done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True)
@@ -235,6 +278,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "short").mkdir()
+        if find_spec("polars"):
+            tables(folder, asked.rounds)
         for ending, write in WRITERS.items():
             path = folder / {"db3": "log", "mcap": "log.mcap", "bag": "log.bag"}.get(ending, f"{ending}.mcap")
             for where, count in ((folder / "short" / path.name, 200), (path, rows)):
