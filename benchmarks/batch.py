@@ -32,7 +32,8 @@ ALONE = """
 import sys, time
 from pathlib import Path
 from vsalog.estimation.job import Options, prepare
-from vsalog.report.estimate_files import Outputs, write_results
+from vsalog.report.estimate_files import write_results
+from vsalog.report.outputs import Outputs
 
 logs, out, warm_up = sorted(Path(sys.argv[1]).glob("*/*.*[!l]")), sys.argv[2], int(sys.argv[3])
 for i, log in enumerate([*logs[:warm_up], *logs]):

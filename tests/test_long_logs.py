@@ -33,7 +33,8 @@ from vsalog.readers import order as ordering
 from vsalog.readers import read
 from vsalog.readers.base import Block
 from vsalog.readers.collect import collect
-from vsalog.report.estimate_files import Outputs, write_results
+from vsalog.report.estimate_files import write_results
+from vsalog.report.outputs import Outputs
 from vsalog.rig import Rig
 
 START, MS = 1_700_000_000_000_000_000, 1_000_000
@@ -372,17 +373,17 @@ def test_a_full_disk_is_told_with_what_to_do(monkeypatch, samples):
 
 
 def test_figures_of_a_long_trace_are_drawn_of_a_part_of_its_rows(monkeypatch, samples, tmp_path):
-    from vsalog.report import page_estimate
+    from vsalog.report import trace_evidence
 
     outputs = Outputs(tmp_path / "a.parquet", tmp_path / "a.toml", page=tmp_path / "a.html")
     prepared = prepare([samples / "vsa2_exp1.mcap"], Options())
-    monkeypatch.setattr(page_estimate, "AT_ONCE_BYTES", 3000 * 8 * 9)  # nine columns of eight bytes
+    monkeypatch.setattr(trace_evidence, "AT_ONCE_BYTES", 3000 * 8 * 9)  # nine columns of eight bytes
     (estimate,) = write_results(prepared, outputs)
-    every = page_estimate.thinned(estimate)
+    every = trace_evidence.thinned(estimate)
     assert every == 7
     for transmission in ("1", "2"):
-        whole = page_estimate.TraceColumns(outputs.trace, estimate.joint).of(transmission, "stiffness")
-        some = page_estimate.TraceColumns(outputs.trace, estimate.joint, every).of(transmission, "stiffness")
+        whole = trace_evidence.TraceColumns(outputs.trace, estimate.joint).of(transmission, "stiffness")
+        some = trace_evidence.TraceColumns(outputs.trace, estimate.joint, every).of(transmission, "stiffness")
         np.testing.assert_array_equal(some, whole[::every])
     assert "one sample in 7" in outputs.page.read_text(encoding="utf-8")
 
@@ -393,7 +394,8 @@ from pathlib import Path
 import numpy as np, pyarrow as pa, pyarrow.parquet as pq
 from vsalog.core import look
 from vsalog.estimation import job
-from vsalog.report.estimate_files import Outputs, write_results
+from vsalog.report.estimate_files import write_results
+from vsalog.report.outputs import Outputs
 
 job.AT_ONCE_BYTES = int(sys.argv[1])
 # In proportion to logs of minutes instead of hours.

@@ -167,7 +167,8 @@ def test_the_page_begins_with_all_estimators_in_one_figure(run, log, tmp_path):
     done = run("compare", log, "-e", "residual-rls,direct", "--report", tmp_path / "page.html")
     assert done.returncode == 0, done.stderr
     page = (tmp_path / "page.html").read_text()
-    assert page.index("Stiffness by all estimators") < page.index("Torque over time")
+    assert page.index("Stiffness by all estimators") < page.index("RMS residual")
+    assert page.count('class="plot"') == 1
     assert "by every estimator, where it is excited: residual-rls" in page
     assert "; the truth 20" in page
 

@@ -37,7 +37,7 @@ def test_what_one_more_sensor_would_add_is_said(run, samples, tmp_path):
         (tmp_path / "less.toml").write_text(rig)
         done = run("estimate", samples / "sea_exp1.csv", "--rig", "less.toml", "-o", tmp_path / "out.parquet")
         said = " ".join(done.stdout.split())
-        assert f"sea: {chosen}" in said, done.stderr
+        assert f" {chosen}: " in said, done.stderr
         assert ("would" in said) == (added is not None), removed
         assert added is None or added in said, removed
 

@@ -1,12 +1,12 @@
 """Evidence made by hand, with nothing in it to find out."""
 
 import numpy as np
-from test_page import HOSTILE, drawn, evidence, report
+from test_page import HOSTILE, drawn, evidence, report, write_page
 
 from vsalog.core.model import BasisSpec, JointModel, TransmissionModel
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
-__all__ = ["HOSTILE", "drawn", "evidence", "lever_arm_joint", "report"]
+__all__ = ["HOSTILE", "drawn", "evidence", "lever_arm_joint", "report", "write_page"]
 
 COUNT = 20_000
 

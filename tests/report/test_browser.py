@@ -10,9 +10,8 @@ import subprocess
 
 import pytest
 from msgspec.structs import replace
-from reports_evidence import HOSTILE, drawn, evidence, lever_arm_joint, report
+from reports_evidence import HOSTILE, drawn, evidence, lever_arm_joint, report, write_page
 
-from vsalog.report.page import write_page
 from vsalog.validation.document import Comparison, Figure, Score, TransmissionReport
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -43,7 +42,7 @@ PROBE = """<script>
     told.otherPaper = paper();
     told.tooWide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
     told.cutOff = [...document.querySelectorAll(".scroll")].filter((box) => box.scrollWidth > box.clientWidth).length;
-    told.tables = document.querySelectorAll(".scores:not(.stacking)").length;
+    told.tables = document.querySelectorAll(".scores").length;
     told.requests = performance.getEntriesByType("resource").map((e) => e.name).filter((n) => !/^(data|blob):/.test(n));
     told.images = document.querySelectorAll("img").length;
     told.servers = [...new Set(plots.map((p) => `${p._context.showSendToCloud} ${p._context.plotlyServerURL}`))];
@@ -57,8 +56,8 @@ PROBE = """<script>
 </script>"""
 
 
-def probed(page, folder, *options, probe=PROBE):
-    """Open a page with a probe in it; return what that found, and what the console says."""
+def probed(page, folder, *options, probe=PROBE, opened=None):
+    """Open a page with a probe in it, or one that holds it; return what that found, and what the console says."""
     text = page.read_text(encoding="utf-8")
     script = probe.removeprefix("<script>").removesuffix("</script>").encode()
     digest = base64.b64encode(hashlib.sha256(script).digest()).decode()
@@ -68,7 +67,7 @@ def probed(page, folder, *options, probe=PROBE):
         CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-3d-apis", "--no-first-run",
         "--disable-background-networking", "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={folder}",
         "--window-size=1280,20000", "--enable-logging=stderr", "--virtual-time-budget=120000", "--dump-dom", *options,
-        page.as_uri(),
+        (opened or page).as_uri(),
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=180)
     found = re.search(r'<pre id="probe">(.*?)</pre>', done.stdout, re.S)
@@ -88,8 +87,8 @@ def scored(found):
     part = TransmissionReport(
         transmission="1", judged_on=None, comparisons=(comparison,) * 2, inside_share=0.5, dependence=()
     )
-    joint = replace(joint, joint=lever_arm_joint().joint, transmissions=(part,))
-    return replace(found, logs=(replace(found.logs[0], joints=(joint,)),))
+    first = replace(joint, joint=lever_arm_joint().joint, transmissions=(part,))
+    return replace(found, logs=(replace(found.logs[0], joints=(first, joint)),))
 
 
 def test_figures_answer_and_colours_follow(tmp_path):
@@ -104,7 +103,7 @@ def test_figures_answer_and_colours_follow(tmp_path):
     assert told["ink"] != told["otherInk"]
     assert told["paper"] != told["otherPaper"]
     assert told["tooWide"] == 0  # the page itself does not scroll sideways
-    assert told["tables"] == 1
+    assert told["tables"] == 2
     assert told["cutOff"] == 0  # nor does its table of scores
     assert told["requests"] == []
     assert told["images"] == 0
@@ -120,3 +119,60 @@ def test_a_dark_desktop_gets_a_dark_page(tmp_path):
     told, _ = probed(page, tmp_path / "profile", "--blink-settings=preferredColorScheme=0")
     assert told["paper"] == "rgb(20, 24, 29)"
     assert told["otherPaper"] == "rgb(255, 255, 255)"
+
+
+LAYOUT = """<script>
+(async () => {
+  const told = { width: innerWidth };
+  const until = async (ready) => { for (let i = 0; i < 100 && !ready(); i++) await new Promise((r) => setTimeout(r, 50)); };
+  try {
+    const plots = [...document.querySelectorAll(".plot")], first = plots[0];
+    if (first) await until(() => first.dataset.state === "drawn");
+    told.fold = first ? first.getBoundingClientRect().top + 100 - innerHeight : -1;
+    told.drawn = first ? first.querySelectorAll(".main-svg").length > 0 : true;
+    told.tooWide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
+    told.cutOff = [...document.querySelectorAll(".scroll")].filter((box) => box.scrollWidth > box.clientWidth).length;
+    told.height = document.documentElement.scrollHeight;
+    told.headings = document.querySelectorAll("header h1").length;
+    told.theme = !document.getElementById("theme").hidden;
+  } catch (error) { told.error = String(error.stack); }
+  parent.postMessage(JSON.stringify(told), "*");
+})();
+</script>"""
+# A window of its own is never as narrow as a telephone.
+FRAME = """<!doctype html><body><iframe src="page.html" style="border: 0; width: {}px; height: {}px"></iframe><script>
+addEventListener("message", ({{ data }}) => {{
+  const pre = document.createElement("pre");
+  pre.id = "probe";
+  pre.textContent = data;
+  document.body.append(pre);
+}});
+</script></body>"""
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (390, 844)])
+@pytest.mark.parametrize("command", ["estimate", "validate", "validate two", "compare"])
+def test_every_page_fits_its_window_and_begins_with_a_figure(said, tmp_path, command, size):
+    page = tmp_path / "page.html"
+    shutil.copyfile(said[command].page, page)
+    frame = tmp_path / "frame.html"
+    frame.write_text(FRAME.format(*size))
+    told, console = probed(page, tmp_path / "profile", "--window-size=1300,900", probe=LAYOUT, opened=frame)
+    assert console == []
+    assert told["width"] == size[0]
+    assert told["drawn"]
+    assert (told["headings"], told["theme"]) == (1, True)
+    assert told["tooWide"] == 0
+    assert told["cutOff"] == 0
+    assert told["fold"] < 0  # a hundred pixels of the first figure are seen at once
+    if command == "compare":
+        assert told["height"] < (2000 if size[0] == 1280 else 5000)  # fourteen estimators
+
+
+@pytest.mark.parametrize("command", ["estimate", "compare"])
+def test_a_page_is_whole_without_a_script(said, command):
+    """The verdict, the table and what the figures show are in the HTML itself."""
+    text = said[command].page.read_text(encoding="utf-8")
+    body = text[text.index("<main") : text.index("</main>")]
+    assert "N·m/rad" in body
+    assert body.index('class="plot"') < body.index("<table")

@@ -7,14 +7,18 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from reports_evidence import HOSTILE, drawn, evidence, lever_arm_joint, report
+from reports_evidence import HOSTILE, drawn, evidence, lever_arm_joint, write_page
 
-from vsalog.report.page import charts_of, columns_for, write_page
+from vsalog.report.drawings import columns_for, joint_charts
 from vsalog.report.page_charts import NAMES
 from vsalog.report.page_data import chart_data
 from vsalog.report.page_text import label, plain, script_json
 from vsalog.report.paper_figures import write_figures
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
+
+
+def charts_of(joint, name, columns):
+    return joint_charts(joint, columns)[name]
 
 
 def test_every_figure_that_the_data_allow_is_there():
@@ -110,7 +114,7 @@ def test_figures_for_papers_are_named_after_nothing_in_a_log(tmp_path):
     pytest.importorskip("matplotlib")
     folder = tmp_path / "figures"
     hostile = evidence(3000, "../../" + HOSTILE + "$x$")
-    files = write_figures(folder, drawn([[hostile, lever_arm_joint()]]), report(HOSTILE), ("svg", "png"))
+    files = write_figures(folder, drawn([[hostile, lever_arm_joint()]]), [HOSTILE], ("svg", "png"))
     assert {p.name for p in files} | {"figures.txt"} == {p.name for p in folder.iterdir()}
     assert all(re.fullmatch(r"log1_joint[12]_part1_[a-z_]+\.(svg|png)", p.name) for p in files)
     assert {p.name.split("part1_")[1].split(".")[0] for p in files} == set(NAMES) - {"convergence"}
@@ -123,7 +127,7 @@ def test_figures_for_papers_are_named_after_nothing_in_a_log(tmp_path):
 def test_equal_results_make_equal_figures(tmp_path):
     pytest.importorskip("matplotlib")
     for name in "ab":
-        write_figures(tmp_path / name, drawn([[evidence(3000)]]), None, ("svg",))
+        write_figures(tmp_path / name, drawn([[evidence(3000)]]), (), ("svg",))
     for path in (tmp_path / "a").iterdir():
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name
 

@@ -9,7 +9,10 @@ import pytest
 from click.testing import CliRunner
 
 from vsalog.cli import cli
-from vsalog.report.page import joint_charts, write_page
+from vsalog.report.document import Document, Figures
+from vsalog.report.drawings import joint_charts
+from vsalog.report.html import page_of
+from vsalog.report.validate import report_document
 from vsalog.validation.document import VERSION, JointReport, LogReport, Report
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
@@ -30,7 +33,16 @@ def evidence(count, joint="elbow"):
 
 
 def drawn(logs, columns=1200):
-    return [[joint_charts(joint, columns) for joint in joints] for joints in logs]
+    return [{joint.joint: joint_charts(joint, columns) for joint in joints} for joints in logs]
+
+
+def write_page(path, title, found, charts):
+    """Write a validation's page, or one of nothing but figures."""
+    figures = [
+        Figures(tuple(own), f"{j} {n}") for log in charts for j, parts in log.items() for n, own in parts.items()
+    ]
+    document = Document(title, "", tuple(figures)) if found is None else report_document(found, drawn=charts)
+    path.write_text(page_of(document), encoding="utf-8")
 
 
 def report(name):

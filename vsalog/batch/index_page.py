@@ -118,7 +118,7 @@ def index_page(records: Sequence[Record], do: Do) -> str:
             break
         rows.append(f"<tr>{''.join(_cells(row, columns))}</tr>")
     heads = "".join(f'<th scope="col"{" class=n" if c.numeric else ""}>{escaped(c.head)}</th>' for c in columns)
-    style = resources.files("vsalog.report").joinpath("page.css").read_text(encoding="utf-8") + STYLE
+    style = resources.files("vsalog.report").joinpath("templates", "page.css").read_text(encoding="utf-8") + STYLE
     # Only this very script may run, whatever a log is called.
     policy = f"default-src 'none'; script-src '{_hash(SCRIPT)}'; style-src '{_hash(style)}'; img-src data:"
     return "\n".join(

@@ -45,9 +45,12 @@ def compare(
     from vsalog.cli.faults import bug, debugging
     from vsalog.comparison.run import compare as run
     from vsalog.estimation.job import Options
-    from vsalog.report.compare import print_comparison, print_json, worded, write_comparison_page
-    from vsalog.report.estimate import Progress
-    from vsalog.report.validate_files import inputs_of, keep_inputs
+    from vsalog.report.compare import comparison_document, worded
+    from vsalog.report.html import page_of
+    from vsalog.report.outputs import inputs_of, keep_inputs
+    from vsalog.report.progress import Progress
+    from vsalog.report.terminal import print_data, print_document
+    from vsalog.writers.atomic import write_text
 
     asked = [name for text in estimators for name in text.split(",") if name.strip()]
     if estimators and not asked:
@@ -61,8 +64,8 @@ def compare(
         found = worded(found)
         if report is not None:
             progress.say("writing the report")
-            write_comparison_page(report, found, runs, references)
-    (print_json if as_json else print_comparison)(found)
+            write_text(report, page_of(comparison_document(found, runs, references)))
+    (print_data if as_json else print_document)(comparison_document(found))
     if report is None and not as_json:
         click.echo("--report FILE.html draws them in one plot")
     if found.failed:

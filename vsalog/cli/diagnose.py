@@ -70,9 +70,9 @@ def diagnose(
     from vsalog.report.diagnose import print_json, print_report
     from vsalog.report.diagnose_files import Outputs, write_diagnosis
     from vsalog.report.diagnosis_account import worded
-    from vsalog.report.estimate import Progress
     from vsalog.report.experiment_words import scenario_text
-    from vsalog.report.validate_files import inputs_of, keep_inputs
+    from vsalog.report.outputs import inputs_of, keep_inputs
+    from vsalog.report.progress import Progress
 
     options = Options(rig, joints, settings, rate, time, suggest, start, end)
     outputs = Outputs.within(output, suggest)

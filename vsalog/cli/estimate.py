@@ -93,9 +93,11 @@ def estimate(
     folder. Several logs make one model and one trace, whose column `run` says which log a row is from.
     """
     from vsalog.estimation.job import Options, prepare
-    from vsalog.report.estimate import Progress, print_json, print_summary
-    from vsalog.report.estimate_files import Outputs, write_results
-    from vsalog.report.validate_files import inputs_of, keep_inputs
+    from vsalog.report.estimate_files import write_results
+    from vsalog.report.outputs import Outputs, inputs_of, keep_inputs
+    from vsalog.report.page_estimate import estimate_document
+    from vsalog.report.progress import Progress
+    from vsalog.report.terminal import print_data, print_document
 
     preset = {} if preset_tuning is None else {"preset": preset_tuning}
     options = Options(rig, joints, estimator, preset | tune, settings, rate, time, start, end)
@@ -120,4 +122,4 @@ def estimate(
         job = prepare(logs, options, progress.say)
         with progress.saying_when_compiling():
             estimates = write_results(job, outputs, progress.say)
-    (print_json if as_json else print_summary)(job, estimates, outputs)
+    (print_data if as_json else print_document)(estimate_document(job, estimates, outputs))

@@ -35,7 +35,7 @@ def init(
     from vsalog.core.errors import RigError, WriteError
     from vsalog.core.units import shown
     from vsalog.readers import read
-    from vsalog.report.validate_files import keep_inputs
+    from vsalog.report.outputs import keep_inputs
     from vsalog.rig.guess import guess_roles
     from vsalog.rig.load import Rig, preset_text
     from vsalog.rig.template import preset_template, rig_template

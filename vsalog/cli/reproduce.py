@@ -24,7 +24,7 @@ def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path 
     noise seeds. Each row says under which conditions, what the paper leaves open and was chosen, and why ours is worse where
     it is; docs/reproduce.md explains them.
     """
-    from vsalog.report.estimate import Progress
+    from vsalog.report.progress import Progress
     from vsalog.report.reproduce import as_document, print_items, print_rows
     from vsalog.reproduce.catalogue import select
     from vsalog.reproduce.measure import Study

@@ -126,7 +126,7 @@ def simulate(
     if rig is None:
         raise click.UsageError("name a rig file or a preset; 'vsalog simulate --list' lists the presets")
     from vsalog.estimation.live import LiveEstimate
-    from vsalog.report.estimate import Progress
+    from vsalog.report.progress import Progress
 
     options = Options(scenario, duration, rate, seed, ideal, settings, actual, truth, output)
     with Progress() as progress:
@@ -158,7 +158,7 @@ def _replay(
     output: str | None,
     as_json: bool,
 ) -> None:
-    from vsalog.report.estimate import Progress
+    from vsalog.report.progress import Progress
     from vsalog.report.replay import as_document, say_replayed
     from vsalog.simulation.replay_job import ReplayOptions, prepare_replay
 

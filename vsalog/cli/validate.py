@@ -82,9 +82,11 @@ def validate(
     the motor equation. What lies outside the region the model was fitted in is judged apart. Writes report.json and report.html.
     """
     from vsalog.report.drawings import Drawings
-    from vsalog.report.estimate import Progress
-    from vsalog.report.validate import print_json, print_report
-    from vsalog.report.validate_files import Outputs, inputs_of, keep_inputs, write_report
+    from vsalog.report.outputs import inputs_of, keep_inputs
+    from vsalog.report.progress import Progress
+    from vsalog.report.terminal import print_data, print_document
+    from vsalog.report.validate import report_document
+    from vsalog.report.validate_files import Outputs, write_report
     from vsalog.report.validation_words import worded
     from vsalog.validation.frozen import frozen
     from vsalog.validation.run import Options
@@ -99,6 +101,6 @@ def validate(
             report = worded(run(model, logs, options, progress.say, drawings))
         progress.say("writing the report")
         write_report(report, drawings, outputs)
-    (print_json if as_json else print_report)(report, outputs)
+    (print_data if as_json else print_document)(report_document(report, list(outputs.pairs())))
     if any(not threshold.met for threshold in report.thresholds):
         context.exit(3)

@@ -9,8 +9,7 @@ from vsalog.core.finding import Finding
 from vsalog.core.significance import INTERVAL
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, Number, Unexplained
-from vsalog.report.page_tables import unit_text
-from vsalog.report.page_text import number
+from vsalog.report.page_text import number, unit_text
 
 # Decimal exponents that are printed without a power of ten.
 PLAIN = range(-4, 6)
@@ -59,7 +58,7 @@ def unfilled(text: str) -> str:
 
 def unit_of(unit: str) -> str:
     """Return a unit as it is printed, after a space; nothing for a plain number."""
-    return "" if unit in ("", "1") else f" {unit_text(unit).replace('^2', '²').replace('^3', '³')}"
+    return "" if unit in ("", "1") else f" {unit_text(unit)}"
 
 
 def signal_name(role: str) -> str:

@@ -1,17 +1,25 @@
-"""A validation's figures, drawn as soon as a transmission is judged: an hour's samples need not be kept for them."""
+"""The figures of joints by transmission: of an estimate at once, of a validation as soon as a transmission is judged.
+
+An hour's samples need not be kept for them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 from vsalog.core.model import ModelFile
-from vsalog.report.page import JointCharts, charts_of, columns_for
+from vsalog.report.document import Block, Figures, Section
+from vsalog.report.page_characteristic import characteristic_charts
 from vsalog.report.page_charts import Chart
-from vsalog.report.page_decimate import FIGURE_COLUMNS
+from vsalog.report.page_decimate import FIGURE_COLUMNS, one_after_the_other
+from vsalog.report.page_errors import error_charts
+from vsalog.report.page_figures import convergence_charts, expanded_chart, stiffness_chart, torque_chart
 from vsalog.validation.evidence import JointEvidence
 
-# Per log: joint → transmission → figures.
-_Charts = list[dict[str, dict[str, list[Chart]]]]
+Charts = Mapping[str, Sequence[Chart]]
+"""Transmission → figures."""
 
 
 class Drawings:
@@ -23,6 +31,10 @@ class Drawings:
     joints : names of those that are wanted; all when empty
     logs : how many
     paper : whether figures are wanted as files, too
+
+    Attributes
+    ----------
+    page, paper : per log, joint → figures
     """
 
     def __init__(self, model: ModelFile, joints: Collection[str], logs: int, paper: bool) -> None:
@@ -30,24 +42,60 @@ class Drawings:
         # Several have their sum too.
         self._columns = columns_for(logs * sum(n + 1 if n > 1 else n for n in fitted))
         self._paper_too = paper
-        self._page: _Charts = [{} for _ in range(logs)]
-        self._paper: _Charts = [{} for _ in range(logs)]
+        self.page: list[dict[str, dict[str, Sequence[Chart]]]] = [{} for _ in range(logs)]
+        self.paper: list[dict[str, dict[str, Sequence[Chart]]]] = [{} for _ in range(logs)]
 
     def __call__(self, log: int, joint: JointEvidence) -> None:
         """Draw a joint's transmissions."""
-        for name in joint.transmissions:
-            self._page[log].setdefault(joint.joint, {})[name] = charts_of(joint, name, self._columns)
-            if self._paper_too:
-                self._paper[log].setdefault(joint.joint, {})[name] = charts_of(joint, name, FIGURE_COLUMNS)
-
-    def page(self) -> list[list[JointCharts]]:
-        """Return the figures of the page: per log, its joints."""
-        return _joints(self._page)
-
-    def paper(self) -> list[list[JointCharts]]:
-        """Return the figures for files."""
-        return _joints(self._paper)
+        self.page[log].setdefault(joint.joint, {}).update(joint_charts(joint, self._columns))
+        if self._paper_too:
+            self.paper[log].setdefault(joint.joint, {}).update(joint_charts(joint, FIGURE_COLUMNS))
 
 
-def _joints(charts: _Charts) -> list[list[JointCharts]]:
-    return [[JointCharts(joint, parts) for joint, parts in log.items()] for log in charts]
+def columns_for(transmissions: int) -> int:
+    """Return the pixel columns per figure that so many transmissions leave to each: a page grows by the root of their number."""
+    return math.ceil(FIGURE_COLUMNS / math.sqrt(max(transmissions, 1)))
+
+
+def joint_charts(joint: JointEvidence, columns: int) -> dict[str, Sequence[Chart]]:
+    """Return the figures of all transmissions of a joint; several runs follow one another in time."""
+    joint = replace(joint, time=one_after_the_other(joint.time))
+    found: dict[str, Sequence[Chart]] = {}
+    for name, part in joint.transmissions.items():
+        expanded = expanded_chart(joint, part, columns)
+        found[name] = [
+            torque_chart(joint, part, columns),
+            *([] if expanded is None else [expanded]),
+            stiffness_chart(joint, part, columns),
+            *characteristic_charts(joint, name, part),
+            *error_charts(joint, part),
+            *([] if found else convergence_charts(joint, columns)),
+        ]
+    return found
+
+
+def led(
+    charts: Charts, name: str, key: str, about: Mapping[str, Sequence[Block]] | None = None
+) -> tuple[list[Block], list[Block]]:
+    """Return the figure that a joint begins with, of its last transmission, which is the sum of several; and its other figures.
+
+    Parameters
+    ----------
+    charts : of a joint
+    name : of the chart that leads
+    key : of the joint: its figures over time are zoomed together, transmission by transmission
+    about : what stands ahead of a transmission's figures
+    """
+    last = list(charts)[-1] if charts else ""
+    lead = [chart for chart in charts.get(last, ()) if chart.name == name]
+    rest: list[Block] = []
+    for part, own in charts.items():
+        shown = tuple(chart for chart in own if part != last or chart.name != name)
+        title = "" if len(charts) == 1 else part_title(part)
+        rest.append(Section(title, (*(about or {}).get(part, ()), Figures(shown, f"{key}{part}"))))
+    return [Figures(tuple(lead), f"{key}{last}")] if lead else [], rest
+
+
+def part_title(part: str) -> str:
+    """Return what a transmission is called."""
+    return "Both transmissions together" if part == "total" else f"Transmission {part}"

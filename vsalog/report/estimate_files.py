@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,68 +13,13 @@ from vsalog.core.errors import WriteError
 from vsalog.core.trace import Trace
 from vsalog.estimation.job import Job
 from vsalog.estimation.joint import JointEstimate
+from vsalog.report.outputs import Outputs
 from vsalog.report.page_estimate import write_estimate_page
 from vsalog.report.paper_figures import write_estimate_figures
 from vsalog.writers.atomic import atomic_path
 from vsalog.writers.recording_mcap import write_topics_mcap
 from vsalog.writers.recording_topics import Topic, scalar_topic
 from vsalog.writers.trace import TraceWriter
-
-
-@dataclass(frozen=True, slots=True)
-class Outputs:
-    """Where the results go; a page, figures and a log of the trace only where they are asked for."""
-
-    trace: Path
-    model: Path
-    mcap: Path | None = None
-    page: Path | None = None
-    figures: Path | None = None
-
-    @classmethod
-    def named(
-        cls,
-        logs: Sequence[Path],
-        output: str | None,
-        mcap: Path | None,
-        page: Path | None = None,
-        figures: Path | None = None,
-    ) -> Outputs:
-        """Name the results after the first log, in the current folder, or as `output` says.
-
-        Raises
-        ------
-        WriteError
-            A result would overwrite one of the logs or another result, or the folder asked for is not there.
-        """
-        stem = _stem(logs[0])
-        if output is None or Path(output).is_dir():
-            folder = Path(output or "")
-            trace = folder / f"{stem}.stiffness.parquet"
-        elif output.endswith(("/", os.sep)):
-            raise WriteError(f"{output}: there is no such folder")
-        else:
-            trace = Path(output)
-            folder = trace.parent
-            stem = re.sub(r"(\.stiffness)?\.parquet$", "", trace.name)
-        outputs = cls(trace, folder / f"{stem}.model.toml", mcap, page, figures)
-        taken = {outputs.trace.resolve(): "-o", outputs.model.resolve(): "-o"}
-        for path, option in ((mcap, "--mcap"), (page, "--report")):
-            if path is not None:
-                if path.resolve() in taken:
-                    raise WriteError(f"{path}: is asked for twice, by {option} and by {taken[path.resolve()]}")
-                taken[path.resolve()] = option
-        if figures is not None and figures.exists() and not figures.is_dir():
-            raise WriteError(f"{figures}: is no folder; name one for the figures")
-        for path in (outputs.trace, outputs.model, outputs.mcap, outputs.page):
-            if path is not None and any(path.exists() and log.exists() and path.samefile(log) for log in logs):
-                raise WriteError(f"{path}: is the log itself; choose another name with -o")
-        return outputs
-
-
-def _stem(log: Path) -> str:
-    name = log.resolve().name
-    return name if log.is_dir() else Path(name).stem
 
 
 def write_results(job: Job, outputs: Outputs, progress: Callable[[str], None] = lambda _: None) -> list[JointEstimate]:

@@ -8,32 +8,17 @@ from __future__ import annotations
 import base64
 import gzip
 import hashlib
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from pathlib import Path
 
-from vsalog.report.page_characteristic import characteristic_charts
 from vsalog.report.page_charts import Chart
 from vsalog.report.page_data import chart_data
-from vsalog.report.page_decimate import FIGURE_COLUMNS, one_after_the_other
-from vsalog.report.page_errors import error_charts
-from vsalog.report.page_figures import convergence_charts, expanded_chart, stiffness_chart, torque_chart
 from vsalog.report.page_tables import (
-    dependences_list,
     facts,
-    joint_box,
-    modalities_table,
-    overview_table,
-    scores_table,
-    warnings_box,
 )
 from vsalog.report.page_text import escaped, lines, name, script_json
-from vsalog.validation.document import JointReport, Report, TransmissionReport
-from vsalog.validation.evidence import JointEvidence
-from vsalog.writers.atomic import write_text
 
 POLICY = "default-src 'none'; script-src {scripts} 'unsafe-eval'; style-src 'unsafe-inline'; img-src data: blob:"
 """No other script runs than those whose checksums are named, even if one got in; plotly's surfaces make functions of texts."""
@@ -42,14 +27,6 @@ FOOTER = (
     "<p class=keys>Figures: drag to zoom, double-click to see all again. With the keyboard: Tab to a figure, arrow keys move,"
     " + and − zoom, 0 shows all.</p><p>Written by vsalog; figures drawn by plotly.js (MIT licence).</p>"
 )
-
-
-@dataclass(frozen=True, slots=True)
-class JointCharts:
-    """A joint's figures, by transmission."""
-
-    joint: str
-    parts: Mapping[str, Sequence[Chart]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,63 +48,6 @@ class Section:
     html: str
     parts: Sequence[Part]
     heading: str = ""
-
-
-def write_page(path: Path, title: str, report: Report | None, drawn: Sequence[Sequence[JointCharts]]) -> None:
-    """Write a validation's report as one page.
-
-    Parameters
-    ----------
-    path : of the page
-    title : of it
-    report : what was found; without one, only the figures are shown
-    drawn : per log, its joints' figures
-
-    Raises
-    ------
-    WriteError
-        The file cannot be written.
-    """
-    sections, top, bottom = [], "", ""
-    if report is not None:
-        top, bottom = _verdicts(report), _provenance(report)
-    for i, joints in enumerate(drawn):
-        log = report.logs[i] if report is not None else None
-        found = {} if log is None else {j.joint: j for j in log.joints}
-        for joint in joints:
-            about = found.get(joint.joint)
-            html = "" if about is None else warnings_box(about.warnings) + _length(about)
-            parts = [
-                Part(part, "" if about is None else _about(about, part), charts) for part, charts in joint.parts.items()
-            ]
-            sections.append(Section(joint.joint, f"log {i + 1}" if log is None else log.log, html, parts))
-    write_text(path, assembled(title, "Validation of a stiffness model", top, sections, bottom))
-
-
-def columns_for(transmissions: int) -> int:
-    """Return the pixel columns per figure that so many transmissions leave to each: a page grows by the root of their number."""
-    return math.ceil(FIGURE_COLUMNS / math.sqrt(max(transmissions, 1)))
-
-
-def joint_charts(joint: JointEvidence, columns: int) -> JointCharts:
-    """Return the figures of all transmissions of a joint."""
-    return JointCharts(joint.joint, {name: charts_of(joint, name, columns) for name in joint.transmissions})
-
-
-def charts_of(joint: JointEvidence, name: str, columns: int) -> list[Chart]:
-    """Return the figures of a transmission, in the order of the page; several runs follow one another in time."""
-    joint = replace(joint, time=one_after_the_other(joint.time))
-    part = joint.transmissions[name]
-    charts = [torque_chart(joint, part, columns)]
-    expanded = expanded_chart(joint, part, columns)
-    if expanded is not None:
-        charts.append(expanded)
-    charts.append(stiffness_chart(joint, part, columns))
-    charts += characteristic_charts(joint, name, part)
-    charts += error_charts(joint, part)
-    if name == next(iter(joint.transmissions)):
-        charts += convergence_charts(joint, columns)
-    return charts
 
 
 def assembled(title: str, kind: str, top: str, sections: Sequence[Section], bottom: str) -> str:
@@ -197,40 +117,6 @@ def _figure(key: str, group: str, chart: Chart) -> str:
     )
 
 
-def _verdicts(report: Report) -> str:
-    boxes = "".join(joint_box(joint, log.log) for log in report.logs for joint in log.joints)
-    limits = "".join(
-        f'<p><span class="verdict {"met" if t.met else "missed"}">{"met" if t.met else "missed"}</span> threshold'
-        f" {escaped(t.name.upper())} ≤ {t.limit:g} %</p>"
-        for t in report.thresholds
-    )
-    overall = overview_table(report) if len(report.logs) > 1 else ""
-    return f'<section aria-label="Verdict">{overall}{boxes}{limits}</section>'
-
-
-def _length(joint: JointReport) -> str:
-    return f"<p>{joint.duration:.4g} s at {1.0 / joint.period:.4g} Hz.</p>" if joint.period > 0.0 else ""
-
-
-def _about(joint: JointReport, part: str) -> str:
-    found: TransmissionReport | None = next((t for t in joint.transmissions if t.transmission == part), None)
-    if found is None:
-        return ""
-    share = (
-        f"<p>{100.0 * found.inside_share:.3g} % of the samples lie inside the region that the model was fitted in.</p>"
-    )
-    return share + scores_table(found) + dependences_list(found) + modalities_table(found)
-
-
-def _provenance(report: Report) -> str:
-    pairs = [("model", f"{name(report.model)} {_hash(report.model_sha256)}")]
-    pairs += [("model learnt from", f"{name(log)} {_hash(digest)}") for log, digest in report.model_logs.items()]
-    pairs += [("validated on", f"{name(log.log)} {_hash(log.sha256)}") for log in report.logs]
-    pairs += [(escaped(key), f"<code>{escaped(value)}</code>") for key, value in report.settings.items()]
-    pairs.append(("vsalog", escaped(report.vsalog)))
-    return provenance(pairs, report.rig)
-
-
 def provenance(pairs: Sequence[tuple[str, str]], rig: str) -> str:
     """Return where it all comes from: pairs of HTML, and the rig as TOML text."""
     return (
@@ -239,12 +125,8 @@ def provenance(pairs: Sequence[tuple[str, str]], rig: str) -> str:
     )
 
 
-def _hash(digest: str) -> str:
-    return f"<code>SHA-256 {escaped(digest)}</code>" if digest else ""
-
-
 def _asset(file: str) -> str:
-    return resources.files("vsalog.report").joinpath(file).read_text(encoding="utf-8")
+    return resources.files("vsalog.report").joinpath("templates", file).read_text(encoding="utf-8")
 
 
 @cache

@@ -8,7 +8,8 @@ from pathlib import Path
 from vsalog.diagnosis.document import Diagnosis, FoundCause, Verdict
 from vsalog.diagnosis.evidence import CauseEvidence, JointEvidence
 from vsalog.report.diagnosis_words import confidence_text, unexplained_words
-from vsalog.report.page import Part, Section, assembled, columns_for, provenance
+from vsalog.report.drawings import columns_for
+from vsalog.report.page import Part, Section, assembled, provenance
 from vsalog.report.page_charts import Chart
 from vsalog.report.page_diagnosis_causes import cause_chart, remainder_chart
 from vsalog.report.page_diagnosis_gain import equations_chart, gain_chart

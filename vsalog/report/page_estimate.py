@@ -1,153 +1,50 @@
-"""An estimate as a page: the evidence that its trace holds, and its key figures."""
+"""What `estimate` says of its results, as a document; and its page."""
 
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields
 from pathlib import Path
 
-import numpy as np
-import pyarrow.compute as pc
-import pyarrow.parquet as pq
-from numpy.typing import NDArray
-
-from vsalog.core.memory import AT_ONCE_BYTES
-from vsalog.core.trace import EXTRA_UNITS
+from vsalog.core.printable import printable
 from vsalog.estimation.job import Job
 from vsalog.estimation.joint import JointEstimate
 from vsalog.estimation.summary import TransmissionSummary
-from vsalog.readers.opened import for_arrow
-from vsalog.report.page import Part, Section, assembled, columns_for, joint_charts, provenance
-from vsalog.report.page_tables import motor_table, summary_table, warnings_box
-from vsalog.report.page_text import escaped, name
-from vsalog.validation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
+from vsalog.estimators.equation import SUPPORTED_SHARE
+from vsalog.report.document import Block, Cell, Document, Facts, Notes, Section, Table, Verdict, Words, provenance
+from vsalog.report.drawings import columns_for, joint_charts, led, part_title
+from vsalog.report.html import page_of
+from vsalog.report.outputs import Outputs
+from vsalog.report.page_text import between, number, percent
+from vsalog.report.trace_evidence import distinct, evidence_of, thinned
+from vsalog.validation.evidence import setpoint_unit
 from vsalog.writers.atomic import write_text
 
-Array = NDArray[np.float64]
 
-SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
-PARAMETERS = ("motor_inertia", "motor_damping")
-
-
-def evidence_of(trace: Path, estimate: JointEstimate, setpoint_unit: str = "rad") -> JointEvidence:
-    """Read what the figures draw back out of a trace's file, column by column: an hour's trace is never held twice.
-
-    Of a longer one every so many rows are read (`thinned`).
+def estimate_document(
+    job: Job, estimates: Sequence[JointEstimate], outputs: Outputs | None = None, trace: Path | None = None,
+    origin: Mapping[str, str] | None = None,
+) -> Document:  # fmt: skip
+    """Return what was estimated.
 
     Parameters
     ----------
-    trace : the Parquet file, complete
-    estimate : of the joint wanted
-    setpoint_unit : of the joint: rad, or m where it is a lever arm
-
-    Returns
-    -------
-    The joint's evidence
+    job : that was run
+    estimates : what was found, joint by joint
+    outputs : files that are named
+    trace : the Parquet file, complete, that figures are drawn of; without one there are none
+    origin : provenance, as `Job.provenance` gives it
     """
-    columns = TraceColumns(trace, estimate.joint, thinned(estimate))
-    names = [t.transmission for t in _apart(estimate.summary.transmissions)]
-    time = columns.of(names[0], "time")
-    setpoint = columns.of(names[0], "setpoint") if "setpoint" in columns.known else None
-    if setpoint is not None and not np.isfinite(setpoint).any():
-        setpoint = None
-    parts = {n: _part(columns, n, estimate) for n in names}
-    excited = parts[names[-1]].inside
-    return JointEvidence(
-        estimate.joint, time, setpoint, setpoint_unit, parts, estimate.model, Convergence(columns, estimate), excited
-    )
-
-
-def _part(columns: TraceColumns, n: str, estimate: JointEstimate) -> TransmissionEvidence:
-    # A residual is compared with the fit behind the residual's own lag.
-    lagged = "residual" in columns.known and bool(np.isfinite(columns.of(n, "residual")).any())
-    fed = columns.of(n, "residual" if lagged else "flexibility_torque")
-    fit = columns.of(n, "residual_fit" if lagged else "flexibility_torque_fit")
-    return TransmissionEvidence(
-        deflection=columns.of(n, "deflection"),
-        predicted=fit,
-        predicted_std=np.full(fit.shape, np.nan),
-        measured=fed if np.isfinite(fed).any() else None,
-        measured_by=estimate.model.modality.lower(),
-        stiffness=columns.of(n, "stiffness"),
-        stiffness_std=columns.of(n, "stiffness_std"),
-        true_stiffness=None,
-        inside=columns.of(n, "excited") > 0.0,
-    )
-
-
-def thinned(estimate: JointEstimate) -> int:
-    """Return that figures are drawn of every so many rows of a joint's trace, for its columns to fit in memory; 1 for all."""
-    row = np.dtype(np.float64).itemsize * len(fields(TransmissionEvidence))
-    return max(1, -(-max(t.samples for t in estimate.summary.transmissions) * row // AT_ONCE_BYTES))
-
-
-class TraceColumns:
-    """Columns of one joint in a trace's file, read when asked for: every so many rows."""
-
-    def __init__(self, trace: Path, joint: str, every: int = 1) -> None:
-        self.trace, self.joint, self.every = trace, joint, every
-        self.known = tuple(pq.read_schema(for_arrow(trace)).names)
-
-    def of(self, transmission: str, column: str) -> Array:
-        """Return a column of a transmission, shape (N,), NaN where it is null."""
-        if self.every > 1:
-            return self._some_of(transmission, column)
-        wanted = [("joint", "==", self.joint), ("transmission", "==", transmission)]
-        values = pq.read_table(for_arrow(self.trace), columns=[column], filters=wanted)[column]
-        return np.asarray(pc.cast(values, "float64").to_numpy(), dtype=np.float64)
-
-    def _some_of(self, transmission: str, column: str) -> Array:
-        """Read a part of the file after the other, and keep every so many rows."""
-        found, skip = [], 0
-        with pq.ParquetFile(for_arrow(self.trace)) as file:
-            for batch in file.iter_batches(columns=[column, "joint", "transmission"]):
-                own = pc.and_(
-                    pc.equal(batch["joint"].cast("string"), self.joint),
-                    pc.equal(batch["transmission"].cast("string"), transmission),
-                )
-                values = pc.cast(batch[column].filter(own), "float64").to_numpy(zero_copy_only=False)
-                found.append(values[skip :: self.every].copy())
-                skip = (skip - values.size) % self.every
-        return np.concatenate(found).astype(np.float64)
-
-
-class Convergence(Mapping[str, Array]):
-    """An estimate's parameters over time by their names with units; each is read when asked for."""
-
-    def __init__(self, columns: TraceColumns, estimate: JointEstimate) -> None:
-        self.columns = columns
-        names = [t.name for t in estimate.model.transmission]
-        terms = estimate.model.basis.terms
-        self.where: dict[str, tuple[str, str]] = {}
-        for n in names:
-            # The names of transmissions are needed where there are two.
-            before = f"{n}: " if len(names) > 1 else ""
-            for i in range(len(terms)):
-                self._add(f"{before}{term_text(terms[i])} [N·m]", n, f"coefficient_{i}")
-            for parameter in PARAMETERS:
-                unit = EXTRA_UNITS[parameter].replace("*", "·").replace("^2", "²")
-                self._add(f"{before}{parameter.replace('_', ' ')} [{unit}]", n, parameter)
-
-    def _add(self, label: str, transmission: str, column: str) -> None:
-        if column in self.columns.known:
-            self.where[label] = (transmission, column)
-
-    def __getitem__(self, key: str) -> Array:
-        return self.columns.of(*self.where[key])
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.where)
-
-    def __len__(self) -> int:
-        return len(self.where)
-
-
-def term_text(term: str) -> str:
-    """Return a basis function as people write it: phi^3*c^2 is φ³ c²."""
-    raised = re.sub(r"\^(\d+)", lambda m: "" if m[1] == "1" else m[1].translate(SUPERSCRIPTS), term)
-    return raised.replace("phi", "φ").replace("*", " ").replace(":", ": ")
+    log = ", ".join(printable(path.name) for path in job.logs)
+    items: list[Block] = [Notes(tuple(job.findings), "terminal"), *_joints(job, estimates, trace)]
+    if job.findings:
+        items.append(Notes(tuple(job.findings), "page"))
+    if outputs is not None:
+        items.append(Facts(tuple(outputs.pairs()), "terminal"))
+    if origin is not None:
+        items.append(_provenance(estimates, origin))
+    data = None if outputs is None else _data(job, estimates, outputs)
+    return Document(f"Stiffness of {log}", "Estimate", tuple(items), data)
 
 
 def write_estimate_page(
@@ -155,53 +52,120 @@ def write_estimate_page(
 ) -> None:
     """Write an estimate as one page.
 
-    Parameters
-    ----------
-    path : of the page
-    job : that was run
-    trace : the Parquet file, complete
-    estimates : what was found, joint by joint
-    origin : provenance, as `Job.provenance` gives it
-
     Raises
     ------
     WriteError
         The file cannot be written.
     """
-    inputs: dict[str, str] = json.loads(origin["vsalog.input"])
-    log = ", ".join(inputs) or job.logs[0].name
+    write_text(path, page_of(estimate_document(job, estimates, None, trace, origin)))
+
+
+def _joints(job: Job, estimates: Sequence[JointEstimate], trace: Path | None) -> Iterator[Section]:
     columns = columns_for(sum(len(e.summary.transmissions) for e in estimates))
-    sections = []
-    for estimate in estimates:
-        if not estimate.summary.transmissions:
-            sections.append(Section(estimate.joint, log, _about(estimate), []))
-            continue
-        joint = evidence_of(trace, estimate, setpoint_unit(job.rig.joints[estimate.joint]))
-        parts = [Part(n, "", charts) for n, charts in joint_charts(joint, columns).parts.items()]
-        sections.append(Section(estimate.joint, log, _about(estimate), parts))
-    pairs = [("log", f"{name(n)} <code>SHA-256 {escaped(digest)}</code>") for n, digest in inputs.items()]
-    for estimate in estimates:
-        settings = ", ".join(f"{key} = {value}" for key, value in estimate.settings.items())
-        pairs.append((f"settings of {name(estimate.joint)}", f"<code>{escaped(settings)}</code>"))
-    pairs.append(("vsalog", escaped(origin["vsalog.version"])))
-    bottom = provenance(pairs, origin["vsalog.rig"])
-    page = assembled(f"Stiffness of {log}", "Estimate", warnings_box(job.warnings), sections, bottom)
-    write_text(path, page)
+    for e in estimates:
+        parts = distinct(e.summary.transmissions)
+        first: list[Block] = []
+        rest: list[Block] = []
+        if trace is not None and parts:
+            unit = setpoint_unit(job.rig.joints[e.joint])
+            first, rest = led(joint_charts(evidence_of(trace, e, unit), columns), "stiffness", f"{e.joint}: ")
+        s, about = e.summary, f"{e.estimator}: {e.reason}."
+        about += f" {s.duration:.4g} s at {1.0 / s.period:.4g} Hz." if s.period > 0.0 else ""
+        if trace is not None and parts and thinned(e) > 1:
+            about += f" The figures are drawn of one sample in {thinned(e)}."
+        told = (Words(about), _table(parts), _motor(e.model.motor))
+        title = f"Joint {e.joint}" if len(estimates) > 1 else ""
+        yield Section(title, (*first, Notes(e.findings), *told, *rest), _verdict(e, parts))
 
 
-def _apart(parts: Sequence[TransmissionSummary]) -> Sequence[TransmissionSummary]:
-    """Leave out the device where it has a single transmission, which it would repeat."""
-    return [p for p in parts if p.transmission != "total"] if len(parts) == 2 else parts
+def _verdict(e: JointEstimate, parts: Sequence[TransmissionSummary]) -> Verdict:
+    """Say in a line what came of a joint; what findings invalidate is not called estimated."""
+    known = [p for p in parts if p.stiffness_low is not None]
+    spans = [p.deflection_span for p in parts if p.deflection_span is not None]
+    if any(f.severity == "invalidates" for f in e.findings):
+        return Verdict(e.joint, "invalid", "bad", tuple(map(_said, known)))
+    if known:
+        warned = any(f.severity == "warning" for f in e.findings)
+        word = "estimated, with warnings" if warned else "estimated"
+        return Verdict(e.joint, word, "open" if warned else "good", tuple(map(_said, known)))
+    if spans and _is_observed(parts):
+        said = f"state observed, no stiffness estimated; the deflection spans {spans[0]:.4g} rad"
+        return Verdict(e.joint, "observed", "", (said,))
+    return Verdict(e.joint, "not estimated", "open")
 
 
-def _about(estimate: JointEstimate) -> str:
-    s = estimate.summary
-    words = (
-        f"{escaped(estimate.estimator)}: {escaped(estimate.reason)}. {s.duration:.4g} s at {1.0 / s.period:.4g} Hz."
-        if s.period > 0.0
-        else escaped(estimate.estimator)
-    )
-    if s.transmissions and thinned(estimate) > 1:
-        words += f" The figures are drawn of one sample in {thinned(estimate)}."
-    tables = summary_table(_apart(s.transmissions)) + motor_table(estimate.model.motor)
-    return f"<p>{words}</p>{tables}{warnings_box(estimate.warnings)}"
+def _is_observed(parts: Sequence[TransmissionSummary]) -> bool:
+    return all(p.transmission == "total" and p.fit_rms is None and p.stiffness_low is None for p in parts)
+
+
+def _said(p: TransmissionSummary) -> str:
+    span, std = between(p.stiffness_low, p.stiffness_high), percent(p.relative_std)
+    excited = percent(p.excited_share)
+    stiffness = f"stiffness {span} N·m/rad (1 % to 99 % of the samples) ± {std} (1 std)"
+    return f"{part_title(p.transmission)}: {stiffness}, excited {excited} of the time."
+
+
+def _table(parts: Sequence[TransmissionSummary]) -> Table:
+    heads = ("transmission", "stiffness [N·m/rad]", "± (1 std)", "last [N·m/rad]", "RMS residual [N·m]", "of the torque",
+             "excited")  # fmt: skip
+    rows = [
+        (
+            p.transmission,
+            between(p.stiffness_low, p.stiffness_high),
+            percent(p.relative_std),
+            number(p.stiffness_last, 4),
+            number(p.fit_rms),
+            percent(p.fit_share),
+            percent(p.excited_share),
+        )
+        for p in parts
+    ]
+    return Table("Estimate", heads, () if _is_observed(parts) else tuple(rows))
+
+
+def _motor(found: Mapping[str, float]) -> Table:
+    """Return what was estimated of the motors; a value that its own uncertainty swallows is not one."""
+    rows = []
+    for name in (n for n in found if not n.endswith("_std")):
+        value, std = found[name], found[f"{name}_std"]
+        unit = "kg·m²" if name.startswith("inertia") else "N·m·s/rad"
+        known = value > 0.0 and std < SUPPORTED_SHARE * value
+        told = Cell(f"{number(value, 5)} {unit}", "" if known else "this log does not tell it")
+        rows.append((name.replace("_", " "), told, f"{number(std, 2)} {unit}"))
+    return Table("Motor, as estimated", ("motor", "value", "± (1 std)"), tuple(rows))
+
+
+def _provenance(estimates: Sequence[JointEstimate], origin: Mapping[str, str]) -> Section:
+    inputs: dict[str, str] = json.loads(origin["vsalog.input"])
+    pairs = [(f"log {name}", f"SHA-256 {digest}") for name, digest in inputs.items()]
+    settings = {e.joint: ", ".join(f"{key} = {value}" for key, value in e.settings.items()) for e in estimates}
+    pairs += [(f"settings of {joint}", words) for joint, words in settings.items()]
+    return provenance([*pairs, ("vsalog", origin["vsalog.version"])], origin["vsalog.rig"])
+
+
+def _data(job: Job, estimates: Sequence[JointEstimate], outputs: Outputs) -> dict[str, object]:
+    return {
+        "logs": [printable(str(log)) for log in job.logs],
+        "rig": {"name": job.rig.name, "guessed": job.guessed},
+        "outputs": {
+            "trace": printable(str(outputs.trace)),
+            "model": printable(str(outputs.model)),
+            "mcap": None if outputs.mcap is None else printable(str(outputs.mcap)),
+        },
+        "joints": [
+            {
+                "joint": e.joint,
+                "estimator": e.estimator,
+                "reason": e.reason,
+                "modality": e.model.modality,
+                "settings": e.settings,
+                "motor": e.model.motor,
+                "summary": e.summary,
+                "findings": e.findings,
+                "warnings": list(e.warnings),
+            }
+            for e in estimates
+        ],
+        "findings": job.findings,
+        "warnings": list(job.warnings),
+    }

@@ -74,11 +74,28 @@ def bounded(value: float | None, digits: int = 3, most: float = math.inf, least:
     return f"> {most:g}" if value > most else f"< {least:g}" if value < least else f"{value:.{digits}g}"
 
 
-def number(value: float, digits: int = 3) -> str:
-    """Return a number as people read it: without an exponent where it need not have one."""
-    if not math.isfinite(value):
+def number(value: float | None, digits: int = 3, most: float = math.inf, least: float = -math.inf) -> str:
+    """Return a number as people read it, without an exponent where it need not have one; of one beyond a bound, that."""
+    if value is None or not math.isfinite(value):
         return "–"
+    if not least <= value <= most:
+        return f"> {most:g}" if value > most else f"< {least:g}".replace("-", "−")
     text = f"{value:.{digits}g}"
     if "e" in text and 1e-4 <= abs(value) < 1e6:
         text = f"{value:.0f}" if abs(value) >= 1.0 else f"{value:.6f}".rstrip("0")
     return text.replace("-", "−")
+
+
+def between(low: float | None, high: float | None, digits: int = 4) -> str:
+    """Return a range of numbers."""
+    return "–" if low is None or high is None else f"{number(low, digits)} … {number(high, digits)}"
+
+
+def percent(share: float | None, digits: int = 3) -> str:
+    """Return a share in per cent."""
+    return "–" if share is None else f"{number(100.0 * share, digits)} %"
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit as it is printed: N·m/rad."""
+    return unit.replace("*", "·").replace("^2", "²").replace("^3", "³")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,11 @@ import numpy as np
 from vsalog.core.errors import VsalogError, WriteError
 from vsalog.estimation.job import Job
 from vsalog.estimation.joint import JointEstimate
-from vsalog.report.page import JointCharts, joint_charts
+from vsalog.report.drawings import Charts, joint_charts
 from vsalog.report.page_charts import Axes, Chart, Curve, Surface
 from vsalog.report.page_decimate import FIGURE_COLUMNS
-from vsalog.report.page_estimate import evidence_of
 from vsalog.report.page_text import plain
-from vsalog.validation.document import Report
+from vsalog.report.trace_evidence import evidence_of
 from vsalog.validation.evidence import setpoint_unit
 from vsalog.writers.atomic import write_text
 
@@ -64,8 +63,8 @@ def check_matplotlib() -> None:
 
 def write_figures(
     folder: Path,
-    drawn: Sequence[Sequence[JointCharts]],
-    report: Report | None = None,
+    drawn: Sequence[Mapping[str, Charts]],
+    logs: Sequence[str] = (),
     formats: Sequence[str] = FORMATS,
 ) -> list[Path]:
     """Write every figure of a report into a folder, which is made, and `figures.txt`, which says what each shows.
@@ -76,7 +75,7 @@ def write_figures(
     ----------
     folder : where to
     drawn : per log, its joints' figures
-    report : for the logs' names in `figures.txt`
+    logs : their names, for `figures.txt`
     formats : out of svg, png, pdf
 
     Returns
@@ -98,7 +97,7 @@ def write_figures(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with rc_context(STYLE):
-            for name, heading, chart in _named(drawn, report):
+            for name, heading, chart in _named(drawn, logs):
                 canvas = _drawn(chart)
                 for kind in formats:
                     path = folder / f"{name}.{kind}"
@@ -116,16 +115,16 @@ def write_estimate_figures(folder: Path, job: Job, trace: Path, estimates: Seque
     evidence = [
         evidence_of(trace, e, setpoint_unit(job.rig.joints[e.joint])) for e in estimates if e.summary.transmissions
     ]
-    return write_figures(folder, [[joint_charts(joint, FIGURE_COLUMNS) for joint in evidence]])
+    return write_figures(folder, [{joint.joint: joint_charts(joint, FIGURE_COLUMNS) for joint in evidence}])
 
 
-def _named(drawn: Sequence[Sequence[JointCharts]], report: Report | None) -> Iterator[tuple[str, str, Chart]]:
+def _named(drawn: Sequence[Mapping[str, Charts]], logs: Sequence[str]) -> Iterator[tuple[str, str, Chart]]:
     """Give each chart its file's name and a heading in words."""
     for i, joints in enumerate(drawn):
-        log = "" if report is None else f", log {report.logs[i].log}"
-        for j, joint in enumerate(joints):
-            for k, (part, charts) in enumerate(joint.parts.items()):
-                heading = plain(f"joint {joint.joint}, transmission {part}{log}")
+        log = f", log {logs[i]}" if logs else ""
+        for j, (joint, parts) in enumerate(joints.items()):
+            for k, (part, charts) in enumerate(parts.items()):
+                heading = plain(f"joint {joint}, transmission {part}{log}")
                 for chart in charts:
                     yield f"log{i + 1}_joint{j + 1}_part{k + 1}_{chart.name}", heading, chart
 

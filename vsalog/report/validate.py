@@ -1,125 +1,223 @@
-"""What `validate` says: a compact table on stdout, warnings on stderr."""
+"""What `validate` says, as a document: verdicts, scores, what the error depends on."""
 
 from __future__ import annotations
 
-import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
-from rich.markup import escape
-from rich.table import Table
+import numpy as np
 
-from vsalog.core.documents import document_text
-from vsalog.core.printable import printable
-from vsalog.report.console import console_for_stdout, fits, print_findings
-from vsalog.report.page_tables import TENFOLD
-from vsalog.report.page_text import bounded
-from vsalog.report.validate_files import Outputs
-from vsalog.validation.document import Comparison, Figure, JointReport, Report, Score
-from vsalog.validation.verdict import overview
+from vsalog.report.document import (
+    Block,
+    Cell,
+    Document,
+    Facts,
+    Figures,
+    Notes,
+    Section,
+    Table,
+    Tone,
+    Verdict,
+    Words,
+    provenance,
+)
+from vsalog.report.drawings import Charts, led
+from vsalog.report.page_charts import Axes, Chart, Curve
+from vsalog.report.page_text import between, number, unit_text
+from vsalog.validation.document import Comparison, Figure, JointReport, Report, Score, TransmissionReport
+from vsalog.validation.document import Verdict as Judgement
+from vsalog.validation.verdict import HOLDING_ERROR, Line, overview
 
-_STYLE = {"holds": "green", "fails": "bold red", "undecided": "yellow", "cannot be judged": "yellow"}
+TONES: Mapping[Judgement, Tone] = {"holds": "good", "fails": "bad", "undecided": "open", "cannot be judged": "open"}
+# What scores are where the error is ten times the signal's spread [%, %, 1]: beyond, digits say no more.
+TENFOLD: Mapping[str, float] = {"nrmse": 1000.0, "msrep": 10_000.0, "r2": -99.0}
+DEPENDENCES = {
+    "torque": "torque (gain)",
+    "offset": "constant offset",
+    "zero": "zero of the deflection",
+    "side": "size of the torque (asymmetry)",
+    "gap": "sign of the deflection (backlash)",
+    "deflection": "deflection (shape of the spring)",
+    "position": "position of link or motor",
+    "setpoint": "set-point",
+    "velocity": "velocity of the deflection",
+    "late": "velocity of link or motor",
+    "direction": "direction of motion",
+    "loading": "loading or unloading",
+    "time": "time (torque)",
+    "zero over time": "time (deflection)",
+    "gain over time": "time (gain)",
+    "resolution": "resolution of the torque sensor",
+    "stuck": "a torque sensor that is stuck",
+    "itself": "its own past (not white)",
+}
 
 
-def print_report(report: Report, outputs: Outputs) -> None:
-    """Print verdicts, sentences and scores for people."""
-    console = console_for_stdout(markup=True)
-    if len(report.logs) > 1:
-        console.print(_overview(report))
-    for log in report.logs:
+def report_document(
+    report: Report, files: Sequence[tuple[str, str]] = (), drawn: Sequence[Mapping[str, Charts]] = ()
+) -> Document:
+    """Return a validation.
+
+    Parameters
+    ----------
+    report : what was found, in words
+    files : what was written: what each is, and its path
+    drawn : per log, its joints' figures; none when empty
+    """
+    logs = [log.log for log in report.logs]
+    several = sum(len(log.joints) for log in report.logs) > 1
+    items: list[Block] = []
+    if several:
+        found = overview(report)
+        items += [Figures((_errors(found),) if drawn else ()), _overview(found)]
+    for i, log in enumerate(report.logs):
         for joint in log.joints:
-            print_findings(joint.findings)
-            name = f"{escape(printable(log.log))}, {escape(printable(joint.joint))}"
-            console.print(f"[bold]{name}[/]: [{_STYLE[joint.verdict]}]{joint.verdict}[/]")
-            for sentence in joint.sentences:
-                console.print(f"  {escape(printable(sentence))}", soft_wrap=True)
-            scores = _scores(joint, wide=True)
-            console.print(scores if fits(scores, console) else _scores(joint, wide=False))
-            if any(t.modalities for t in joint.transmissions):
-                console.print(_modalities(joint))
-    for threshold in report.thresholds:
-        met = "met" if threshold.met else "[bold red]missed[/]"
-        console.print(f"threshold {threshold.name} ≤ {threshold.limit:g} %: {met}")
-    console.print(
-        f"report: {escape(printable(str(outputs.page)))}   data: {escape(printable(str(outputs.document)))}",
-        soft_wrap=True,
+            charts = drawn[i].get(joint.joint, {}) if drawn else {}
+            items.append(_section(joint, log.log, charts, f"Joint {joint.joint} in {log.log}" if several else ""))
+    for limit in report.thresholds:
+        about = f"threshold {limit.name.upper()} ≤ {limit.limit:g} %"
+        items.append(Verdict(about, "met" if limit.met else "missed", "good" if limit.met else "bad"))
+    items.append(Facts(tuple(files), "terminal"))
+    items.append(_provenance(report))
+    return Document(
+        f"{report.model} against {', '.join(logs)}", "Validation of a stiffness model", tuple(items), report
     )
 
 
-def _overview(report: Report) -> Table:
-    """Several logs in one table: what came of each, by what it was judged."""
-    table = Table(box=None, pad_edge=False, padding=(0, 2))
-    for heading in ("log", "joint", "verdict", "judged by"):
-        table.add_column(heading)
-    for heading in ("NRMSE [%], 95 %", "MSREP [%]", "inside [%]"):
-        table.add_column(heading.replace("[", "\\["), justify="right")
-    for row in overview(report):
-        style = _STYLE[row.verdict]
-        scores = (
-            (_interval(row.score.nrmse), bounded(row.score.msrep.value, most=TENFOLD["msrep"]))
-            if row.score
-            else ("–", "–")
-        )
-        name, joint = escape(printable(row.log)), escape(printable(row.joint))
-        table.add_row(
-            name, joint, f"[{style}]{row.verdict}[/]", row.judged_on or "–", *scores, f"{100.0 * row.inside:.3g}"
-        )
-    return table
-
-
-def print_json(report: Report, outputs: Outputs) -> None:
-    """Print the report as one JSON document."""
-    sys.stdout.buffer.write(document_text(report).encode())
-    sys.stdout.buffer.flush()
-
-
-def _scores(joint: JointReport, wide: bool) -> Table:
-    table = Table(box=None, pad_edge=False, padding=(0, 2))
-    for heading in ("transmission", "against", "where"):
-        table.add_column(heading, no_wrap=wide)
-    for heading in ("samples", "NRMSE [%], 95 %", "RMSE", "R²", "MSREP [%]", "bias", "largest"):
-        table.add_column(heading.replace("[", "\\["), justify="right", no_wrap=wide)
-    for part in joint.transmissions:
-        for comparison in part.comparisons:
-            for where, score in (("inside", comparison.inside), ("outside", comparison.outside)):
-                if score is not None:
-                    table.add_row(part.transmission, _against(comparison), where, *_cells(score))
-    return table
-
-
-def _against(comparison: Comparison) -> str:
-    quantity = "" if comparison.quantity == "flexibility_torque" else " stiffness"
-    return f"{comparison.reference}{quantity} [{comparison.unit.replace('*', '·')}]".replace("[", "\\[")
-
-
-def _cells(score: Score) -> tuple[str, ...]:
-    return (
-        str(score.samples),
-        _interval(score.nrmse),
-        bounded(score.rmse.value),
-        bounded(score.r2.value, 4, least=TENFOLD["r2"]),
-        bounded(score.msrep.value, most=TENFOLD["msrep"]),
-        bounded(score.bias.value),
-        f"{score.largest:.3g}",
+def _errors(found: Sequence[Line]) -> Chart:
+    """Return the error of several logs in one figure."""
+    known = [row for row in found if row.score is not None and row.score.nrmse.value is not None]
+    x = np.array([row.score.nrmse.value for row in known if row.score is not None], dtype=np.float64)
+    ends = [(row.score.nrmse.low, row.score.nrmse.high, np.nan) for row in known if row.score is not None]
+    y = -np.arange(x.size, dtype=np.float64)
+    limit = np.full(2, HOLDING_ERROR), np.array([0.6, 0.4 - x.size])
+    curves = (
+        Curve("up to here a model holds", *limit, "truth", dashed=True),
+        Curve("95 % interval", np.array(ends, dtype=np.float64).ravel(), np.repeat(y, 3), "model"),
+        Curve("error", x, y, "model", "points", symbol="circle"),
     )
+    words = "; ".join(f"{row.joint} in {row.log} {number(value)} %" for row, value in zip(known, x, strict=True))
+    axes = Axes("NRMSE [%]", "", curves, rows=tuple(f"{row.joint} in {row.log}" for row in known))
+    return Chart("errors", "Error by log", f"Error of the torque, as a share of its span: {words}.", (axes,))
+
+
+def _overview(found: Sequence[Line]) -> Table:
+    """Return several logs in one table: what came of each, by what it was judged."""
+    rows: list[tuple[Cell | str, ...]] = []
+    for row in found:
+        scores = [Cell("–")] * 2 if row.score is None else [_figure(row.score, "nrmse"), _figure(row.score, "msrep")]
+        verdict = Cell(row.verdict, tone=TONES[row.verdict])
+        inside = number(100.0 * row.inside)
+        rows.append((row.log, row.joint, verdict, row.judged_on or "–", *scores, inside))
+    heads = ("log", "joint", "verdict", "judged by", "NRMSE [%], 95 %", "MSREP [%], 95 %", "inside the region [%]")
+    return Table("All logs", heads, tuple(rows), keys=2, texts=4)
+
+
+def _section(joint: JointReport, log: str, charts: Charts, title: str) -> Section:
+    verdict = Verdict(f"{joint.joint} in {log}", joint.verdict, TONES[joint.verdict], joint.sentences)
+    items: list[Block] = [Notes(joint.findings)]
+    if joint.period > 0.0:
+        items.append(Words(f"{joint.duration:.4g} s at {1.0 / joint.period:.4g} Hz.", "page"))
+    items += [_scores(joint), _modalities(joint)]
+    about = {part.transmission: tuple(_about(part)) for part in joint.transmissions}
+    first, rest = led(charts, "torque", f"{log}, {joint.joint}: ", about)
+    return Section(title, (*first, *items, *rest), verdict)
+
+
+def _scores(joint: JointReport) -> Table:
+    """Scores with 95 % intervals, of samples inside and outside the model's region apart."""
+    rows = [
+        (part.transmission, _against(part, comparison), where, *_cells(score))
+        for part in joint.transmissions
+        for comparison in part.comparisons
+        for where, score in (("inside", comparison.inside), ("outside", comparison.outside))
+        if score is not None
+    ]
+    heads = ("transmission", "against", "where", "samples", "NRMSE [%]", "RMSE", "R²", "MSREP [%]", "bias", "largest")
+    caption = "Scores with 95 % intervals; the verdict rests on those marked *"
+    return _of_one(Table(caption, heads, tuple(rows), keys=3, texts=3), joint)
+
+
+def _of_one(table: Table, joint: JointReport) -> Table:
+    """Leave the first column out, which names the transmission, where there is only one."""
+    if len(joint.transmissions) != 1:
+        return table
+    rows = tuple(row[1:] for row in table.rows)
+    return replace(table, heads=table.heads[1:], rows=rows, keys=table.keys - 1, texts=table.texts - 1)
+
+
+def _against(part: TransmissionReport, comparison: Comparison) -> str:
+    """Return what a prediction is held against, with its unit, marked where the verdict rests on it."""
+    is_torque = comparison.quantity == "flexibility_torque"
+    mark = "*" if is_torque and comparison.reference == part.judged_on else ""
+    quantity = "" if is_torque else " stiffness"
+    return f"{comparison.reference}{quantity} [{unit_text(comparison.unit)}]{mark}"
+
+
+def _cells(score: Score) -> tuple[Cell | str, ...]:
+    samples = Cell(str(score.samples), f"{max(round(score.effective_samples), 1)} independent", brief=True)
+    figures = (_figure(score, key, brief=key != "nrmse") for key in ("nrmse", "rmse", "r2", "msrep", "bias"))
+    return (samples, *figures, number(score.largest))
+
+
+def _figure(score: Score, key: str, brief: bool = False) -> Cell:
+    """Return a score with its interval; no digits where the error is beyond tenfold."""
+    figure: Figure = getattr(score, key)
+    bound = TENFOLD.get(key)
+    digits = 4 if key == "r2" else 3
+    bounds = {} if bound is None else {"most": bound} if bound > 0.0 else {"least": bound}
+    text = number(figure.value, digits, **bounds)
+    whole = figure.low is not None and figure.value is not None and text == number(figure.value, digits)
+    return Cell(text, between(figure.low, figure.high, digits) if whole else "", brief)
 
 
 def _modalities(joint: JointReport) -> Table:
-    table = Table(box=None, pad_edge=False, padding=(0, 2))
-    for heading in ("transmission", "modality"):
-        table.add_column(heading)
-    for heading in ("stiffness [N·m/rad]", "± (1 std)", "torque NRMSE [%]", "MSREP of stiffness [%]"):
-        table.add_column(heading.replace("[", "\\["), justify="right")
-    for part in joint.transmissions:
-        for m in part.modalities:
-            span = "–" if m.stiffness_low is None else f"{m.stiffness_low:.4g} … {m.stiffness_high:.4g}"
-            torque = "–" if m.torque is None else bounded(m.torque.nrmse.value, most=TENFOLD["nrmse"])
-            truth = "–" if m.against_truth is None else bounded(m.against_truth.msrep.value)
-            table.add_row(part.transmission, m.modality, span, bounded(m.stiffness_std), torque, truth)
-    return table
+    """The log estimated by each modality, next to each other."""
+    rows = [
+        (
+            part.transmission,
+            m.modality,
+            between(m.stiffness_low, m.stiffness_high),
+            number(m.stiffness_std),
+            "–" if m.torque is None else _figure(m.torque, "nrmse"),
+            "–" if m.against_truth is None else _figure(m.against_truth, "msrep"),
+        )
+        for part in joint.transmissions
+        for m in part.modalities
+    ]
+    heads = (
+        "transmission",
+        "modality",
+        "stiffness [N·m/rad]",
+        "± (1 std)",
+        "torque NRMSE [%]",
+        "MSREP of stiffness [%]",
+    )
+    table = Table("The log itself, estimated by each modality", heads, tuple(rows), keys=2, texts=2)
+    return _of_one(table, joint)
 
 
-def _interval(figure: Figure) -> str:
-    if figure.value is None:
-        return "–"
-    if figure.low is None or figure.value > TENFOLD["nrmse"]:
-        return bounded(figure.value, most=TENFOLD["nrmse"])
-    return f"{figure.value:.3g}  ({figure.low:.3g} … {figure.high:.3g})"
+def _about(part: TransmissionReport) -> Iterator[Words]:
+    """Yield what a transmission's error depends on, and how to find out more."""
+    yield Words(
+        f"{number(100.0 * part.inside_share)} % of the samples lie inside the region that the model was fitted in."
+    )
+    if part.judged_on is None:
+        return
+    if not part.dependence:
+        yield Words(
+            "The error depends on nothing that was looked at: offset, torque, deflection, positions, set-point, velocities,"
+            " loading, time."
+        )
+        return
+    for d in part.dependence:
+        share = f"{number(100.0 * d.share)} % of the error's mean square"
+        yield Words(f"The error depends on {DEPENDENCES.get(d.on, d.on)}, {share}: {d.words}.")
+    yield Words("'vsalog diagnose LOG' looks for the cause by a simulation of the rig and extends the rig by it.")
+
+
+def _provenance(report: Report) -> Section:
+    pairs = [("model", f"{report.model} SHA-256 {report.model_sha256}")]
+    pairs += [("model learnt from", f"{log} SHA-256 {digest}") for log, digest in report.model_logs.items()]
+    pairs += [("validated on", f"{log.log} SHA-256 {log.sha256}") for log in report.logs]
+    return provenance([*pairs, *report.settings.items(), ("vsalog", report.vsalog)], report.rig)

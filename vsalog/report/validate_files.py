@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from vsalog.core.documents import document_text
-from vsalog.core.errors import WriteError
 from vsalog.report.drawings import Drawings
-from vsalog.report.page import write_page
+from vsalog.report.html import page_of
 from vsalog.report.paper_figures import check_matplotlib, write_figures
-from vsalog.rig.find import rig_beside
+from vsalog.report.validate import report_document
 from vsalog.validation.document import Report
 from vsalog.writers.atomic import make_folder, together, write_text
 
@@ -38,29 +37,10 @@ class Outputs:
         where = Path() if folder is None else folder
         return cls(where / "report.json", where / "report.html", figures)
 
-
-def inputs_of(logs: Iterable[Path], rig: str | Path | None = None) -> list[Path]:
-    """Return the files that a command reads: the logs, what a bag's folder holds, the rig that is given or lies next to them."""
-    logs = list(logs)
-    parts = [part for log in logs if log.is_dir() for part in log.iterdir()]
-    rigs = [rig_beside(log) for log in logs] if rig is None else [Path(rig)]
-    return [*logs, *parts, *(path for path in rigs if path is not None)]
-
-
-def keep_inputs(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
-    """Refuse to write over what is read, before anything is done.
-
-    Raises
-    ------
-    WriteError
-        An output is one of the inputs, or no file can be written there.
-    """
-    for output in outputs:
-        for given in inputs:
-            if output.exists() and given.exists() and output.samefile(given):
-                raise WriteError(f"{output}: is what is read; choose another place for what is written")
-        if output.is_dir():
-            raise WriteError(f"{output}: is a folder; name a file")
+    def pairs(self) -> Iterator[tuple[str, str]]:
+        """Yield what each file is, and its path."""
+        yield "report", str(self.page)
+        yield "data", str(self.document)
 
 
 def write_report(report: Report, drawings: Drawings, outputs: Outputs) -> None:
@@ -72,9 +52,8 @@ def write_report(report: Report, drawings: Drawings, outputs: Outputs) -> None:
         A file cannot be written.
     """
     make_folder(outputs.document.parent)
-    title = f"{report.model} against {', '.join(log.log for log in report.logs)}"
     if outputs.figures is not None:
-        write_figures(outputs.figures, drawings.paper(), report)
+        write_figures(outputs.figures, drawings.paper, [log.log for log in report.logs])
     with together():
-        write_page(outputs.page, title, report, drawings.page())
+        write_text(outputs.page, page_of(report_document(report, drawn=drawings.page)))
         write_text(outputs.document, document_text(report))

@@ -1,0 +1,42 @@
+"""What the commands say of the sample logs: the documents that they print, and the pages that they write."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from vsalog.cli import cli
+from vsalog.report import terminal
+from vsalog.report.document import Document
+
+
+@dataclass
+class Said:
+    document: Document
+    page: Path | None
+
+
+@pytest.fixture(scope="session")
+def said(samples, tmp_path_factory):
+    """Command → what it printed, before it was laid out, and its page."""
+    folder = tmp_path_factory.mktemp("said")
+    awas, second = (str(samples / f"awas_exp{i}.mcap") for i in (1, 2))
+    one, two = (str(samples / f"vsa2_exp{i}.mcap") for i in (1, 2))
+    model = str(folder / "vsa2_exp1.model.toml")
+    commands = {
+        "estimate": (["estimate", awas, "-o", str(folder), "--report", str(folder / "estimate.html")], "estimate.html"),
+        "estimate two": (["estimate", one, "-o", str(folder)], None),
+        "validate": (["validate", str(folder / "awas_exp1.model.toml"), second, awas, "-o", str(folder)], "report.html"),
+        "validate two": (["validate", model, two, "-o", str(folder / "2")], "2/report.html"),
+        "compare": (["compare", awas, "--report", str(folder / "compare.html")], "compare.html"),
+    }  # fmt: skip
+    found = {}
+    for name, (arguments, page) in commands.items():
+        printed = []
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(terminal, "print_document", lambda document, printed=printed: printed.append(document))
+            done = CliRunner().invoke(cli, arguments)
+        assert done.exit_code == 0, done.output
+        found[name] = Said(printed[0], None if page is None else folder / page)
+    return found

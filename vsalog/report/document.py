@@ -1,0 +1,179 @@
+"""What a command says, as one tree: `terminal` prints it, `page` renders it as HTML, and its data are its JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+from vsalog.core.finding import Finding, Severity
+from vsalog.report.page_charts import Chart
+
+Tone = Literal["", "good", "open", "bad"]
+"""How a verdict is coloured; its word says the same."""
+Where = Literal["both", "page", "terminal"]
+"""What renders a block: a terminal leaves out what fills screens, a page what names the page."""
+
+SEVERITIES: dict[Severity, str] = {"info": "note", "warning": "warning", "invalidates": "invalid"}
+"""What a line about a finding begins with."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A cell of a table: plain texts all of them.
+
+    Attributes
+    ----------
+    text : what it says
+    detail : what is said in smaller letters, such as an interval
+    brief : a terminal leaves the detail out
+    tone : of a verdict
+    share : what a bar shows next to the text, 0 to 1
+    value : what the table is sorted by; the text when None
+    links : texts and addresses
+    more : what a page shows when it is asked to
+    """
+
+    text: str
+    detail: str = ""
+    brief: bool = False
+    tone: Tone = ""
+    share: float | None = None
+    value: float | str | None = None
+    links: tuple[tuple[str, str], ...] = ()
+    more: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """A paragraph."""
+
+    kind: ClassVar[str] = "words"
+    text: str
+    where: Where = "both"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What came of something: a word about it, and sentences that explain it."""
+
+    kind: ClassVar[str] = "verdict"
+    about: str
+    word: str
+    tone: Tone
+    sentences: tuple[str, ...] = ()
+    where: Where = "both"
+
+
+@dataclass(frozen=True, slots=True)
+class Notes:
+    """Findings, which a terminal prints on stderr."""
+
+    kind: ClassVar[str] = "notes"
+    findings: tuple[Finding, ...]
+    where: Where = "both"
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """Keys and values."""
+
+    kind: ClassVar[str] = "facts"
+    pairs: tuple[tuple[str, str], ...]
+    where: Where = "both"
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table.
+
+    Attributes
+    ----------
+    caption : a few words
+    heads : of the columns
+    rows : of cells; a text is a cell that says that
+    keys : so many leading columns name the row
+    texts : so many leading columns hold words, the others numbers
+    sortable : a page sorts it by the heading that is clicked
+    """
+
+    kind: ClassVar[str] = "table"
+    caption: str
+    heads: tuple[str, ...]
+    rows: tuple[tuple[Cell | str, ...], ...]
+    keys: int = 1
+    texts: int = 1
+    sortable: bool = False
+    where: Where = "both"
+
+    def cells(self) -> Iterator[list[Cell]]:
+        """Yield the rows as cells."""
+        for row in self.rows:
+            yield [Cell(cell) if isinstance(cell, str) else cell for cell in row]
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A text of several lines as it is: a rig, or the difference of two."""
+
+    kind: ClassVar[str] = "source"
+    caption: str
+    text: str
+    folded: bool = False
+    where: Where = "page"
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """Charts; those of one group are zoomed together."""
+
+    kind: ClassVar[str] = "figures"
+    charts: tuple[Chart, ...]
+    group: str = ""
+    where: Where = "page"
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part with a heading; a terminal prints the verdict instead of the heading where there is one."""
+
+    kind: ClassVar[str] = "section"
+    title: str
+    items: tuple[Block, ...]
+    verdict: Verdict | None = None
+    where: Where = "both"
+
+
+Block = Words | Verdict | Notes | Facts | Table | Source | Figures | Section
+
+
+@dataclass(frozen=True, slots=True)
+class Document:
+    """All that a command says.
+
+    Attributes
+    ----------
+    title : of the page
+    about : what the page is
+    items : the blocks
+    data : what is printed as JSON
+    """
+
+    title: str
+    about: str
+    items: tuple[Block, ...]
+    data: Any = None
+
+
+def charts_in(items: Sequence[Block]) -> Iterator[Chart]:
+    """Yield the charts of all blocks."""
+    for item in items:
+        if isinstance(item, Section):
+            yield from charts_in(item.items)
+        elif isinstance(item, Figures):
+            yield from item.charts
+
+
+def provenance(pairs: Sequence[tuple[str, str]], rig: str) -> Section:
+    """Return where it all comes from: keys and values, and the rig as TOML."""
+    return Section("Provenance", (Facts(tuple(pairs)), Source("The rig, as TOML", rig, folded=True)), where="page")

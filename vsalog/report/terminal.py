@@ -1,0 +1,170 @@
+"""Renders documents on a terminal: lines broken between words, tables whole, turned or in blocks, no number cut."""
+
+from __future__ import annotations
+
+import os
+import sys
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+
+from rich.console import Console
+from rich.measure import Measurement
+from rich.table import Table as Grid
+from rich.text import Text
+
+from vsalog.core.documents import document_text
+from vsalog.core.finding import Finding, Severity
+from vsalog.core.finding_texts import by_severity
+from vsalog.report.document import SEVERITIES, Block, Cell, Document, Facts, Notes, Section, Table, Tone, Verdict, Words
+from vsalog.report.page_text import plain
+
+STYLES: dict[Severity, str] = {"info": "cyan", "warning": "yellow", "invalidates": "bold red"}
+TONES: dict[Tone, str] = {"": "", "good": "green", "open": "yellow", "bad": "bold red"}
+
+
+def console_for(stream: str = "stdout") -> Console:
+    """Return a console that breaks lines on a terminal only, or where the environment states its width."""
+    wide = not (getattr(sys, stream).isatty() or "COLUMNS" in os.environ)
+    width = sys.maxsize if wide else None
+    return Console(stderr=stream == "stderr", highlight=False, emoji=False, markup=False, width=width)
+
+
+def print_document(document: Document, console: Console | None = None) -> None:
+    """Print a document for people: findings on stderr, where a pipe does not lose them."""
+    _print(document.items, console or console_for(), 0)
+
+
+def print_data(document: Document) -> None:
+    """Print a document's data as JSON."""
+    sys.stdout.buffer.write(document_text(document.data).encode())
+    sys.stdout.buffer.flush()
+
+
+def print_findings(findings: Iterable[Finding]) -> None:
+    """Print findings on stderr, each after its severity."""
+    errors = Console(stderr=True, highlight=False, emoji=False)
+    for severity, sentence in by_severity(findings):
+        line = Text.assemble((f"{SEVERITIES[severity]}:", STYLES[severity]), f" {plain(sentence)}")
+        errors.print(line, soft_wrap=True)
+
+
+def _print(items: Sequence[Block], console: Console, depth: int) -> None:
+    for item in items:
+        if item.where == "page":
+            continue
+        if isinstance(item, Section):
+            if item.verdict is not None:
+                _verdict(item.verdict, console)
+            elif item.title:
+                console.print()
+                _line(console, item.title, "", "bold")
+            _print(item.items, console, depth + 1)
+        elif isinstance(item, Verdict):
+            _verdict(item, console)
+        elif isinstance(item, Words):
+            _line(console, item.text, "  " if depth else "")
+        elif isinstance(item, Notes):
+            print_findings(item.findings)
+        elif isinstance(item, Facts):
+            for key, value in item.pairs:
+                console.print(Text(plain(f"{key}: {value}")), soft_wrap=True)
+        elif isinstance(item, Table) and item.rows:
+            _line(console, item.caption, "", "italic")
+            for part in shaped(item, console):
+                console.print(part)
+
+
+def _verdict(verdict: Verdict, console: Console) -> None:
+    line = Text.assemble((plain(verdict.about), "bold"), ": ", (plain(verdict.word), TONES[verdict.tone]))
+    console.print(line, soft_wrap=True)
+    for sentence in verdict.sentences:
+        _line(console, sentence, "  ")
+
+
+def _line(console: Console, text: str, indent: str, style: str = "") -> None:
+    """Print a text of any length, broken between words; leading spaces of its own are further indent."""
+    own = indent + " " * (len(text) - len(text.lstrip(" ")))
+    broken = textwrap.wrap(
+        plain(text.strip()), max(console.width, 20), initial_indent=own, subsequent_indent=own, break_long_words=False,
+        break_on_hyphens=False,
+    )  # fmt: skip
+    for line in broken:
+        console.print(Text(line, style=style), soft_wrap=True)
+
+
+def shaped(table: Table, console: Console) -> Iterator[Grid | Text]:
+    """Yield a table as it fits: whole, its rows as columns, in blocks of columns, else a list per row.
+
+    Parameters
+    ----------
+    table : with at least one row
+    console : as wide as this is
+
+    Returns
+    -------
+    What to print, of which no line that can be broken is wider than the console, and no cell is cut
+    """
+    turned = _turned(table) if len(table.rows) < len(table.heads) - table.keys else table
+    for below in (False, True):
+        for whole in (table, turned):
+            grid = _grid(whole, below)
+            if _fits(grid, console):
+                yield grid
+                return
+    blocks = list(_blocks(table, console))
+    if all(_fits(block, console) for block in blocks):
+        yield from blocks
+        return
+    for row in table.cells():
+        yield Text("  " + ", ".join(filter(None, map(_said, row[: table.keys]))), "bold", overflow="fold")
+        for head, cell in zip(table.heads[table.keys :], row[table.keys :], strict=True):
+            if _said(cell):
+                yield Text(f"    {plain(head)}  {_said(cell)}", overflow="fold")
+
+
+def _blocks(table: Table, console: Console) -> Iterator[Grid]:
+    """Yield the columns that name a row with as many others as there is room for, until all are there."""
+    block: list[int] = []
+    for column in range(table.keys, len(table.heads)):
+        if block and not _fits(_grid(_of(table, [*block, column]), True), console):
+            yield _grid(_of(table, block), True)
+            block = []
+        block.append(column)
+    yield _grid(_of(table, block), True)
+
+
+def _of(table: Table, columns: Sequence[int]) -> Table:
+    """Return a table with the columns that name a row, and some of the others."""
+    kept = [*range(table.keys), *columns]
+    rows = tuple(tuple(row[i] for i in kept) for row in table.rows)
+    texts = sum(i < table.texts for i in kept)
+    return replace(table, heads=tuple(table.heads[i] for i in kept), rows=rows, texts=texts)
+
+
+def _turned(table: Table) -> Table:
+    """Return a table whose columns are the rows."""
+    columns = zip(*table.cells(), strict=True)
+    rows = tuple((head, *cells) for head, cells in zip(table.heads, columns, strict=True))
+    return Table(table.caption, ("",) * (1 + len(table.rows)), rows)
+
+
+def _fits(grid: Grid, console: Console) -> bool:
+    """Tell whether the natural width is within the console's: rich's own measure is clipped to it."""
+    options = console.options.update(width=sys.maxsize, max_width=sys.maxsize)
+    return Measurement.get(console, options, grid).maximum <= console.width
+
+
+def _grid(table: Table, below: bool) -> Grid:
+    """Return a table as rich draws it, the details of cells next to what they are of, or below."""
+    grid = Grid(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim", show_header=any(table.heads))
+    for i, head in enumerate(table.heads):
+        grid.add_column(Text(plain(head)), justify="left" if i < table.texts else "right", no_wrap=True)
+    for row in table.cells():
+        grid.add_row(*(Text(_said(cell, below), TONES[cell.tone]) for cell in row))
+    return grid
+
+
+def _said(cell: Cell, below: bool = False) -> str:
+    detail = f"({plain(cell.detail)})" if cell.detail and not cell.brief else ""
+    return ("\n" if below else " ").join(filter(None, (plain(cell.text), detail)))
