@@ -29,6 +29,7 @@ def said(samples, tmp_path_factory):
         "estimate two": (["estimate", one, "-o", str(folder)], None),
         "validate": (["validate", str(folder / "awas_exp1.model.toml"), second, awas, "-o", str(folder)], "report.html"),
         "validate two": (["validate", model, two, "-o", str(folder / "2")], "2/report.html"),
+        "diagnose": (["diagnose", awas, "-o", str(folder / "3")], "3/diagnosis.html"),
         "compare": (["compare", awas, "--report", str(folder / "compare.html")], "compare.html"),
     }  # fmt: skip
     found = {}

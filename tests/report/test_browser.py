@@ -12,6 +12,8 @@ import pytest
 from msgspec.structs import replace
 from reports_evidence import HOSTILE, drawn, evidence, lever_arm_joint, report, write_page
 
+from vsalog.batch.index_page import index_page
+from vsalog.batch.records import Joint, Record
 from vsalog.validation.document import Comparison, Figure, Score, TransmissionReport
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -150,11 +152,27 @@ addEventListener("message", ({{ data }}) => {{
 </script></body>"""
 
 
+def records():
+    """Logs of long names, of which each second one failed."""
+    names = [f"day{i}/{'a_name_without_end_' * 8}{i}.mcap" for i in range(40)]
+    warned = {"verdict": "unexplained", "causes": (), "unexplained": 0.25, "warnings": ("The first one. " * 9, "Two.")}
+    told = (Joint(joint="elbow_" * 20, figures=warned),)
+    return [
+        Record(log=name, do="diagnose", status="failed", vsalog="0", reason="It is damaged. " * 20)
+        if i % 2
+        else Record(log=name, do="diagnose", status="done", vsalog="0", joints=told)
+        for i, name in enumerate(names)
+    ]
+
+
 @pytest.mark.parametrize("size", [(1280, 800), (390, 844)])
-@pytest.mark.parametrize("command", ["estimate", "validate", "validate two", "compare"])
+@pytest.mark.parametrize("command", ["estimate", "validate", "validate two", "compare", "diagnose", "batch"])
 def test_every_page_fits_its_window_and_begins_with_a_figure(said, tmp_path, command, size):
     page = tmp_path / "page.html"
-    shutil.copyfile(said[command].page, page)
+    if command == "batch":
+        page.write_text(index_page(records(), "diagnose"), encoding="utf-8")
+    else:
+        shutil.copyfile(said[command].page, page)
     frame = tmp_path / "frame.html"
     frame.write_text(FRAME.format(*size))
     told, console = probed(page, tmp_path / "profile", "--window-size=1300,900", probe=LAYOUT, opened=frame)

@@ -1,5 +1,6 @@
 """The page of a diagnosis: its figures show what they are given, its names stay text, a browser has nothing to complain of."""
 
+import html
 import json
 import re
 import tomllib
@@ -27,16 +28,22 @@ from test_browser import CHROMIUM, probed
 
 from vsalog.core.document_schema import document_schema, schema_text
 from vsalog.core.errors import WriteError
+from vsalog.core.finding import Finding
 from vsalog.diagnosis import document as document_module
 from vsalog.diagnosis.document import Gains, Number
 from vsalog.diagnosis.evidence import CauseEvidence, SignalEvidence
 from vsalog.report.diagnose_files import Outputs, write_diagnosis
-from vsalog.report.page_diagnosis import diagnosis_page
+from vsalog.report.diagnosis import diagnosis_document
+from vsalog.report.html import page_of
 from vsalog.report.page_diagnosis_causes import cause_chart, means_over, remainder_chart
 from vsalog.report.page_diagnosis_gain import equations_chart, gain_chart
 from vsalog.report.page_diagnosis_signals import in_windows, signal_charts, worst_place
 
 DOCS = Path(__file__).parents[2] / "docs"
+
+
+def diagnosis_page(told, evidence, extended):
+    return page_of(diagnosis_document(told, (), evidence, extended))
 
 
 def seen(joint, shape, variable, cause="transmission.damping", noise=0.0):
@@ -203,9 +210,10 @@ def test_the_remainders_curve():
 
 def test_the_page_says_all_of_it():
     cause = found_cause(indistinguishable_from=("motor.stribeck_friction",), tell_apart="Move slower.")
+    beware = Finding(code="diagnosis.no_experiment", evidence={"reason": "Beware."})
     told = diagnosis(
         verdict="partly explained", causes=(cause,), unexplained=remainder(), next_experiment="Sweep it.",
-        holdout="other.mcap", holdout_sha256="1" * 64, warnings=("Beware.",),
+        holdout="other.mcap", holdout_sha256="1" * 64, findings=(beware,),
     )  # fmt: skip
     text = diagnosis_page(told, [friction_evidence()], EXTENDED)
     for part in ("partly explained", "One.", "Three.", "0.2000 ± 0.0020 N·m", "motor.stribeck_friction", "Move slower.",
@@ -222,7 +230,7 @@ def test_a_consistent_log_and_one_that_was_not_simulated():
     consistent = diagnosis(verdict="consistent", causes=(), gain=Gains(holdout=False, where="", signals=()))
     text = diagnosis_page(consistent, [replace(friction_evidence(), causes=())], None)
     assert "No cause of the catalogue was found" in text
-    assert "The residuals of this log&#x27;s equations are noise." in text
+    assert "The residuals of this log's equations are noise." in html.unescape(text)
     assert "The extended rig" not in text
     bare = diagnosis(simulation_error=(), equations=(), causes=(), gain=Gains(holdout=False, where="", signals=()))
     assert "Nothing could be simulated" in diagnosis_page(bare, [], None)

@@ -11,7 +11,7 @@ from vsalog.core.finding import Finding
 from vsalog.report.document import Cell, Document, Facts, Notes, Section, Table, Verdict, Words
 from vsalog.report.terminal import console_for, print_document, print_findings
 
-COMMANDS = ("estimate", "estimate two", "validate", "validate two", "compare")
+COMMANDS = ("estimate", "estimate two", "validate", "validate two", "compare", "diagnose")
 
 
 def shown(document, columns):
@@ -23,9 +23,11 @@ def shown(document, columns):
 
 def tables(items):
     for item in items:
+        if item.where == "page":
+            continue
         if isinstance(item, Section):
             yield from tables(item.items)
-        elif isinstance(item, Table) and item.where != "page":
+        elif isinstance(item, Table):
             yield item
 
 

@@ -67,12 +67,13 @@ def diagnose(
     """
     from vsalog.diagnosis.run import Options
     from vsalog.diagnosis.run import diagnose as run
-    from vsalog.report.diagnose import print_json, print_report
     from vsalog.report.diagnose_files import Outputs, write_diagnosis
+    from vsalog.report.diagnosis import diagnosis_document
     from vsalog.report.diagnosis_account import worded
     from vsalog.report.experiment_words import scenario_text
     from vsalog.report.outputs import inputs_of, keep_inputs
     from vsalog.report.progress import Progress
+    from vsalog.report.terminal import print_data, print_document
 
     options = Options(rig, joints, settings, rate, time, suggest, start, end)
     outputs = Outputs.within(output, suggest)
@@ -87,7 +88,7 @@ def diagnose(
         extended = None if outcome.extended is None else outcome.extended.to_toml()
         scenario = None if outcome.proposed is None else scenario_text(outcome.proposed)
         outputs = write_diagnosis(diagnosis, outcome.evidence, extended, outputs, scenario)
-    (print_json if as_json else print_report)(diagnosis, outputs)
+    (print_data if as_json else print_document)(diagnosis_document(diagnosis, list(outputs.pairs())))
     verdict = diagnosis.verdict
     unchecked = verdict == "consistent as far as checked"
     if (fail_on_unchecked and unchecked) or (fail_on_cause and not unchecked and verdict != "consistent"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -10,7 +10,8 @@ from typing import Literal
 from vsalog.core.documents import document_text
 from vsalog.diagnosis.document import Diagnosis
 from vsalog.diagnosis.evidence import JointEvidence
-from vsalog.report.page_diagnosis import write_diagnosis_page
+from vsalog.report.diagnosis import diagnosis_document
+from vsalog.report.html import page_of
 from vsalog.report.page_text import plain
 from vsalog.writers.atomic import check_path, make_folder, together, write_text
 
@@ -39,6 +40,18 @@ class Outputs:
         where = Path() if folder is None else folder
         scenario = where / "next.scenario.toml" if suggest else None
         return cls(where / "diagnosis.json", where / "diagnosis.html", where / "extended.rig.toml", scenario=scenario)
+
+    def pairs(self) -> Iterator[tuple[str, str]]:
+        """Yield what each file is, and its path; and what became of a rig from before."""
+        yield "report", str(self.page)
+        yield "data", str(self.document)
+        if self.rig_is == "written":
+            yield "extended rig", str(self.rig)
+        if self.scenario is not None:
+            yield "next experiment", str(self.scenario)
+        if self.rig_is == "old":
+            was = "is from before and was left as it is: this diagnosis found nothing to extend the rig by."
+            yield "note", f"{self.rig} {was}"
 
 
 def write_diagnosis(
@@ -74,7 +87,8 @@ def write_diagnosis(
     for path in (outputs.document, outputs.page, outputs.rig, *([proposed] if proposed else [])):
         check_path(path)
     with together():
-        write_diagnosis_page(outputs.page, diagnosis, evidence, extended_rig_toml)
+        document = diagnosis_document(diagnosis, evidence=evidence, extended=extended_rig_toml)
+        write_text(outputs.page, page_of(document))
         if extended_rig_toml is not None:
             write_text(outputs.rig, _heading(diagnosis) + extended_rig_toml)
             became = replace(outputs, rig_is="written")

@@ -112,11 +112,6 @@ def share_text(share: float) -> str:
     return f"{per_cent:.{digits}f} %".replace("-", "−")
 
 
-def change_text(share: float | None) -> str:
-    """Return by which share a cause changes the estimated stiffness, if that is known."""
-    return "–" if share is None else share_text(share)
-
-
 def confidence_text(cause: FoundCause) -> str:
     """Return a cause's confidence in per cent, never all of it; of a class also that of the class."""
     own, together = ("> 99 %" if c > 0.99 else share_text(c) for c in (cause.confidence, cause.class_confidence))
@@ -163,7 +158,7 @@ def confidence_words(cause: FoundCause) -> str:
     """Say a cause's confidence, what error it removes, and what it does to the stiffness."""
     said = f"confidence {confidence_text(cause)}; it removes {share_text(cause.error_removed)} of the error"
     change = cause.stiffness_change
-    return said if change is None else f"{said}, and moves the estimated stiffness by {change_text(change)}"
+    return said if change is None else f"{said}, and moves the estimated stiffness by {share_text(change)}"
 
 
 def open_experiment(diagnosis: Diagnosis) -> str:

@@ -18,7 +18,7 @@ from vsalog.report.console import STYLES, WORDS, fits
 from vsalog.report.inspect_data import ChannelReport, JointReport, LogReport, StreamReport
 from vsalog.report.inspect_head import head_parts
 from vsalog.report.inspect_text import headed, seconds, size
-from vsalog.report.page_text import bounded
+from vsalog.report.page_text import number
 
 
 def print_reports(reports: Sequence[LogReport], console: Console) -> None:
@@ -163,7 +163,7 @@ def _table(stream: StreamReport) -> Table:
         table.add_column("NaN", no_wrap=True, justify="right")
     table.add_column("probably", no_wrap=True)
     for c in stream.channels:
-        cells = [f"  {printable(c.name)}", printable(c.unit or "–"), _range(c), bounded(c.resolution), bounded(c.noise)]
+        cells = [f"  {printable(c.name)}", printable(c.unit or "–"), _range(c), number(c.resolution), number(c.noise)]
         if has_nan:
             cells.append(f"{100 * c.nan_share:.3g} %" if c.nan_share else "")
         table.add_row(*(Text(cell) for cell in cells), Text(_role(c), style="green"))
@@ -174,9 +174,9 @@ def _facts(channel: ChannelReport) -> Iterator[str]:
     yield f"unit {printable(channel.unit)}" if channel.unit else "no unit"
     yield f"range {_range(channel)}"
     if channel.resolution is not None:
-        yield f"step {bounded(channel.resolution)}"
+        yield f"step {number(channel.resolution)}"
     if channel.noise is not None:
-        yield f"noise {bounded(channel.noise)}"
+        yield f"noise {number(channel.noise)}"
     if channel.nan_share:
         yield f"{100 * channel.nan_share:.3g} % NaN"
     if channel.role is not None:

@@ -202,7 +202,30 @@
     document.head.append(script);
   }
 
+  // A click on a heading sorts by what a cell's data-v says, numbers as numbers; a second one the other way round.
+  function sorted(table) {
+    const body = table.tBodies[0], heads = [...table.tHead.rows[0].cells];
+    const value = (row, i) => { const cell = row.cells[i]; return cell.dataset.v ?? cell.textContent.trim(); };
+    heads.forEach((head, i) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.append(...head.childNodes);
+      head.append(button);
+      button.addEventListener("click", () => {
+        const way = head.getAttribute("aria-sort") === "ascending" ? -1 : 1;
+        heads.forEach((other) => other.removeAttribute("aria-sort"));
+        head.setAttribute("aria-sort", way > 0 ? "ascending" : "descending");
+        const rows = [...body.rows].map((row) => [value(row, i), row]), numeric = rows.every(([v]) => v === "" || !isNaN(v));
+        // What has no value comes last.
+        rows.sort(([a], [b]) => a === "" || b === "" ? (a === "") - (b === "") : way * (numeric ? a - b : a < b ? -1 : a > b ? 1 : 0));
+        body.append(...rows.map(([, row]) => row));
+      });
+    });
+  }
+
   async function start() {
+    document.querySelectorAll(".sortable").forEach(sorted);
+    if (!plots.length) return;
     try {
       await library();
     } catch (error) {

@@ -1,0 +1,228 @@
+"""What `diagnose` says, as a document: the verdict, causes, errors before and after, what is left, the next experiment."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
+
+from vsalog.diagnosis.document import Diagnosis, EquationError, FoundCause, Gain, SignalError, Verdict
+from vsalog.diagnosis.evidence import CauseEvidence, JointEvidence
+from vsalog.report import document as tree
+from vsalog.report.diagnosis_words import (
+    confidence_text,
+    confidence_words,
+    further_findings,
+    kind_text,
+    nothing_left,
+    open_experiment,
+    parameter_text,
+    reduction_text,
+    share_text,
+    signal_name,
+    unexplained_words,
+    unit_of,
+)
+from vsalog.report.document import Block, Cell, Document, Facts, Figures, Notes, Section, Source, Table, Tone, Words
+from vsalog.report.drawings import columns_for
+from vsalog.report.page_charts import Chart
+from vsalog.report.page_diagnosis_causes import cause_chart, remainder_chart
+from vsalog.report.page_diagnosis_gain import equations_chart, gain_chart
+from vsalog.report.page_diagnosis_signals import signal_charts
+from vsalog.report.page_text import number
+
+TONES: Mapping[Verdict, Tone] = {
+    "consistent": "good",
+    "consistent as far as checked": "good",
+    "explained": "",
+    "partly explained": "open",
+    "unexplained": "bad",
+}
+
+
+def diagnosis_document(
+    found: Diagnosis, files: Sequence[tuple[str, str]] = (), evidence: Sequence[JointEvidence] = (), extended: str | None = None
+) -> Document:  # fmt: skip
+    """Return a diagnosis.
+
+    Parameters
+    ----------
+    found : what was found, in words
+    files : what was written: what each is, and its path
+    evidence : what the figures draw, joint by joint
+    extended : the rig with the causes filled in, as TOML; None where there is nothing to fill in
+    """
+    parts: Iterable[JointEvidence | EquationError | SignalError | FoundCause]
+    parts = chain(evidence, found.equations, found.simulation_error, found.causes)
+    joints = list(dict.fromkeys(part.joint for part in parts))
+    several = len(joints) > 1
+    drawn = {
+        joint.joint: _signals(found, joint, columns_for(sum(len(j.signals) for j in evidence))) for joint in evidence
+    }
+    lead = next((chart for charts in drawn.values() for chart in charts), None)
+    items: list[Block] = [
+        tree.Verdict(found.log, found.verdict, TONES[found.verdict], found.sentences),
+        Figures(() if lead is None else (lead,), next(iter(drawn), "")),
+        Notes(tuple(further_findings(found))),
+        _wrong(found, drawn, lead, several),
+        Section("Causes", tuple(_causes(found, evidence, several)), where="both" if found.causes else "page"),
+        *_gain(found, joints, several),
+        *_extended(found, extended),
+        _left(found),
+    ]
+    more = open_experiment(found)
+    items += [Section("Next experiment", (Words(more),))] if more else []
+    items += [Section("", (Facts(tuple(files)),), where="terminal"), _provenance(found)]
+    return Document(f"Diagnosis of {found.log}", "What the simulation gets wrong, and why", tuple(items), found)
+
+
+def _signals(found: Diagnosis, joint: JointEvidence, columns: int) -> list[Chart]:
+    noise = {e.signal: e.noise_floor for e in found.simulation_error if e.joint == joint.joint}
+    noise |= {g.signal: g.noise_floor for g in found.gain.signals if g.joint == joint.joint}
+    return signal_charts(joint, noise, columns)
+
+
+def _causes(found: Diagnosis, evidence: Sequence[JointEvidence], several: bool) -> Iterator[Block]:
+    if not found.causes:
+        nothing = "Nothing asks for one." if found.verdict == "consistent" else "What is left is described below."
+        yield Words(f"No cause of the catalogue was found. {nothing}", "page")
+        return
+    yield _ranking(found, several)
+    views = {(j.joint, v.cause, v.part): (j, v) for j in evidence for v in j.causes}
+    for i, cause in enumerate(found.causes, 1):
+        where = f", joint {cause.joint}" if several else ""
+        title = f"{i}. {cause.title} ({kind_text(cause)}{where})"
+        view = views.get((cause.joint, cause.cause, cause.part))
+        yield Section(title, tuple(_about(cause, view)))
+
+
+def _about(cause: FoundCause, view: tuple[JointEvidence, CauseEvidence] | None) -> Iterator[Block]:
+    """Yield what a cause is, why it is believed, how to confirm it."""
+    for name, value in cause.parameters.items():
+        yield Words(f"{signal_name(name)} {parameter_text(value)}")
+    yield Words(f"{confidence_words(cause)}.")
+    if cause.indistinguishable_from:
+        yield Words(f"This log cannot tell it from {', '.join(cause.indistinguishable_from)}.")
+    yield Words(cause.why, "page")
+    if cause.how_to_confirm:
+        yield Words(f"To confirm it: {cause.how_to_confirm}")
+    if cause.tell_apart:
+        yield Words(cause.tell_apart)
+    if cause.reference:
+        yield Words(cause.reference, "page")
+    chart = None if view is None else cause_chart(*view)
+    yield Figures(() if chart is None else (chart,))
+
+
+def _ranking(found: Diagnosis, several: bool) -> Table:
+    """Causes: the error they remove, what they do to the stiffness, their confidence, and their classes."""
+    rows: list[tuple[Cell | str, ...]] = [
+        (
+            *_joint(cause, several),
+            Cell(cause.title, kind_text(cause)),
+            Cell(share_text(cause.error_removed), share=cause.error_removed),
+            "–" if cause.stiffness_change is None else share_text(cause.stiffness_change),
+            Cell(confidence_text(cause), share=cause.confidence),
+            ", ".join(cause.indistinguishable_from) or "–",
+        )
+        for cause in found.causes
+    ]
+    left = found.unexplained.fraction
+    if not nothing_left(found.unexplained):
+        rows.append((*("–",) * several, "left unexplained", Cell(share_text(left), share=left), "–", "–", "–"))
+    heads = ("cause", "error it removes", "moves stiffness by", "confidence", "this log cannot tell it from")
+    return _table("Ranking of the causes", heads, rows, several, 5, where="page")
+
+
+def _wrong(found: Diagnosis, drawn: Mapping[str, Sequence[Chart]], lead: Chart | None, several: bool) -> Section:
+    """How far the rig's simulation is from each signal."""
+    whole = any(e.rmse_whole_log is not None for e in found.simulation_error)
+    rows = [
+        (
+            *_joint(e, several),
+            _signal(e),
+            number(e.rmse),
+            number(e.noise_floor),
+            f"{number(e.nrmse)} %",
+            *((number(e.rmse_whole_log),) if whole else ()),
+        )
+        for e in found.simulation_error
+    ]
+    heads = ["signal", "error (rmse), in windows", "noise floor", "of its span"]
+    heads += ["error, whole log in one go"] if whole else []
+    table = _table("Error of the simulation with the rig as it stands", heads, rows, several)
+    figures = []
+    for joint, charts in drawn.items():
+        shown = tuple(chart for chart in charts if chart is not lead)
+        figures.append(Section(f"Joint {joint}" if several else "", (Figures(shown, joint),), where="page"))
+    nothing = [] if rows else [Words("Nothing could be simulated.", "page")]
+    return Section(
+        "Simulation error", (*nothing, table, *figures), where="page" if found.gain.signals else "both"
+    )
+
+
+def _gain(found: Diagnosis, joints: Sequence[str], several: bool) -> Iterator[Section]:
+    """Errors of signals and equations before and after."""
+    gain = found.gain
+    rows = [
+        (*_joint(g, several), _signal(g), *map(number, (g.rmse_before, g.rmse_after, g.noise_floor)), reduction_text(g))
+        for g in gain.signals
+    ]
+    heads = ("signal", "rig as it stands", "extended rig", "noise floor", "less by (95 %)")
+    charts = (gain_chart([g for g in gain.signals if g.joint == joint], gain.where) for joint in joints)
+    table = _table("Error of the simulation (rmse)", heads, rows, several)
+    if rows:
+        kind = "another log, to which nothing was fitted" if gain.holdout else "no other log was given"
+        told = Words(f"Measured on {gain.where} ({kind}).")
+        yield Section("What it is worth", (told, table, Figures(tuple(c for c in charts if c is not None))))
+    equations = [
+        (*_joint(e, several), _signal(e), e.side, *map(number, (e.rms_before, e.rms_after, e.noise)))
+        for e in found.equations
+    ]
+    heads = ("equation", "side", "rig as it stands", "extended rig", "noise floor")
+    charts = (equations_chart([e for e in found.equations if e.joint == joint]) for joint in joints)
+    table = _table("RMS residual of each equation", heads, equations, several, 2)
+    yield Section("The joint's equations", (table, Figures(tuple(c for c in charts if c is not None))), where="page")
+
+
+def _extended(found: Diagnosis, extended: str | None) -> Iterator[Section]:
+    if extended is not None:
+        words = (
+            "extended.rig.toml is the rig with these causes filled in, an ordinary rig to simulate, estimate and validate with."
+            " What changes in it:"
+        )
+        before, after = found.rig.splitlines(), extended.splitlines()
+        changed = "\n".join(difflib.unified_diff(before, after, "rig", "extended.rig.toml", lineterm="", n=3))
+        yield Section("The extended rig", (Words(words), Source("What changes in the rig", changed)), where="page")
+
+
+def _left(found: Diagnosis) -> Section:
+    unit = next((e.unit for e in found.equations if e.equation == found.unexplained.equation), "")
+    chart = remainder_chart(found.unexplained, unit)
+    figures = Figures(() if chart is None else (chart,))
+    return Section("What is left unexplained", (Words(unexplained_words(found.unexplained)), figures))
+
+
+def _provenance(found: Diagnosis) -> Section:
+    pairs = [("log", f"{found.log} SHA-256 {found.log_sha256}")]
+    if found.holdout is not None:
+        pairs.append(("held-out log", f"{found.holdout} SHA-256 {found.holdout_sha256}"))
+    return tree.provenance([*pairs, *found.settings.items(), ("vsalog", found.vsalog)], found.rig)
+
+
+def _table(
+    caption: str, heads: Sequence[str], rows: Sequence[tuple[Cell | str, ...]], several: bool, texts: int = 1,
+    where: tree.Where = "both",
+) -> Table:  # fmt: skip
+    """Return a table whose rows begin with their joint where there are several."""
+    heads = (*(("joint",) * several), *heads)
+    return Table(caption, heads, tuple(rows), keys=1 + several, texts=texts + several, where=where)
+
+
+def _joint(part: FoundCause | Gain | SignalError | EquationError, several: bool) -> tuple[str, ...]:
+    return (part.joint,) * several
+
+
+def _signal(found: Gain | SignalError | EquationError) -> str:
+    name = found.equation if isinstance(found, EquationError) else found.signal
+    return f"{signal_name(name)} [{unit_of(found.unit).strip() or '1'}]"
