@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from vsalog.cli import cli
 from vsalog.readers import sampling
 from vsalog.readers.tables.reader import TableReader
-from vsalog.report.inspect_text import seconds
+from vsalog.report.inspect import seconds
 
 ROWS = 12_000
 
@@ -80,17 +80,21 @@ def test_first_samples_on_a_narrow_terminal_and_without_a_time(tmp_path, monkeyp
     from rich.console import Console
 
     from vsalog.readers import read
-    from vsalog.report.inspect import print_report
-    from vsalog.report.inspect_data import inspect_recording
+    from vsalog.report.inspect import inspection_document
+    from vsalog.report.inspect_data import Inspection, inspect_recording
+    from vsalog.report.terminal import print_document
     from vsalog.rig.guess import guess_roles
 
     recording = read(path)
     console = Console(width=40, force_terminal=True, color_system=None)
     with console.capture() as capture:
-        print_report(inspect_recording(recording, guess_roles(recording), head=2), console)
+        print_document(
+            inspection_document(Inspection((inspect_recording(recording, guess_roles(recording), head=2),))), console
+        )
     assert all(len(line) <= 40 for line in capture.get().splitlines())
-    assert "row 0" in capture.get()
-    assert "another_rather_long_name  7.0" in capture.get()
+    said = [line.split() for line in capture.get().splitlines()]
+    assert ["row", "0", "1"] in said
+    assert ["another_rather_long_name", "–", "7.0"] in said
 
 
 def test_roles_have_reasons(large):

@@ -68,7 +68,7 @@ def test_what_was_written_as_json(done, tmp_path):
 def test_the_list(done, tmp_path):
     text = done("--list", cwd=tmp_path)
     for name in [*presets(), *built_in(), *GENERIC]:
-        assert re.search(rf"^  {name} ", text, re.MULTILINE), name
+        assert re.search(rf"^ *{name} ", text, re.MULTILINE), name
 
 
 @pytest.mark.parametrize("output", OUTPUTS)

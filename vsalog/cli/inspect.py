@@ -52,15 +52,13 @@ def inspect(
     Of several logs, one that cannot be read is reported on stderr, in JSON under "unreadable"; the others are shown, and
     the exit code is 2.
     """
-    from vsalog.core.documents import document_text
     from vsalog.core.errors import VsalogError, words_of
     from vsalog.core.printable import printable
     from vsalog.readers import read
     from vsalog.readers.sampling import read_sample
-    from vsalog.report.console import console_for_stdout
-    from vsalog.report.inspect import print_reports
+    from vsalog.report.inspect import inspection_document, repair_words
     from vsalog.report.inspect_data import Inspection, LogReport, Unreadable, inspect_recording
-    from vsalog.report.inspect_repair import repair_words
+    from vsalog.report.terminal import print_data, print_document
     from vsalog.rig.guess import guess_roles
 
     if repaired is not None and len(logs) > 1:
@@ -87,11 +85,9 @@ def inspect(
         from vsalog.writers.repair import repair
 
         written = repair(logs[0], repaired, rate)
-        click.echo(repair_words(written), err=True)
-    if as_json:
-        click.echo(document_text(Inspection(tuple(reports), written, tuple(unreadable))), nl=False)
-    else:
-        print_reports(reports, console_for_stdout())
+        click.echo(printable(repair_words(written)), err=True)
+    found = inspection_document(Inspection(tuple(reports), written, tuple(unreadable)))
+    (print_data if as_json else print_document)(found)
     for one in unreadable:
         click.echo(f"vsalog: {printable(one.error)}", err=True)
     if unreadable:

@@ -25,13 +25,14 @@ def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path 
     it is; docs/reproduce.md explains them.
     """
     from vsalog.report.progress import Progress
-    from vsalog.report.reproduce import as_document, print_items, print_rows
+    from vsalog.report.reproduce import items_document, rows_document
+    from vsalog.report.terminal import print_data, print_document
     from vsalog.reproduce.catalogue import select
     from vsalog.reproduce.measure import Study
     from vsalog.reproduce.plots import prepare_folder, write_figures
 
     if listing:
-        print_items()
+        print_document(items_document())
         return
     items = select(names)
     if plots is not None:
@@ -45,7 +46,4 @@ def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path 
             progress.say("drawing")
             figures = write_figures([f for r in results.values() for f in r.figures], plots)
     rows = {name: result.rows for name, result in results.items()}
-    if as_json:
-        click.echo(as_document(rows, study.seeds, figures))
-    else:
-        print_rows(items, rows, figures)
+    (print_data if as_json else print_document)(rows_document(items, rows, study.seeds, figures))

@@ -112,11 +112,12 @@ def simulate(
     The log carries its rig: MCAP and Parquet inside, the other formats as LOG.rig.toml next to it, where 'vsalog estimate
     LOG' finds it. With --replay it has topics /measured/ROLE and /simulated/ROLE, in SI.
     """
-    from vsalog.report.simulate import as_document, print_scenarios, say_written
+    from vsalog.report.simulate import scenarios_document, written_document
+    from vsalog.report.terminal import console_for, print_data, print_document
     from vsalog.simulation.run import Options, prepare
 
     if listing:
-        print_scenarios()
+        print_document(scenarios_document())
         return
     if replay is not None:
         _refuse_what_does_nothing(("scenario", "duration", "seed", "ideal", "truth"), "with --replay")
@@ -136,9 +137,10 @@ def simulate(
             recording = job.run(LiveEstimate)
         progress.say(f"writing {job.files.log.name}")
         job.write(recording)
-    say_written(job, recording)
+    document = written_document(job, recording)
+    print_document(document, console_for("stderr"))
     if as_json:
-        click.echo(as_document(job, recording))
+        print_data(document)
 
 
 def _refuse_what_does_nothing(options: tuple[str, ...], where: str) -> None:
@@ -159,7 +161,8 @@ def _replay(
     as_json: bool,
 ) -> None:
     from vsalog.report.progress import Progress
-    from vsalog.report.replay import as_document, say_replayed
+    from vsalog.report.simulate import replay_document
+    from vsalog.report.terminal import console_for, print_data, print_document
     from vsalog.simulation.replay_job import ReplayOptions, prepare_replay
 
     with Progress() as progress:
@@ -170,6 +173,7 @@ def _replay(
             joints = job.run()
         progress.say(f"writing {job.files.log.name}")
         job.write(job.recording(joints))
-    say_replayed(job, joints)
+    document = replay_document(job, joints)
+    print_document(document, console_for("stderr"))
     if as_json:
-        click.echo(as_document(job, joints))
+        print_data(document)

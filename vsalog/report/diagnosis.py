@@ -156,9 +156,7 @@ def _wrong(found: Diagnosis, drawn: Mapping[str, Sequence[Chart]], lead: Chart |
         shown = tuple(chart for chart in charts if chart is not lead)
         figures.append(Section(f"Joint {joint}" if several else "", (Figures(shown, joint),), where="page"))
     nothing = [] if rows else [Words("Nothing could be simulated.", "page")]
-    return Section(
-        "Simulation error", (*nothing, table, *figures), where="page" if found.gain.signals else "both"
-    )
+    return Section("Simulation error", (*nothing, table, *figures), where="page" if found.gain.signals else "both")
 
 
 def _gain(found: Diagnosis, joints: Sequence[str], several: bool) -> Iterator[Section]:

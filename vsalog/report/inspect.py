@@ -1,249 +1,209 @@
-"""`inspect` on a terminal: tables where they fit, lists where the terminal is narrow, nothing cut off in a pipe."""
+"""What `inspect` says, as a document: streams with their clocks, channels, guessed joints, and what is wrong."""
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
-
-from rich.console import Console, RenderableType
-from rich.table import Table
-from rich.text import Text
 
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
-from vsalog.core.printable import printable
+from vsalog.core.printable import plural
 from vsalog.readers.base import DOUBTFUL
-from vsalog.report.console import STYLES, WORDS, fits
-from vsalog.report.inspect_data import ChannelReport, JointReport, LogReport, StreamReport
-from vsalog.report.inspect_head import head_parts
-from vsalog.report.inspect_text import headed, seconds, size
-from vsalog.report.page_text import number
+from vsalog.report.document import SEVERITIES, Block, Cell, Document, Section, Table, Tone, Verdict, Words
+from vsalog.report.inspect_data import ChannelReport, HeadReport, Inspection, JointReport, LogReport, StreamReport
+from vsalog.report.page_text import between, number, percent
+from vsalog.writers.repaired import Repaired
+
+TONES: dict[str, Tone] = {"info": "", "warning": "open", "invalidates": "bad"}
+# From how many seconds on a unit reads better than the next smaller one, and how long it is [s].
+_LONG = ((172_800.0, "d", 86_400.0), (7_200.0, "h", 3_600.0), (120.0, "min", 60.0))
 
 
-def print_reports(reports: Sequence[LogReport], console: Console) -> None:
-    """Print what is in several logs."""
-    for i, report in enumerate(reports):
-        if i:
-            console.print()
-        print_report(report, console)
+def inspection_document(found: Inspection) -> Document:
+    """Return what is in several logs."""
+    logs = (Section(_title(report), tuple(_log(report))) for report in found.logs)
+    return Document("Inspection", ", ".join(log.path for log in found.logs), tuple(logs), found)
 
 
-def print_report(report: LogReport, console: Console) -> None:
-    """Print what is in a log."""
-    for part in _parts(report, console):
-        console.print(part, soft_wrap=isinstance(part, Text) and not console.is_terminal)
+def repair_words(repaired: Repaired) -> str:
+    """Return in words what `--repair` wrote."""
+    words = f"{repaired.path}: {plural(repaired.messages, 'message')} of {plural(repaired.channels, 'channel')} written"
+    return "; ".join([words, *repaired.notes])
 
 
-def _parts(report: LogReport, console: Console) -> Iterator[RenderableType]:
+def _log(report: LogReport) -> Iterator[Block]:
     doubts = [one for one in report.findings if one.code in DOUBTFUL]
-    yield _title(report)
     yield from _sample(report)
-    yield from (_finding(doubt, "bold red") for doubt in doubts)
+    yield from map(_finding, doubts)
     for stream in report.streams:
-        yield Text()
-        yield _stream_line(stream, bool(doubts))
-        yield from _trouble(stream)
-        if stream.channels:
-            yield from _channels(stream, console)
-    yield Text()
-    yield from _heads(report, console)
+        yield Section(_stream_line(stream, bool(doubts)), (*_trouble(stream), *_channels(stream)))
+    begin = min((s.start for s in report.streams if s.start is not None), default=0)
+    timeless = {s.name for s in report.streams if s.start is None}
+    for head in report.head:
+        yield Section("", (_head(head, None if head.stream in timeless else begin),))
     yield from _joints(report)
-    yield from _unread(report)
-    yield from (_finding(finding, STYLES[finding.severity]) for finding in report.findings if finding not in doubts)
+    for why, names in _by_words(report.unread.items()).items():
+        yield Words(f"not read: {', '.join(names)}: {why}")
+    yield from (_finding(finding) for finding in report.findings if finding not in doubts)
 
 
-def _finding(finding: Finding, style: str, indent: str = "") -> Text:
-    return Text(f"{indent}{WORDS[finding.severity]}: {printable(sentence(finding))}", style=style)
+def _finding(finding: Finding) -> Verdict:
+    return Verdict(SEVERITIES[finding.severity], sentence(finding), TONES[finding.severity])
 
 
-def _title(report: LogReport) -> Text:
+def _title(report: LogReport) -> str:
     count = sum(len(s.channels) for s in report.streams)
-    text = headed(
-        report.path,
-        "bold",
-        f"{report.format}, {_extent(report)}, {_plural(len(report.streams), 'stream')}, {_plural(count, 'channel')}",
-    )
+    samples = plural(max((stream.count for stream in report.streams), default=0), "sample")
+    facts = [report.format, samples if report.duration is None else seconds(report.duration)]
+    facts += [plural(len(report.streams), "stream"), plural(count, "channel")]
     starts = [s.start for s in report.streams if s.start is not None]
     if report.absolute_time and starts:
-        begin = datetime.fromtimestamp(min(starts) // 1_000_000_000, UTC)
-        text.append(f", from {begin:%Y-%m-%d %H:%M:%S} UTC")
+        facts.append(f"from {datetime.fromtimestamp(min(starts) // 1_000_000_000, UTC):%Y-%m-%d %H:%M:%S} UTC")
     if report.has_rig:
-        text.append(", carries a rig", style="green")
-    return text
+        facts.append("carries a rig")
+    return f"{report.path}  {', '.join(facts)}"
 
 
-def _extent(report: LogReport) -> str:
-    """Return how long a log is, in samples where it has no time."""
-    if report.duration is None:
-        return _plural(max(stream.count for stream in report.streams), "sample")
-    return seconds(report.duration)
-
-
-def _sample(report: LogReport) -> Iterator[Text]:
+def _sample(report: LogReport) -> Iterator[Verdict]:
     """Yield what was read of a large log, and what that means."""
     sample = report.sample
     if sample is None:
         return
-    read = f"{size(sample.size)} of {size(sample.of)}"
     if sample.stretches == 1:
-        where, untold = "its beginning", "the duration is that of the beginning"
+        where, untold = "its beginning", "The duration is that of the beginning"
     else:
-        where, untold = f"{sample.stretches} stretches from its begin to its end", "duration and begin are the log's"
-    yield Text(
-        f"a sample was read, {read}: {where}. {untold[0].upper()}{untold[1:]}; samples, ranges and gaps are those of"
-        " the sample, and damage elsewhere was not looked for. --full reads all of it",
-        style="yellow",
+        where, untold = f"{sample.stretches} stretches from its begin to its end", "Duration and begin are the log's"
+    yield Verdict(
+        "a sample was read, " + f"{_size(sample.size)} of {_size(sample.of)}",
+        f"{where}. {untold}; samples, ranges and gaps are those of the sample, and damage elsewhere was not looked for."
+        " --full reads all of it",
+        "open",
     )
 
 
-def _heads(report: LogReport, console: Console) -> Iterator[RenderableType]:
-    begin = min((s.start for s in report.streams if s.start is not None), default=0)
-    timeless = {s.name for s in report.streams if s.start is None}
-    for head in report.head:
-        yield from head_parts(head, None if head.stream in timeless else begin, console)
-        yield Text()
-
-
-def _stream_line(stream: StreamReport, doubtful: bool) -> Text:
-    count = _plural(stream.count, "sample")
+def _stream_line(stream: StreamReport, doubtful: bool) -> str:
+    count = plural(stream.count, "sample")
     if stream.total is not None and stream.total != stream.count:
         count = f"{count} of {stream.total}"
-    facts = [printable(stream.type), count]
+    facts = [stream.type, count]
     if stream.rate is not None:
         jitter = f" ± {seconds(stream.jitter)}" if stream.jitter else ""
         facts.append(f"{stream.rate:.4g} Hz{jitter}")
     if stream.gaps:
-        facts.append(f"{_plural(stream.gaps, 'gap')}, the longest {seconds(stream.longest_gap)}")
+        facts.append(f"{plural(stream.gaps, 'gap')}, the longest {seconds(stream.longest_gap)}")
     facts.append("no time" if stream.time_source == "none" else f"time: {stream.time_source}")
     if stream.delay_median is not None:
         spread = f", spread {seconds(stream.delay_spread)}" if stream.delay_spread is not None else ""
         facts.append(f"log time minus stamp {seconds(stream.delay_median)}{spread}")
-    line = headed(stream.name, "bold cyan", ", ".join(f for f in facts if f))
-    if doubtful:
-        line.append(", values may be wrong", style="bold red")
-    return line
+    facts += ["values may be wrong"] if doubtful else []
+    return f"{stream.name}  {', '.join(filter(None, facts))}"
 
 
-def _trouble(stream: StreamReport) -> Iterator[Text]:
+def _trouble(stream: StreamReport) -> Iterator[Words]:
     """Yield what was wrong with the stream's stamps."""
     if stream.time_reason:
-        yield Text(f"  {printable(stream.time_reason)}", style="yellow")
+        yield Words(stream.time_reason)
     found = (
         (stream.inversions, "out of order"),
         (stream.duplicates, "dropped as exact copies"),
         (stream.conflicts, "dropped because another has the same stamp"),
     )
-    wrong = [f"{_plural(count, 'sample')} {what}" for count, what in found if count]
+    wrong = [f"{plural(count, 'sample')} {what}" for count, what in found if count]
     if wrong:
-        yield Text(f"  {'; '.join(wrong)}", style="yellow")
+        yield Words("; ".join(wrong))
 
 
-def _channels(stream: StreamReport, console: Console) -> Iterator[RenderableType]:
-    table = _table(stream)
-    if fits(table, console):
-        yield table
-        return
-    for channel in stream.channels:
-        yield Text(f"  {printable(channel.name)}", style="bold", overflow="fold")
-        width = max(console.width - 4, 20)
-        for line in textwrap.wrap(", ".join(_facts(channel)), width):
-            yield Text(f"    {line}")
-
-
-def _table(stream: StreamReport) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="dim")
+def _channels(stream: StreamReport) -> Iterator[Table]:
     has_nan = any(c.nan_share for c in stream.channels)
-    table.add_column("  channel", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
-    table.add_column("range", no_wrap=True)
-    table.add_column("step", no_wrap=True, justify="right")
-    table.add_column("noise", no_wrap=True, justify="right")
-    if has_nan:
-        table.add_column("NaN", no_wrap=True, justify="right")
-    table.add_column("probably", no_wrap=True)
-    for c in stream.channels:
-        cells = [f"  {printable(c.name)}", printable(c.unit or "–"), _range(c), number(c.resolution), number(c.noise)]
-        if has_nan:
-            cells.append(f"{100 * c.nan_share:.3g} %" if c.nan_share else "")
-        table.add_row(*(Text(cell) for cell in cells), Text(_role(c), style="green"))
-    return table
-
-
-def _facts(channel: ChannelReport) -> Iterator[str]:
-    yield f"unit {printable(channel.unit)}" if channel.unit else "no unit"
-    yield f"range {_range(channel)}"
-    if channel.resolution is not None:
-        yield f"step {number(channel.resolution)}"
-    if channel.noise is not None:
-        yield f"noise {number(channel.noise)}"
-    if channel.nan_share:
-        yield f"{100 * channel.nan_share:.3g} % NaN"
-    if channel.role is not None:
-        yield f"probably {_role(channel)}"
+    rows: list[tuple[Cell | str, ...]] = [
+        (
+            c.name,
+            c.unit or "–",
+            _range(c),
+            _role(c),
+            *((percent(c.nan_share) if c.nan_share else "",) if has_nan else ()),
+            number(c.resolution),
+            number(c.noise),
+        )
+        for c in stream.channels
+    ]
+    heads = ("channel", "unit", "range", "probably", *(("NaN",) if has_nan else ()), "step", "noise")
+    yield Table("", heads, tuple(rows), texts=4)
 
 
 def _range(channel: ChannelReport) -> str:
-    if channel.minimum is None or channel.maximum is None:
+    if channel.minimum is None:
         return "no numbers"
-    if channel.constant:
-        return f"always {channel.minimum:.5g}"
-    return f"{channel.minimum:.5g} … {channel.maximum:.5g}"
+    return f"always {number(channel.minimum, 5)}" if channel.constant else between(channel.minimum, channel.maximum, 5)
 
 
 def _role(channel: ChannelReport) -> str:
-    if channel.role is None:
-        return ""
-    return f"{printable(channel.role.joint)}.{channel.role.role} ({round(100 * channel.role.confidence)} %)"
+    role = channel.role
+    return "" if role is None else f"{role.joint}.{role.role} ({round(100 * role.confidence)} %)"
 
 
-def _joints(report: LogReport) -> Iterator[Text]:
+def _head(head: HeadReport, begin: int | None) -> Table:
+    """Return the first samples of a stream, with times from `begin` [ns] on; with row numbers where that is None."""
+    times = (str(s) if begin is None else f"{(s - begin) / 1e9:.6f}" for s in head.stamps)
+    rows = tuple(
+        (time, *("–" if v is None else repr(v) for v in row)) for time, row in zip(times, head.rows, strict=True)
+    )
+    heads = ("row" if begin is None else "time [s]", *head.channels)
+    return Table(f"{head.stream}  the first {len(rows)} as read", heads, rows)
+
+
+def _joints(report: LogReport) -> Iterator[Block]:
     if not report.joints:
-        yield Text("no channel looks like a joint's position, so no joint was guessed", style="yellow")
+        yield Section("", (Words("no channel looks like a joint's position, so no joint was guessed"),))
         return
-    for joints in _alike(report.joints):
-        names = ", ".join(printable(joint.name) for joint in joints)
+    # Joints of which the same is to be said stand together: the seven of an arm need no seven paragraphs.
+    alike: dict[tuple[object, ...], list[JointReport]] = {}
+    for joint in report.joints:
+        said = (joint.kind, joint.confidence, joint.reason, *_reasons(joint), joint.warnings)
+        alike.setdefault(said, []).append(joint)
+    for joints in alike.values():
+        first, names = joints[0], ", ".join(joint.name for joint in joints)
         head = f"{'joint' if len(joints) == 1 else 'joints'} {names}"
-        yield headed(head, "bold", f"{joints[0].kind} ({round(100 * joints[0].confidence)} %): {joints[0].reason}")
-        yield from (Text(f"  {line}") for line in _reasons(joints[0]))
-        yield from (Text(f"  {line}") for line in _missing(joints[0]))
-        yield from (_finding(finding, STYLES[finding.severity], "  ") for finding in joints[0].findings)
-    yield Text("'vsalog init LOG' writes these guesses into a rig file", style="dim")
-
-
-def _alike(joints: tuple[JointReport, ...]) -> list[list[JointReport]]:
-    """Put joints together of which the same is to be said: the seven of an arm need no seven paragraphs."""
-    groups: dict[tuple[object, ...], list[JointReport]] = {}
-    for joint in joints:
-        said = (joint.kind, joint.confidence, joint.reason, *_reasons(joint), *_missing(joint), joint.warnings)
-        groups.setdefault(said, []).append(joint)
-    return list(groups.values())
+        title = f"{head}  {first.kind} ({round(100 * first.confidence)} %): {first.reason}"
+        yield Section(title, (*map(Words, _reasons(first)), *map(_finding, first.findings)))
+    yield Words("'vsalog init LOG' writes these guesses into a rig file")
 
 
 def _reasons(joint: JointReport) -> Iterator[str]:
-    """Yield why its channels probably have their roles."""
+    """Yield why its channels probably have their roles, and what matters and is not there."""
     for role, guess in joint.roles.items():
-        yield f"{role} ({round(100 * guess.confidence)} %): {printable('; '.join(guess.reasons))}"
+        yield f"{role} ({round(100 * guess.confidence)} %): {'; '.join(guess.reasons)}"
+    needed = ((role, why) for role, why in joint.missing.items() if role not in joint.not_needed)
+    for why, roles in _by_words(needed).items():
+        yield f"{' or '.join(roles)}: {why}"
 
 
-def _missing(joint: JointReport) -> Iterator[str]:
-    """Yield what matters and is not there."""
-    roles_of: dict[str, list[str]] = {}
-    for role, why in joint.missing.items():
-        if role not in joint.not_needed:
-            roles_of.setdefault(why, []).append(role)
-    for why, roles in roles_of.items():
-        yield f"{' or '.join(roles)}: {printable(why)}"
-
-
-def _unread(report: LogReport) -> Iterator[Text]:
-    """Yield a line per reason: the fields of a type that is no signal are many."""
+def _by_words(pairs: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+    """Return the names of which the same is said: the fields of a type that is no signal are many."""
     names_of: dict[str, list[str]] = {}
-    for name, why in report.unread.items():
-        names_of.setdefault(why, []).append(printable(name))
-    for why, names in names_of.items():
-        yield Text(f"not read: {', '.join(names)}: {printable(why)}", style="dim")
+    for name, words in pairs:
+        names_of.setdefault(words, []).append(name)
+    return names_of
 
 
-def _plural(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+def seconds(value: float | None) -> str:
+    """Write a time with the unit that reads best."""
+    if value is None:
+        return "–"
+    size = abs(value)
+    for least, unit, length in _LONG:
+        if size >= least:
+            return f"{_three_digits(value / length)} {unit}"
+    if size >= 1.0 or size == 0.0:
+        return f"{value:.4g} s"
+    return f"{_three_digits(value * 1e3)} ms" if size >= 1e-3 else f"{value * 1e6:.3g} µs"
+
+
+def _three_digits(value: float) -> str:
+    """Write a number with three digits, and more where they stand ahead of the point."""
+    return f"{value:.3g}" if abs(value) < 999.5 else f"{value:.0f}"
+
+
+def _size(count: int) -> str:
+    """Write a number of bytes with the unit that reads best."""
+    return f"{count / 1e9:.3g} GB" if count >= 1e9 else f"{count / 1e6:.3g} MB"

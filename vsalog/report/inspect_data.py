@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from msgspec import Struct, structs
+from numpy.typing import NDArray
 
+from vsalog.binding.grid import LONGEST_GAP
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.finding_texts import sentence
 from vsalog.core.recording import Channel, Recording, Stream
 from vsalog.core.resolution import noise_of, step_of
 from vsalog.readers.sampling import Sample
-from vsalog.report.inspect_head import HeadReport, heads_of
-from vsalog.report.inspect_stats import Clock, clock_of
 from vsalog.rig.checks import RUN
 from vsalog.rig.guess_types import Guess, JointGuess
 from vsalog.writers.repaired import Repaired
@@ -119,6 +120,23 @@ class JointReport(JointGuess, frozen=True):
     def of(cls, joint: JointGuess) -> JointReport:
         """Return a guess with its sentences."""
         return cls(**structs.asdict(joint), warnings=tuple(map(sentence, joint.findings)))
+
+
+class HeadReport(Struct, frozen=True):
+    """The first samples of a stream.
+
+    Attributes
+    ----------
+    stream : its name
+    stamps : [ns]; the numbers of the rows where the stream has no time
+    channels : their names
+    rows : of each sample a value per channel, in its unit; None for one that is no finite number
+    """
+
+    stream: str
+    stamps: tuple[int, ...]
+    channels: tuple[str, ...]
+    rows: tuple[tuple[float | None, ...], ...]
 
 
 class LogReport(Struct, frozen=True):
@@ -286,3 +304,56 @@ def _channel(channel: Channel, role: RoleReport | None) -> ChannelReport:
 
 def _known(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+def heads_of(recording: Recording, count: int) -> Iterator[HeadReport]:
+    """Yield the first `count` samples of each stream."""
+    for name in recording.streams:
+        channels = [channel for channel in recording.channels.values() if channel.stream == name]
+        if not channels:
+            continue
+        stamps = channels[0].stamps[:count].tolist()
+        columns = [[v if abs(v) < float("inf") else None for v in c.values[:count].tolist()] for c in channels]
+        yield HeadReport(name, tuple(stamps), tuple(c.name for c in channels), tuple(zip(*columns, strict=True)))
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """How regularly a stream was sampled.
+
+    Attributes
+    ----------
+    rate : [Hz], one over the median step; NaN below two samples
+    jitter : half the 5–95 % range of the steps [s]
+    gaps : steps longer than `LONGEST_GAP` medians
+    longest_gap : [s], 0 where there is none
+    duration : [s], last stamp minus first
+    """
+
+    rate: float
+    jitter: float
+    gaps: int
+    longest_gap: float
+    duration: float
+
+
+def clock_of(stamps: NDArray[np.int64], seams: int = 0) -> Clock:
+    """Return how regularly the stamps follow each other.
+
+    Parameters
+    ----------
+    stamps : int64 array, shape (n,), increasing [ns]
+    seams : so many of the steps, the longest, are where stretches of a sample meet, and are left out
+    """
+    if stamps.size < 2:
+        return Clock(float("nan"), float("nan"), 0, 0.0, 0.0)
+    steps = np.diff(stamps)
+    if seams:
+        steps = np.sort(steps)[: max(steps.size - seams, 1)]
+    median = float(np.median(steps))
+    low, high = np.percentile(steps, (5.0, 95.0))
+    is_gap = steps > LONGEST_GAP * median
+    longest = float(steps.max()) if is_gap.any() else 0.0
+    duration = float(stamps[-1] - stamps[0]) * 1e-9
+    rate = 1e9 / median if median > 0.0 else float("nan")
+    return Clock(rate, 0.5e-9 * float(high - low), int(np.count_nonzero(is_gap)), longest * 1e-9, duration)

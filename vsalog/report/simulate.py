@@ -1,71 +1,95 @@
-"""What `simulate` says: scenarios on stdout, what was written on stderr or as JSON."""
+"""What `simulate` says, as documents: scenarios, what was written, and how far a replay is from what was measured."""
 
 from __future__ import annotations
 
-import json
-
-from rich.console import Console
-from rich.markup import escape
+from collections.abc import Mapping
 
 from vsalog.core.recording import Recording
 from vsalog.core.units import shown
-from vsalog.report.console import console_for_stdout
+from vsalog.report.document import Document, Section, Table, Words
 from vsalog.rig.load import Rig, presets
+from vsalog.simulation.replay_job import JointReplay, ReplayJob, position_of, unit_of
 from vsalog.simulation.run import Job
 from vsalog.simulation.scenario import built_in
 from vsalog.simulation.scenario_generic import GENERIC
 
 
-def print_scenarios() -> None:
-    """List the presets and scenarios that come with vsalog."""
-    console = console_for_stdout()
-    for title, entries in (
-        ("presets", {name: Rig.preset(name).name for name in presets()}),
-        ("scenarios of the presets", built_in()),
-        ("scenarios for any rig", GENERIC),
-    ):
-        console.print(title)
-        width = max(map(len, entries))
-        for name, text in entries.items():
-            console.print(f"  {name.ljust(width)}  {text}", soft_wrap=True)
+def scenarios_document() -> Document:
+    """Return the presets and scenarios that come with vsalog."""
+    known = {
+        "presets": {name: Rig.preset(name).name for name in presets()},
+        "scenarios of the presets": built_in(),
+        "scenarios for any rig": GENERIC,
+    }
+    sections = (Section(title, (Table("", ("", ""), tuple(told.items()), texts=2),)) for title, told in known.items())
+    return Document("Scenarios", "What can be simulated", tuple(sections))
 
 
-def say_written(job: Job, recording: Recording) -> None:
-    """Say on stderr what was written, and what to do with it."""
+def written_document(job: Job, recording: Recording) -> Document:
+    """Return what was written, and what to do with it."""
     file = job.scenario.file
-    joints = ", ".join(map(shown, job.rig.joints))
-    log = shown(str(job.files.log))
     rig = "" if job.files.rig is None else f"; its rig: {shown(str(job.files.rig))}"
-    Console(stderr=True).print(
-        escape(
-            f"{log}: {file.duration:g} s at {1.0 / file.period:g} Hz, {len(recording.channels)} channels of {joints};"
-            f" {job.scenario.where}, seed {job.options.seed}{rig}"
-        ),
-        soft_wrap=True,
-        highlight=False,
+    words = (
+        f"{shown(str(job.files.log))}: {file.duration:g} s at {1.0 / file.period:g} Hz, {len(recording.channels)} channels of"
+        f" {', '.join(map(shown, job.rig.joints))}; {job.scenario.where}, seed {job.options.seed}{rig}"
     )
+    data = {
+        "log": str(job.files.log),
+        "format": job.files.format,
+        "rig_file": None if job.files.rig is None else str(job.files.rig),
+        "rig": job.rig.name,
+        "scenario": file.name,
+        "duration": file.duration,
+        "rate": 1.0 / file.period,
+        "seed": job.options.seed,
+        "ideal": job.options.ideal,
+        "samples": job.samples,
+        "joints": list(job.rig.joints),
+        "channels": [
+            {"name": c.name, "unit": c.unit, "stream": c.stream, "samples": int(c.stamps.size)}
+            for c in recording.channels.values()
+        ],
+    }
+    return Document("Simulation", "", (Words(words),), data)
 
 
-def as_document(job: Job, recording: Recording) -> str:
-    """Return what was written as JSON."""
-    file = job.scenario.file
-    return json.dumps(
-        {
-            "log": str(job.files.log),
-            "format": job.files.format,
-            "rig_file": None if job.files.rig is None else str(job.files.rig),
-            "rig": job.rig.name,
-            "scenario": file.name,
-            "duration": file.duration,
-            "rate": 1.0 / file.period,
-            "seed": job.options.seed,
-            "ideal": job.options.ideal,
-            "samples": job.samples,
-            "joints": list(job.rig.joints),
-            "channels": [
-                {"name": c.name, "unit": c.unit, "stream": c.stream, "samples": int(c.stamps.size)}
-                for c in recording.channels.values()
-            ],
+def replay_document(job: ReplayJob, joints: Mapping[str, JointReplay]) -> Document:
+    """Return what was written of a replay, what drove it, and how far it is off."""
+    rig = "" if job.files.rig is None else f"; its rig: {shown(str(job.files.rig))}"
+    told = [Words(f"{shown(str(job.files.log))}: {shown(job.log.name)} replayed{rig}")]
+    for name, joint in joints.items():
+        drives = ", ".join(_drive(role, how) for role, how in joint.driven.items()) or "nothing"
+        begun = "once" if joint.restarts == 1 else f"{joint.restarts} times"
+        told.append(Words(f"  {shown(name)}: driven by {drives}; begun {begun} from the measured state"))
+        told += [Words(f"    {role}: {_off(joint, role)}") for role in joint.compared()]
+    told += [Words(f"  {shown(name)}: left out: it {why}") for name, why in job.left_out.items()]
+    data = {
+        "log": str(job.files.log),
+        "format": job.files.format,
+        "rig_file": None if job.files.rig is None else str(job.files.rig),
+        "rig": job.rig.name,
+        "replayed": str(job.log),
+        "window": job.options.window,
+        "joints": {
+            name: {
+                "samples": len(joint.signals),
+                "driven": dict(joint.driven),
+                "restarts": joint.restarts,
+                "rms_error": {role: joint.error(role)[0] for role in joint.compared()},
+                "spread": {role: joint.error(role)[1] for role in joint.compared()},
+            }
+            for name, joint in joints.items()
         },
-        indent=2,
-    )
+        "left_out": dict(job.left_out),
+    }
+    return Document("Replay", "", tuple(told), data)
+
+
+def _drive(role: str, how: str) -> str:
+    return role if how == "torque" else f"the measured {position_of(role)}"
+
+
+def _off(joint: JointReplay, role: str) -> str:
+    rms, spread = joint.error(role)
+    share = f", {100.0 * rms / spread:.2g} % of its spread" if spread > 0.0 else ""
+    return f"{rms:.3g} {unit_of(role)} rms off{share}"

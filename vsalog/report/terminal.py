@@ -50,14 +50,15 @@ def print_findings(findings: Iterable[Finding]) -> None:
 
 
 def _print(items: Sequence[Block], console: Console, depth: int) -> None:
-    for item in items:
+    for i, item in enumerate(items):
         if item.where == "page":
             continue
         if isinstance(item, Section):
             if item.verdict is not None:
                 _verdict(item.verdict, console)
             elif item.title:
-                console.print()
+                if i or depth:
+                    console.print()
                 _line(console, item.title, "", "bold")
             _print(item.items, console, depth + 1)
         elif isinstance(item, Verdict):
@@ -77,20 +78,27 @@ def _print(items: Sequence[Block], console: Console, depth: int) -> None:
 
 def _verdict(verdict: Verdict, console: Console) -> None:
     line = Text.assemble((plain(verdict.about), "bold"), ": ", (plain(verdict.word), TONES[verdict.tone]))
-    console.print(line, soft_wrap=True)
+    if line.cell_len <= console.width:
+        console.print(line)
+    else:
+        _line(console, line.plain, "", TONES[verdict.tone])
     for sentence in verdict.sentences:
         _line(console, sentence, "  ")
 
 
 def _line(console: Console, text: str, indent: str, style: str = "") -> None:
     """Print a text of any length, broken between words; leading spaces of its own are further indent."""
-    own = indent + " " * (len(text) - len(text.lstrip(" ")))
-    broken = textwrap.wrap(
-        plain(text.strip()), max(console.width, 20), initial_indent=own, subsequent_indent=own, break_long_words=False,
+    indent += " " * (len(text) - len(text.lstrip(" ")))
+    for line in _broken(text.strip(), console, indent, console.is_terminal):
+        console.print(Text(line, style=style), soft_wrap=True)
+
+
+def _broken(text: str, console: Console, indent: str, words: bool = True) -> list[str]:
+    """Break a text into lines, and words that are longer than a line where that is asked for."""
+    return textwrap.wrap(
+        plain(text), max(console.width, 20), initial_indent=indent, subsequent_indent=indent, break_long_words=words,
         break_on_hyphens=False,
     )  # fmt: skip
-    for line in broken:
-        console.print(Text(line, style=style), soft_wrap=True)
 
 
 def shaped(table: Table, console: Console) -> Iterator[Grid | Text]:
@@ -105,7 +113,7 @@ def shaped(table: Table, console: Console) -> Iterator[Grid | Text]:
     -------
     What to print, of which no line that can be broken is wider than the console, and no cell is cut
     """
-    turned = _turned(table) if len(table.rows) < len(table.heads) - table.keys else table
+    turned = _turned(table) if len(table.rows) <= len(table.heads) - table.keys else table
     for below in (False, True):
         for whole in (table, turned):
             grid = _grid(whole, below)
@@ -117,10 +125,12 @@ def shaped(table: Table, console: Console) -> Iterator[Grid | Text]:
         yield from blocks
         return
     for row in table.cells():
-        yield Text("  " + ", ".join(filter(None, map(_said, row[: table.keys]))), "bold", overflow="fold")
-        for head, cell in zip(table.heads[table.keys :], row[table.keys :], strict=True):
-            if _said(cell):
-                yield Text(f"    {plain(head)}  {_said(cell)}", overflow="fold")
+        named = list(zip(table.heads, map(_said, row), strict=True))
+        names = ", ".join(f"{head} {said}".strip() for head, said in named[: table.keys])
+        yield from (Text(line, "bold") for line in _broken(names, console, "  "))
+        for head, said in named[table.keys :]:
+            if said:
+                yield from map(Text, _broken(f"{head}  {said}".strip(), console, "    "))
 
 
 def _blocks(table: Table, console: Console) -> Iterator[Grid]:
