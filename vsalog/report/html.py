@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 from vsalog.core.finding_texts import by_severity
 from vsalog.report.document import SEVERITIES, Document, charts_in
-from vsalog.report.page_data import chart_data
+from vsalog.report.page_charts import chart_data
 from vsalog.report.page_text import plain
 
 

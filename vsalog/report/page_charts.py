@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import base64
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from vsalog.report.page_text import label
 
 Array = NDArray[np.float64]
 
@@ -111,3 +115,44 @@ class Chart:
     side_by_side: bool = False
     linked: bool = False
     surface: Surface | None = None
+
+
+def chart_data(part: Any) -> Any:
+    """Return a chart, or a part of one, as JSON that the page's script hands to plotly: labels escaped, arrays as bytes."""
+    if isinstance(part, Surface):
+        y, labels = np.repeat(part.y[:, None], part.x.shape[1], axis=1), (part.x_label, part.y_label, part.z_label)
+        grid = {name: array(values) for name, values in (("x", part.x), ("y", y), ("z", part.z))}
+        return grid | {"data": chart_data(tuple(part.data.T)), "labels": chart_data(labels)}
+    if is_dataclass(part):
+        found = {f.name: getattr(part, f.name) for f in fields(part) if f.name not in ("title", "words")}
+        return {name: chart_data(value) for name, value in found.items() if value is not None}
+    if isinstance(part, np.ndarray):
+        return array(part)
+    if isinstance(part, float):
+        return float(f"{part:.9g}")
+    if isinstance(part, tuple):
+        return [chart_data(each) for each in part]
+    return label(part) if isinstance(part, str) else part
+
+
+def array(values: Array) -> dict[str, str]:
+    """Return an array as plotly reads it: single precision, or double where single would merge neighbours.
+
+    Parameters
+    ----------
+    values : shape (N,) or (M, N); NaN is kept, infinities become NaN
+    """
+    values = np.where(np.isfinite(values), values, np.nan)
+    known = values[np.isfinite(values)]
+    kind = "f4"
+    if known.size:
+        steps = np.abs(np.diff(known))
+        steps = steps[steps > 0.0]
+        # A twentieth of a usual step is finer than any screen shows.
+        coarse = steps.size > 0 and float(np.finfo(np.float32).eps) / 2.0 * float(np.abs(known).max()) > 0.05 * float(
+            np.median(steps)
+        )
+        if coarse or float(np.abs(known).max()) > float(np.finfo(np.float32).max):
+            kind = "f8"
+    data = {"dtype": kind, "bdata": base64.b64encode(values.astype(f"<{kind}").tobytes()).decode("ascii")}
+    return data if values.ndim == 1 else {**data, "shape": ",".join(map(str, values.shape))}

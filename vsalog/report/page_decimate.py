@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.binding.grid import LONGEST_GAP
@@ -17,14 +16,12 @@ FIGURE_COLUMNS = 1200
 """Pixel columns of a figure over time, as many as it has on a wide screen: a line has two samples in each."""
 
 
-@njit(cache=True, nogil=True)
 def extent(values: Array) -> tuple[float, float, float]:
     """Return the least, the greatest and the root mean square of what is finite; inf, −inf and NaN where nothing is."""
-    low, high, power, count = np.inf, -np.inf, 0.0, 0
-    for v in values:
-        if np.isfinite(v):
-            low, high, power, count = min(low, v), max(high, v), power + v * v, count + 1
-    return low, high, np.sqrt(power / count) if count else np.nan
+    known = values[np.isfinite(values)]
+    if known.size == 0:
+        return np.inf, -np.inf, np.nan
+    return float(known.min()), float(known.max()), float(np.sqrt(np.mean(known**2)))
 
 
 def rms(values: Array) -> float:
@@ -100,11 +97,11 @@ def decimated(x: Array, y: Array, columns: int, gaps: Indices | None = None) -> 
     -------
     x, y : shape (M,) with M ≤ 4·columns + 4
     """
-    first, last, count = _known(y)
-    if count == 0:
+    finite = np.flatnonzero(np.isfinite(y))
+    if finite.size == 0:
         return np.zeros(0), np.zeros(0)
-    inner = np.linspace(x[first], x[last], columns + 1)[1:-1] if count > 2 * columns else np.zeros(0)
-    kept, rank = _kept(x, y, first, last, inner, count <= 2 * columns)
+    rank = _extremes(x[finite], y[finite], columns) if finite.size > 2 * columns else np.arange(finite.size)
+    kept = finite[rank]
     broken = np.diff(kept) > np.diff(rank)
     if gaps is not None and gaps.size:
         broken |= np.diff(np.searchsorted(gaps, kept, side="left")) > 0
@@ -113,56 +110,16 @@ def decimated(x: Array, y: Array, columns: int, gaps: Indices | None = None) -> 
     return np.insert(x[kept], after + 1, middle), np.insert(y[kept], after + 1, np.nan)
 
 
-@njit(cache=True, nogil=True)
-def _known(y: Array) -> tuple[int, int, int]:
-    """Return the first and the last number, and how many there are."""
-    first, last, count = -1, -1, 0
-    for k in range(y.size):
-        if np.isfinite(y[k]):
-            first, last, count = (k if count == 0 else first), k, count + 1
-    return first, last, count
-
-
-@njit(cache=True, nogil=True)
-def _kept(x: Array, y: Array, first: int, last: int, inner: Array, every: bool) -> tuple[Indices, Indices]:
-    """Return the samples that are kept, and which of the numbers each is: the ends, and the extremes between edges `inner`.
-
-    With `every`, all numbers are kept.
-    """
-    most = last - first + 1 if every else 2 * inner.size + 4
-    kept, rank = np.empty(most, np.int64), np.empty(most, np.int64)
-    kept[0], rank[0], n = first, 0, 1
-    # Where the least and the greatest of the column so far lie, and which of the numbers they are.
-    low, high, low_rank, high_rank = first, first, 0, 0
-    number, column = 0, 0
-    for k in range(first + 1, last + 1):
-        if not np.isfinite(y[k]):
-            continue
-        number += 1
-        begins = every
-        while column < inner.size and x[k] >= inner[column]:
-            column, begins = column + 1, True
-        if begins:
-            n = _both(kept, rank, n, low, low_rank, high, high_rank)
-            low, high, low_rank, high_rank = k, k, number, number
-        elif y[k] < y[low]:
-            low, low_rank = k, number
-        elif y[k] > y[high]:
-            high, high_rank = k, number
-    n = _both(kept, rank, n, low, low_rank, high, high_rank)
-    n = _both(kept, rank, n, last, number, last, number)
-    return kept[:n], rank[:n]
-
-
-@njit(cache=True, nogil=True)
-def _both(kept: Indices, rank: Indices, n: int, low: int, low_rank: int, high: int, high_rank: int) -> int:
-    """Keep two samples in their order, if they are later than the last; return how many are kept now."""
-    if high < low:
-        low, low_rank, high, high_rank = high, high_rank, low, low_rank
-    for at, of in ((low, low_rank), (high, high_rank)):
-        if at > kept[n - 1]:
-            kept[n], rank[n], n = at, of, n + 1
-    return n
+def _extremes(x: Array, y: Array, columns: int) -> Indices:
+    """Return the indices of the least and the greatest sample of each pixel column, and of both ends."""
+    edges = np.searchsorted(x, np.linspace(x[0], x[-1], columns + 1)[:-1])
+    first = np.unique(np.append(0, edges[edges < x.size]))
+    column = np.repeat(np.arange(first.size), np.diff(np.append(first, x.size)))
+    ends = [np.array([0, x.size - 1])]
+    for extreme in (np.minimum, np.maximum):
+        at = np.flatnonzero(y == extreme.reduceat(y, first)[column])
+        ends.append(at[np.unique(column[at], return_index=True)[1]])
+    return np.unique(np.concatenate(ends))
 
 
 def band(x: Array, low: Array, high: Array, columns: int, gaps: Indices | None = None) -> tuple[Array, Array]:
@@ -177,7 +134,13 @@ def band(x: Array, low: Array, high: Array, columns: int, gaps: Indices | None =
     -------
     x, y : shape (M,), M ≤ 6·columns + 2 or so
     """
-    first, last = _stretches(low, high, np.zeros(0, np.int64) if gaps is None else gaps)
+    known = np.isfinite(low) & np.isfinite(high)
+    low, high = np.where(known, low, np.nan), np.where(known, high, np.nan)
+    joined = known[1:] & known[:-1]
+    if gaps is not None:
+        joined[gaps] = False
+    first = np.flatnonzero(known & ~np.append(False, joined))
+    last = np.flatnonzero(known & ~np.append(joined, False))
     if first.size == 0:
         return np.zeros(0), np.zeros(0)
     span = max(float(x[last[-1]] - x[first[0]]), 1e-300)
@@ -192,48 +155,14 @@ def band(x: Array, low: Array, high: Array, columns: int, gaps: Indices | None =
         t = x[a : b + 1]
         count = int(np.clip(np.ceil(columns * (t[-1] - t[0]) / span), 1, t.size))
         edges = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], count + 1)[:-1], side="left"))
-        first_of, lower, upper = _outline(low[a : b + 1], high[a : b + 1], edges)
-        some = first_of >= 0
-        lower, upper, first_of = lower[some], upper[some], first_of[some]
-        at = np.append(t[first_of], t[-1])
-        lower, upper = np.append(lower, lower[-1]), np.append(upper, upper[-1])
+        lower, upper = np.fmin.reduceat(low[a : b + 1], edges), np.fmax.reduceat(high[a : b + 1], edges)
+        some = np.isfinite(lower) & np.isfinite(upper)
+        there = np.flatnonzero(known[a : b + 1])
+        at = np.append(t[there[np.searchsorted(there, edges[some])]], t[-1])
+        lower, upper = np.append(lower[some], lower[some][-1]), np.append(upper[some], upper[some][-1])
         out_x += [at, at[::-1], hole]
         out_y += [upper, lower[::-1], hole]
     return np.concatenate(out_x)[:-1], np.concatenate(out_y)[:-1]
-
-
-@njit(cache=True, nogil=True)
-def _stretches(low: Array, high: Array, gaps: Indices) -> tuple[Indices, Indices]:
-    """Return the first and the last index of each stretch of numbers; a gap of time ends a stretch."""
-    first, last = np.empty(low.size // 2 + gaps.size + 1, np.int64), np.empty(low.size // 2 + gaps.size + 1, np.int64)
-    n, inside, g = 0, False, 0
-    for k in range(low.size):
-        known = np.isfinite(low[k]) and np.isfinite(high[k])
-        if known and not inside:
-            first[n] = k
-        elif inside and not known:
-            last[n], n = k - 1, n + 1
-        inside = known
-        while g < gaps.size and gaps[g] < k:
-            g += 1
-        if inside and g < gaps.size and gaps[g] == k:
-            last[n], n, inside = k, n + 1, False
-    if inside:
-        last[n], n = low.size - 1, n + 1
-    return first[:n], last[:n]
-
-
-@njit(cache=True, nogil=True)
-def _outline(low: Array, high: Array, edges: Indices) -> tuple[Indices, Array, Array]:
-    """Return the first number (−1: none), the least of `low` and the greatest of `high` from each edge to the next."""
-    first = np.full(edges.size, -1)
-    lower, upper = np.full(edges.size, np.inf), np.full(edges.size, -np.inf)
-    for i in range(edges.size):
-        for k in range(edges[i], edges[i + 1] if i + 1 < edges.size else low.size):
-            if np.isfinite(low[k]) and np.isfinite(high[k]):
-                lower[i], upper[i] = min(lower[i], low[k]), max(upper[i], high[k])
-                first[i] = k if first[i] < 0 else first[i]
-    return first, lower, upper
 
 
 def spans(time: Array, flags: Flags, columns: int) -> list[tuple[float, float]]:

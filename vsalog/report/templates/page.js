@@ -39,7 +39,7 @@
     if (curve.kind === "points") {
       const marker = curve.symbol ? { size: 12, color: paint, symbol: curve.symbol, line: { width: 2, color: paint } } : { size: 4, color: paint, opacity: 0.75 };
       if (curve.shade) {
-        const bar = { title: { text: axes.shadeLabel, side: "right" }, thickness: 12, outlinewidth: 0, len: 0.95, ypad: 0 };
+        const bar = { title: { text: axes.shade_label, side: "right" }, thickness: 12, outlinewidth: 0, len: 0.95, ypad: 0 };
         Object.assign(marker, { color: curve.shade, colorscale: shades[isDark() ? "dark" : "light"], showscale: true, colorbar: bar });
         own.showlegend = false;
       }
@@ -75,7 +75,7 @@
       const gap = n > 1 ? 0.09 : 0, wide = (1 - gap * (n - 1)) / n;
       return { height: 370, at: spec.axes.map((_, i) => [i * (wide + gap), i * (wide + gap) + wide, 0, 1]) };
     }
-    const rows = spec.axes.map((axes, i) => (axes.rows ? 40 * axes.rows.length + 30 : i === 0 || !spec.linked ? 260 : 170));
+    const rows = spec.axes.map((axes, i) => (axes.rows.length ? 40 * axes.rows.length + 30 : i === 0 || !spec.linked ? 260 : 170));
     const gap = spec.linked ? 26 : 90, all = rows.reduce((a, b) => a + b, 0) + gap * (n - 1);
     let top = all;
     const at = rows.map((h) => { const y = [0, 1, (top - h) / all, top / all]; top -= h + gap; return y; });
@@ -88,20 +88,20 @@
     spec.axes.forEach((axes, i) => {
       const id = i === 0 ? "" : i + 1, last = i === spec.axes.length - 1;
       const link = spec.linked ? { matches: i ? "x" : undefined, showticklabels: last } : {};
-      layout[`xaxis${id}`] = axis(spec.linked && !last ? "" : axes.x, { domain: at[i].slice(0, 2), anchor: `y${id}`, ...link });
-      layout[`yaxis${id}`] = axis(axes.y, { domain: at[i].slice(2), anchor: `x${id}` });
-      if (axes.log) layout[`xaxis${id}`].type = "log";
-      if (axes.ticks) Object.assign(layout[`xaxis${id}`], { tickvals: axes.ticks.at, ticktext: axes.ticks.text });
-      if (axes.rows) {
+      layout[`xaxis${id}`] = axis(spec.linked && !last ? "" : axes.x_label, { domain: at[i].slice(0, 2), anchor: `y${id}`, ...link });
+      layout[`yaxis${id}`] = axis(axes.y_label, { domain: at[i].slice(2), anchor: `x${id}` });
+      if (axes.x_log) layout[`xaxis${id}`].type = "log";
+      if (axes.x_ticks.length) Object.assign(layout[`xaxis${id}`], { tickvals: axes.x_ticks.map((t) => t[0]), ticktext: axes.x_ticks.map((t) => t[1]) });
+      if (axes.rows.length) {
         const named = { tickvals: axes.rows.map((_, k) => -k), ticktext: axes.rows, range: [0.6 - axes.rows.length, 0.6], zeroline: false };
         Object.assign(layout[`yaxis${id}`], named, { fixedrange: true, ticks: "" });
       }
       const shaded = { type: "rect", xref: `x${id}`, yref: `y${id} domain`, y0: 0, y1: 1, fillcolor: colour("shade"), line: { width: 0 }, layer: "below" };
       for (const [x0, x1] of axes.spans) layout.shapes.push({ ...shaded, x0, x1 });
       for (const curve of axes.curves) data.push(trace(curve, id, axes));
-      if (axes.spans.length && axes.spanLabel) {
+      if (axes.spans.length && axes.span_label) {
         const marker = { symbol: "square", size: 13, color: colour("shade") };
-        data.push({ type: "scatter", mode: "markers", x: [null], y: [null], xaxis: `x${id}`, yaxis: `y${id}`, name: axes.spanLabel, marker });
+        data.push({ type: "scatter", mode: "markers", x: [null], y: [null], xaxis: `x${id}`, yaxis: `y${id}`, name: axes.span_label, marker });
       }
     });
     layout.showlegend = data.some((t) => t.showlegend !== false);
@@ -172,7 +172,7 @@
       const all = change["xaxis.autorange"];
       if (range[0] === undefined && !all) return;
       following = true;
-      const others = plots.filter((p) => p !== box && p.drawn && p.dataset.group === box.dataset.group && p.spec.axes);
+      const others = plots.filter((p) => p !== box && p.drawn && p.dataset.group === box.dataset.group && p.spec.axes.length);
       const wanted = others.filter((p) => p.spec.linked || p.spec.name === "stiffness");
       const change_ = all ? { "xaxis.autorange": true } : { "xaxis.range": range };
       Promise.all(wanted.map((p) => Plotly.relayout(p, change_))).finally(() => { following = false; });
@@ -186,7 +186,7 @@
     const [a, b] = layout.xaxis.range, span = b - a;
     const to = { ArrowLeft: [a - 0.2 * span, b - 0.2 * span], ArrowRight: [a + 0.2 * span, b + 0.2 * span], "+": [a + 0.2 * span, b - 0.2 * span],
       "=": [a + 0.2 * span, b - 0.2 * span], "-": [a - span / 3, b + span / 3] }[event.key];
-    if (event.key === "0") Plotly.relayout(box, { "xaxis.autorange": true, ...(box.spec.axes[0].rows ? {} : { "yaxis.autorange": true }) });
+    if (event.key === "0") Plotly.relayout(box, { "xaxis.autorange": true, ...(box.spec.axes[0].rows.length ? {} : { "yaxis.autorange": true }) });
     else if (to) Plotly.relayout(box, { "xaxis.range[0]": to[0], "xaxis.range[1]": to[1] });
     else return;
     event.preventDefault();
