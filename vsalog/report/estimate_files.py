@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
-from pathlib import Path
-
-import numpy as np
 
 from vsalog.core.errors import WriteError
 from vsalog.core.trace import Trace
@@ -17,9 +13,8 @@ from vsalog.report.outputs import Outputs
 from vsalog.report.page_estimate import write_estimate_page
 from vsalog.report.paper_figures import write_estimate_figures
 from vsalog.writers.atomic import atomic_path
-from vsalog.writers.recording_mcap import write_topics_mcap
-from vsalog.writers.recording_topics import Topic, scalar_topic
 from vsalog.writers.trace import TraceWriter
+from vsalog.writers.trace_mcap import write_trace_mcap
 
 
 def write_results(job: Job, outputs: Outputs, progress: Callable[[str], None] = lambda _: None) -> list[JointEstimate]:
@@ -63,32 +58,3 @@ def write_results(job: Job, outputs: Outputs, progress: Callable[[str], None] = 
             progress("drawing the figures")
             write_estimate_figures(outputs.figures, job, writer.written, estimates)
     return estimates
-
-
-def write_trace_mcap(traces: Sequence[Trace], path: Path, provenance: dict[str, str]) -> None:
-    """Write traces as a log: per joint and transmission one Float64 topic per column that means something over time.
-
-    Raises
-    ------
-    WriteError
-        The stamps do not fit into a ROS log.
-    """
-    topics: list[Topic] = []
-    for joint in dict.fromkeys(t.joint for t in traces):
-        whole = Trace.concatenate([t for t in traces if t.joint == joint])
-        order = np.argsort(whole.stamps, kind="stable")
-        first = np.append(True, np.diff(whole.stamps[order]) > 0)
-        rows = order[first]
-        for name, columns in whole.transmissions.items():
-            for column, values in columns.items():
-                if not column.startswith("coefficient_"):
-                    topic = "/".join(
-                        ("/vsalog", _token(joint), f"transmission_{name}" if name != "total" else name, column)
-                    )
-                    topics.append(scalar_topic(topic, whole.stamps[rows], np.asarray(values[rows], np.float64)))
-    write_topics_mcap(topics, path, metadata={"vsalog.provenance": provenance})
-
-
-def _token(name: str) -> str:
-    """Return a name as ROS allows it in a topic."""
-    return re.sub(r"[^A-Za-z0-9_]", "_", name) or "_"

@@ -68,7 +68,12 @@ def _joints(job: Job, estimates: Sequence[JointEstimate], trace: Path | None) ->
         rest: list[Block] = []
         if trace is not None and parts:
             unit = setpoint_unit(job.rig.joints[e.joint])
-            first, rest = led(joint_charts(evidence_of(trace, e, unit), columns), "stiffness", f"{e.joint}: ")
+            charts = joint_charts(evidence_of(trace, e, unit), columns)
+            if _is_observed(parts):
+                # The stiffness is the rig's own.
+                charts = {n: [chart for chart in own if chart.name != "stiffness"] for n, own in charts.items()}
+            lead = "torque" if _is_observed(parts) else "stiffness"
+            first, rest = led(charts, lead, f"{e.joint}: ")
         s, about = e.summary, f"{e.estimator}: {e.reason}."
         about += f" {s.duration:.4g} s at {1.0 / s.period:.4g} Hz." if s.period > 0.0 else ""
         if trace is not None and parts and thinned(e) > 1:
@@ -83,7 +88,7 @@ def _verdict(e: JointEstimate, parts: Sequence[TransmissionSummary]) -> Verdict:
     known = [p for p in parts if p.stiffness_low is not None]
     spans = [p.deflection_span for p in parts if p.deflection_span is not None]
     if any(f.severity == "invalidates" for f in e.findings):
-        return Verdict(e.joint, "invalid", "bad", tuple(map(_said, known)))
+        return Verdict(e.joint, "partly invalid" if known else "invalid", "bad", tuple(map(_said, known)))
     if known:
         warned = any(f.severity == "warning" for f in e.findings)
         word = "estimated, with warnings" if warned else "estimated"
