@@ -79,9 +79,10 @@ def test_first_samples_on_a_narrow_terminal_and_without_a_time(tmp_path, monkeyp
     assert head["rows"] == [[1.5, None], [2.5, 7.0]]
     from rich.console import Console
 
+    from vsalog.inspection.document import Inspection
+    from vsalog.inspection.run import inspect_recording
     from vsalog.readers import read
     from vsalog.report.inspect import inspection_document
-    from vsalog.report.inspect_data import Inspection, inspect_recording
     from vsalog.report.terminal import print_document
     from vsalog.rig.guess import guess_roles
 

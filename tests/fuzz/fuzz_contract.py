@@ -13,8 +13,9 @@ import msgspec
 import numpy as np
 
 from vsalog.core.errors import ReadError, VsalogError
+from vsalog.inspection.document import Inspection
+from vsalog.inspection.run import inspect_recording
 from vsalog.readers import read
-from vsalog.report.inspect_data import Inspection, inspect_recording
 from vsalog.rig.guess import guess_roles
 from vsalog.rig.load import Rig
 from vsalog.rig.template import rig_template

@@ -14,8 +14,9 @@ from rig_logs import DEFLECTION, LINK, MOTOR, MOTOR_TORQUE, TIME, TORQUE, record
 from vsalog.cli import cli
 from vsalog.core.finding import Finding
 from vsalog.core.resolution import noise_of, step_of
+from vsalog.inspection.document import Inspection, LogReport
+from vsalog.inspection.run import clock_of, inspect_recording
 from vsalog.report.inspect import inspection_document
-from vsalog.report.inspect_data import Inspection, LogReport, clock_of, inspect_recording
 from vsalog.report.terminal import console_for, print_document
 from vsalog.rig import Rig
 from vsalog.rig.guess import guess_roles

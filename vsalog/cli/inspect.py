@@ -54,10 +54,11 @@ def inspect(
     """
     from vsalog.core.errors import VsalogError, words_of
     from vsalog.core.printable import printable
+    from vsalog.inspection.document import Inspection, LogReport, Unreadable
+    from vsalog.inspection.run import inspect_recording
     from vsalog.readers import read
     from vsalog.readers.sampling import read_sample
     from vsalog.report.inspect import inspection_document, repair_words
-    from vsalog.report.inspect_data import Inspection, LogReport, Unreadable, inspect_recording
     from vsalog.report.terminal import print_data, print_document
     from vsalog.rig.guess import guess_roles
 

@@ -8,9 +8,9 @@ from datetime import UTC, datetime
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
 from vsalog.core.printable import plural
+from vsalog.inspection.document import ChannelReport, HeadReport, Inspection, JointReport, LogReport, StreamReport
 from vsalog.readers.base import DOUBTFUL
 from vsalog.report.document import SEVERITIES, Block, Cell, Document, Section, Table, Tone, Verdict, Words
-from vsalog.report.inspect_data import ChannelReport, HeadReport, Inspection, JointReport, LogReport, StreamReport
 from vsalog.report.page_text import between, number, percent
 from vsalog.writers.repaired import Repaired
 
