@@ -29,8 +29,11 @@ def said(samples, tmp_path_factory):
         "estimate two": (["estimate", one, "-o", str(folder)], None),
         "validate": (["validate", str(folder / "awas_exp1.model.toml"), second, awas, "-o", str(folder)], "report.html"),
         "validate two": (["validate", model, two, "-o", str(folder / "2")], "2/report.html"),
-        "diagnose": (["diagnose", awas, "-o", str(folder / "3")], "3/diagnosis.html"),
-        "compare": (["compare", awas, "--report", str(folder / "compare.html")], "compare.html"),
+        "diagnose": (["diagnose", awas, "--end", "5", "-o", str(folder / "3")], "3/diagnosis.html"),
+        "compare": (["compare", awas, "--end", "6", "--report", str(folder / "compare.html")], "compare.html"),
+        "inspect": (["inspect", awas, one, "--head", "2"], None),
+        "simulate": (["simulate", "--list"], None),
+        "reproduce": (["reproduce", "--list"], None),
     }  # fmt: skip
     found = {}
     for name, (arguments, page) in commands.items():
