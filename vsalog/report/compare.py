@@ -74,7 +74,8 @@ def _table(joint: str, rows: Sequence[Row]) -> Table:
         for row in rows
         if row.transmission == name
     ]
-    return Table(f"Joint {joint} by every estimator", HEADS, tuple(shown), keys=2, texts=2)
+    table = Table(f"Joint {joint} by every estimator", HEADS, tuple(shown), keys=2, texts=2)
+    return table.without_first() if len(names) == 1 else table
 
 
 def _distinct(transmissions: Iterator[str]) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 from vsalog.core.finding import Finding, Severity
@@ -110,6 +110,11 @@ class Table:
         """Yield the rows as cells."""
         for row in self.rows:
             yield [Cell(cell) if isinstance(cell, str) else cell for cell in row]
+
+    def without_first(self) -> Table:
+        """Return the table without its first column, which names a row."""
+        rows = tuple(row[1:] for row in self.rows)
+        return replace(self, heads=self.heads[1:], rows=rows, keys=self.keys - 1, texts=self.texts - 1)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -140,10 +139,7 @@ def _scores(joint: JointReport) -> Table:
 
 def _of_one(table: Table, joint: JointReport) -> Table:
     """Leave the first column out, which names the transmission, where there is only one."""
-    if len(joint.transmissions) != 1:
-        return table
-    rows = tuple(row[1:] for row in table.rows)
-    return replace(table, heads=table.heads[1:], rows=rows, keys=table.keys - 1, texts=table.texts - 1)
+    return table.without_first() if len(joint.transmissions) == 1 else table
 
 
 def _against(part: TransmissionReport, comparison: Comparison) -> str:
