@@ -1,6 +1,7 @@
 """Documents on a terminal: lines are as wide as it is, and no number is cut, whatever the width."""
 
 import io
+from typing import get_args
 
 import pytest
 from hypothesis import given
@@ -8,11 +9,13 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from vsalog.core.finding import Finding
-from vsalog.report.document import Cell, Document, Facts, Notes, Section, Table, Verdict, Words
+from vsalog.diagnosis import document as diagnosis
+from vsalog.report.document import TONES, Cell, Document, Facts, Notes, Section, Table, Verdict, Words
 from vsalog.report.reproduce import rows_document
 from vsalog.report.terminal import console_for, print_document, print_findings
 from vsalog.reproduce.catalogue import ITEMS
 from vsalog.reproduce.rows import Row, Spread
+from vsalog.validation import document as validation
 
 COMMANDS = (
     "estimate",
@@ -74,6 +77,10 @@ def in_full(document, columns):
         assert cell.text in words if long else any(cell.text in line for line in lines), cell.text
         assert cell.brief or any(cell.detail in line for line in lines), cell.detail
     assert not any(line.rstrip().endswith("…") for line in lines)
+
+
+def test_every_verdict_has_a_tone():
+    assert set(TONES) == {*get_args(validation.Verdict), *get_args(diagnosis.Verdict)}
 
 
 numbers = st.floats(-1e6, 1e6).map(lambda v: f"{v:.6g}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any
@@ -11,8 +11,7 @@ from urllib.parse import quote
 from vsalog.batch.records import Do, Record
 from vsalog.batch.summary import rows_of
 from vsalog.core.printable import plural
-from vsalog.report import diagnosis, validate
-from vsalog.report.document import Block, Cell, Document, Table, Tone, Words
+from vsalog.report.document import TONES, Block, Cell, Document, Table, Words
 from vsalog.report.html import page_of
 from vsalog.report.page_text import number
 
@@ -54,7 +53,6 @@ TEXTS: dict[Do, tuple[tuple[str, str], ...]] = {
     "diagnose": (("verdict", "verdict"), ("causes", "causes")),
 }
 FIRST = (("joint", "joint"), ("device", "device"), ("date", "date"))
-TONES: Mapping[Any, Tone] = {**validate.TONES, **diagnosis.TONES}
 _LABELS = {"report": "report", "trace": "trace", "model": "model", "document": "data", "rig": "extended rig"}
 
 
@@ -96,7 +94,7 @@ def _cells(row: dict[str, Any], texts: Sequence[tuple[str, str]], do: Do) -> Ite
         value = row.get(key)
         if key == "causes":
             value = ", ".join(str(cause["cause"]) for cause in value or ())
-        yield Cell("" if value is None else str(value), tone=TONES.get(value, "") if key == "verdict" else "")
+        yield Cell("" if value is None else str(value), tone=TONES[value] if key == "verdict" and value else "")
     # What a log failed of comes first; then what a person should know.
     first, *more = [*filter(None, [row.get("reason")]), *row["warnings"]] or [""]
     yield Cell(first, value=len(more) + bool(first), more=tuple(more))

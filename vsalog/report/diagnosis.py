@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 
-from vsalog.diagnosis.document import Diagnosis, EquationError, FoundCause, Gain, SignalError, Verdict
+from vsalog.diagnosis.document import Diagnosis, EquationError, FoundCause, Gain, SignalError
 from vsalog.diagnosis.evidence import CauseEvidence, JointEvidence
 from vsalog.report import document as tree
 from vsalog.report.diagnosis_words import (
@@ -23,21 +23,13 @@ from vsalog.report.diagnosis_words import (
     unexplained_words,
     unit_of,
 )
-from vsalog.report.document import Block, Cell, Document, Facts, Figures, Notes, Section, Source, Table, Tone, Words
+from vsalog.report.document import TONES, Block, Cell, Document, Facts, Figures, Notes, Section, Source, Table, Words
 from vsalog.report.drawings import columns_for
 from vsalog.report.page_charts import Chart
 from vsalog.report.page_diagnosis_causes import cause_chart, remainder_chart
 from vsalog.report.page_diagnosis_gain import equations_chart, gain_chart
 from vsalog.report.page_diagnosis_signals import signal_charts
 from vsalog.report.page_text import number
-
-TONES: Mapping[Verdict, Tone] = {
-    "consistent": "good",
-    "consistent as far as checked": "good",
-    "explained": "",
-    "partly explained": "open",
-    "unexplained": "bad",
-}
 
 
 def diagnosis_document(

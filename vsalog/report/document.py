@@ -11,6 +11,18 @@ from vsalog.report.page_charts import Chart
 
 Tone = Literal["", "good", "open", "bad"]
 """How a verdict is coloured; its word says the same."""
+TONES: dict[str, Tone] = {
+    "holds": "good",
+    "fails": "bad",
+    "undecided": "open",
+    "cannot be judged": "open",
+    "consistent": "good",
+    "consistent as far as checked": "good",
+    "explained": "",
+    "partly explained": "open",
+    "unexplained": "bad",
+}
+"""The tones of a validation's and a diagnosis' verdicts."""
 Where = Literal["both", "page", "terminal"]
 """What renders a block: a terminal leaves out what fills screens, a page what names the page."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,15 +10,15 @@ from numpy.typing import NDArray
 
 from vsalog.core.model import JointModel, TransmissionModel
 from vsalog.report.page_charts import Axes, Chart, Curve, Surface
-from vsalog.report.page_decimate import extent, scattered
+from vsalog.report.page_decimate import FIGURE_COLUMNS, extent, scattered
 from vsalog.report.page_figures import DEFLECTION, TORQUE, measured_name, span_words
 from vsalog.report.page_text import number
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
 Array = NDArray[np.float64]
 
-NODES = 65
-"""Places per dimension at which a characteristic is evaluated: polynomials of a basis look smooth between them."""
+# Places per dimension at which a characteristic is evaluated: a surface has as many points as the longest line of a figure.
+NODES = math.isqrt(4 * FIGURE_COLUMNS)
 
 
 def characteristic_charts(joint: JointEvidence, name: str, part: TransmissionEvidence) -> list[Chart]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from vsalog.report.document import (
+    TONES,
     Block,
     Cell,
     Document,
@@ -15,7 +16,6 @@ from vsalog.report.document import (
     Notes,
     Section,
     Table,
-    Tone,
     Verdict,
     Words,
     provenance,
@@ -24,10 +24,8 @@ from vsalog.report.drawings import Charts, led
 from vsalog.report.page_charts import Axes, Chart, Curve
 from vsalog.report.page_text import between, number, unit_text
 from vsalog.validation.document import Comparison, Figure, JointReport, Report, Score, TransmissionReport
-from vsalog.validation.document import Verdict as Judgement
 from vsalog.validation.verdict import HOLDING_ERROR, Line, overview
 
-TONES: Mapping[Judgement, Tone] = {"holds": "good", "fails": "bad", "undecided": "open", "cannot be judged": "open"}
 # What scores are where the error is ten times the signal's spread [%, %, 1]: beyond, digits say no more.
 TENFOLD: Mapping[str, float] = {"nrmse": 1000.0, "msrep": 10_000.0, "r2": -99.0}
 DEPENDENCES = {
