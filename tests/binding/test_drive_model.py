@@ -46,7 +46,7 @@ def test_the_torque_that_acts():
     np.testing.assert_allclose(signals.roles["motor_position"], np.sin(signals.time), rtol=1e-9)
     assert signals.resolution["motor_torque"] == pytest.approx(0.011)
     (acting,) = signals.findings
-    assert (acting.code, acting.part) == ("torque.acting", "motor_torque")
+    assert (acting.code, acting.part) == ("torque.drive_model", "motor_torque")
     assert acting.evidence["made"] == "rounded to 0.01 N·m, times 1.1, +0.15 N·m, 12 ms later"
 
 

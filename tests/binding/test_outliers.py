@@ -106,7 +106,7 @@ def test_a_wild_sample_of_an_encoder_that_wraps_is_no_turn(at, value):
     assert abs(q[at] - T[at]) == pytest.approx(0.0 if far > 0.5 or value > TURN else far, abs=2e-3)
 
 
-def test_hovering_where_an_encoder_begins_anew_loses_nothing():
+def test_hovering_where_an_encoder_begins_again_loses_nothing():
     x = np.mod(0.02 * np.sin(T) + np.random.default_rng(7).normal(0.0, 1e-3, N), TURN)
     assert indices(x, TURN) == []
 

@@ -135,7 +135,7 @@ def test_what_hung_is_left_out_and_said(role):
     spoilt = bound(SENSORS, recording(**{n: (T, hung(x, first, 40) if n == name else x) for n, x in logs.items()}))
     assert np.flatnonzero(np.isnan(spoilt.roles[role])).tolist() == list(range(first + 1, first + 41))
     (hangs,) = [f for f in spoilt.findings if f.part == role]
-    assert (hangs.code, hangs.value, hangs.evidence["samples"]) == ("sensor.hung", 40.0, N)
+    assert (hangs.code, hangs.value, hangs.evidence["samples"]) == ("sensor.stuck", 40.0, N)
     assert hangs.evidence["first"] == pytest.approx((first + 1) * 1e-3)
     # A motor's torque is a command, which may stand still and jump as it likes.
     command = bound(

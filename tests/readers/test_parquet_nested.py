@@ -58,7 +58,7 @@ def test_a_time_of_day_goes_on_at_midnight(tmp_path, dated):
     assert (np.diff(pos.stamps) == 10**7).all()
     assert len(pos.values) == N
     assert log.absolute_time == dated
-    assert ("clock.begins_anew" in codes(log)) != dated
+    assert ("clock.restarts" in codes(log)) != dated
 
 
 def test_numbers_that_are_text_are_numbers(tmp_path):

@@ -47,7 +47,7 @@ FILES = {
     "excel_minutes.csv": (
         [3_599_000 * MS, 3_599_500 * MS, 3_600_000 * MS, 3_600_500 * MS],
         {"angle": (None, [1.5, 1.625, 1.75, 1.875])},
-        ["clock.minutes_and_seconds", "clock.begins_anew"],
+        ["clock.minutes_and_seconds", "clock.restarts"],
     ),
     "hebi.csv": (
         [10_803_938, 19_073_963, 29_106_855, 39_258_003],
@@ -164,7 +164,7 @@ FILES = {
     "time_of_day.csv": (
         [86_399_500 * MS, 86_399_750 * MS, 86_400_000 * MS, 86_400_250 * MS],
         {"angle": (None, [*RISING, 0.875])},
-        ["clock.begins_anew"],
+        ["clock.restarts"],
     ),
     "units_row.csv": ([10 * MS, 20 * MS], {"angle": ("deg", [0.5, 0.625]), "torque": ("N*m", [1.25, 1.5])}, []),
 }

@@ -145,13 +145,13 @@ def test_a_date_that_cannot_be_read_is_told_and_midnight_passes(table, date):
     recording = table("Date,Time,x", *(f"{date},{moment:%H:%M:%S.%f},{i}" for i, moment in enumerate(ROWS)))
     assert since_first(recording) == [i * S // 4 for i in range(20)]
     assert "clock.dates_unreadable" in codes(recording)
-    assert values_of(recording, "clock.begins_anew") == [1]
+    assert values_of(recording, "clock.restarts") == [1]
 
 
 def test_a_date_that_stays_that_of_the_begin(table):
     recording = table("Date,Time,x", *(f"2024-03-13,{moment:%H:%M:%S.%f},{i}" for i, moment in enumerate(ROWS)))
     assert stamps(recording) == [nanoseconds(moment) for moment in ROWS]
-    assert values_of(recording, "clock.begins_anew") == [1]
+    assert values_of(recording, "clock.restarts") == [1]
 
 
 def test_a_date_that_follows_a_sample_late(table):
@@ -172,7 +172,7 @@ def test_midnights_far_apart_and_late_samples(table):
     found = recording.channel("x").stamps
     assert (found - found[0]).tolist() == [40 * i * S for i in range(6000)]
     assert recording.streams["log"].inversions == len(falls) - 1
-    assert values_of(recording, "clock.begins_anew") == [len(falls)]
+    assert values_of(recording, "clock.restarts") == [len(falls)]
 
 
 def test_a_gap_of_a_night_is_no_step_back(table):

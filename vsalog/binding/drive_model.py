@@ -60,4 +60,4 @@ def acting_findings(joint: str, motors: Mapping[str, Motor]) -> Iterator[Finding
         ]
         if made:
             evidence = {"made": ", ".join(made)}
-            yield Finding(code="torque.acting", joint=joint, part=role, severity="info", evidence=evidence)
+            yield Finding(code="torque.drive_model", joint=joint, part=role, severity="info", evidence=evidence)

@@ -77,7 +77,7 @@ def binding_findings(
         if t.held:
             first = (t.first_held - origin) * 1e-9
             evidence = {"samples": t.samples, "first": first}
-            found.append(of_role(code="sensor.hung", value=float(t.held), evidence=evidence))
+            found.append(of_role(code="sensor.stuck", value=float(t.held), evidence=evidence))
         if (lacking := t.bad - t.alone - t.held) > 0:
             evidence = {"samples": t.samples}
             found.append(of_role(code="recording.not_finite", value=float(lacking), evidence=evidence))

@@ -51,8 +51,8 @@ TEXTS: Mapping[str, Text] = {
         " rad; elsewhere they change together: the sensor was stuck.",
         "Leave that stretch out (--start, --end).",
     ),
-    "torque.acting": Text(
-        "{part} is what acts, by the rig's motor: what was recorded, {made}.",
+    "torque.drive_model": Text(
+        "{part} is the drive model of the rig's motor: what was recorded, {made}.",
         "Change the motor in the rig if it does not.",
     ),
     "torque.coarse": Text(
@@ -87,7 +87,7 @@ TEXTS: Mapping[str, Text] = {
         " elsewhere: it is saturated.",
         "The stiffness is wrong wherever it is; choose a larger range, or leave these stretches out (--start, --end).",
     ),
-    "sensor.hung": Text(
+    "sensor.stuck": Text(
         "{part} was stuck at {value:.0f} of {samples} samples (first at {first:.6g} s): it stood still amid a motion and then"
         " jumped to catch up.",
         "They are left out.",
@@ -122,11 +122,11 @@ TEXTS: Mapping[str, Text] = {
         "Shorten the windows (--tune window=SECONDS), or repair the log.",
     ),
     "estimate.never_excited": Text(
-        "transmission {part}: the data never support an estimate (standard deviation above a fifth of the stiffness everywhere).",
+        "transmission {part} is never excited enough for an estimate (standard deviation above a fifth of the stiffness everywhere).",
         "Move the joint more.",
     ),
     "estimate.fit_never_excited": Text(
-        "transmission {part}: the data never support an estimate (standard deviation above a fifth of the stiffness everywhere).",
+        "transmission {part} is never excited enough for an estimate (standard deviation above a fifth of the stiffness everywhere).",
         "Move the joint more, or fit fewer terms (order under [joint.{joint}.basis] in the rig).",
     ),
     "estimate.partly_excited": Text(
@@ -179,7 +179,7 @@ TEXTS: Mapping[str, Text] = {
         " [joint.{joint}.signals].",
     ),
     "stiffness.drifts": Text(
-        "transmission {part}: the stiffness changes by {value:.1%} over the log, more than {limit:.1%} that noise may make; the"
+        "transmission {part}: the stiffness changes by {value:.1%} over the log, more than {limit:.1%}, the noise floor; the"
         " estimate lags behind, which its standard deviation includes.",
         "Springs and drives that warm up do that, and torque sensors that drift: record after warming up, or estimate parts"
         " of the log.",

@@ -12,7 +12,7 @@ LOG_TEXTS: Mapping[str, Text] = {
         "{part} lacks a sample or two at {value:.0f} places.", "They are bridged between the neighbours."
     ),
     "recording.outliers": Text(
-        "{value:.0f} of {samples} samples of {part} stand alone, as no motion does (first at {first:.6g} s).",
+        "{value:.0f} of {samples} samples of {part} are outliers, as no motion makes them (first at {first:.6g} s).",
         "They are left out.",
     ),
     "recording.not_finite": Text(
@@ -204,7 +204,7 @@ LOG_TEXTS: Mapping[str, Text] = {
         " set?).",
         "--time header or log chooses.",
     ),
-    "clock.begins_anew": Text(
+    "clock.restarts": Text(
         "the time begins again {what} {value:n time}, and no new date says so.", "It is taken as going on."
     ),
     "clock.set_back": Text(

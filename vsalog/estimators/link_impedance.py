@@ -18,7 +18,7 @@ from vsalog.effects.base import Exactness
 from vsalog.effects.gravity import holding_torque
 from vsalog.estimators.device import Device, spread
 from vsalog.estimators.equation import SUPPORTED_SHARE
-from vsalog.estimators.link_beside import NOTHING, what_else_acts
+from vsalog.estimators.link_disturbance import NOTHING, disturbance_of
 from vsalog.estimators.state_observer import Columns
 from vsalog.estimators.windows import most_moved, rms
 from vsalog.filters.link_ekf import MOST_LOST, LinkNoise, LinkState, State, estimate_link, link_start, restarted
@@ -60,7 +60,7 @@ class LinkImpedance:
             self._bias(most_moved(signals, ["link_position"])[:ENOUGH], weights.shape[1]),
             max(Exactness.SMOOTH, _between(q, weights[2], acceleration)),
         )
-        self.beside = what_else_acts(torque, rate, acceleration, weights.shape[1])
+        self.beside = disturbance_of(torque, rate, acceleration, weights.shape[1])
         if sensor_error(q[:ENOUGH], weights.shape[1]).rms(weights[2]) > MOST_NOISE * rms(acceleration):
             # Least squares of such accelerations say nothing.
             self.beside = NOTHING

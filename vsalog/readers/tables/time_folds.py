@@ -63,7 +63,7 @@ class Folds:
     def findings(self) -> list[Finding]:
         """Return what to tell."""
         what = {"what": "at midnight" if self._period == Nanoseconds.DAY else "after an hour"}
-        begun = [Finding(code="clock.begins_anew", value=self._most, evidence=what)] if self._most else []
+        begun = [Finding(code="clock.restarts", value=self._most, evidence=what)] if self._most else []
         return begun + [
             Finding(code="clock.set_back", value=often, evidence={"hours": hours})
             for hours, often in self._often.items()

@@ -1,6 +1,6 @@
-"""What acts on a link beside its inertia, its damping and the torques that are measured: dry friction, a constant torque.
+"""What disturbs a link's equation of inertia, damping and measured torques: dry friction, a constant torque.
 
-Each follows something else than q̈ and q̇ do, and bends both where nobody knows of it: Coulomb friction, which has the sign of
+Each follows something else than q̈ and q̇ do, and biases both where nobody knows of it: Coulomb friction, which has the sign of
 q̇, looks like damping. So the link's equation is solved with these among its regressors too, averaged over half windows
 (`row_moments.py`). What predicts the torque in blocks that it was not learnt from is a finding with its size, and what it moves I
 and N by is doubt in them.
@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Beside:
-    """What else acts.
+class Disturbance:
+    """Torques on the link that its equation lacks.
 
     Attributes
     ----------
@@ -60,10 +60,10 @@ class Beside:
         ]
 
 
-NOTHING = Beside(np.full(2, np.nan), np.zeros(2))
+NOTHING = Disturbance(np.full(2, np.nan), np.zeros(2))
 
 
-def what_else_acts(torque: Array, velocity: Array, acceleration: Array, window: int) -> Beside:
+def disturbance_of(torque: Array, velocity: Array, acceleration: Array, window: int) -> Disturbance:
     """Look for what acts on a link.
 
     Parameters
@@ -78,7 +78,7 @@ def what_else_acts(torque: Array, velocity: Array, acceleration: Array, window: 
     if rows.rows < ENOUGH_BATCHES:
         return NOTHING
     whole = rows.blocks.sum(axis=0)
-    plain, nothing = least_squares(whole, [0, 1]), Beside(least_squares(whole, [0, 1]), np.zeros(2))
+    plain, nothing = least_squares(whole, [0, 1]), Disturbance(least_squares(whole, [0, 1]), np.zeros(2))
     there = [False, False]
     for i in range(2):
         shape = association(rows.blocks, [2 + i], [0, 1, 3 - i])
@@ -91,4 +91,4 @@ def what_else_acts(torque: Array, velocity: Array, acceleration: Array, window: 
     if not any(there) or moved.max() < NEGLIGIBLE_SHARE:
         return nothing
     acts = dict(zip(kept, found, strict=True))
-    return Beside(plain, moved, float(acts.get(2, 0.0)), -float(acts.get(3, 0.0)))
+    return Disturbance(plain, moved, float(acts.get(2, 0.0)), -float(acts.get(3, 0.0)))

@@ -7,7 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 from command_line import vsalog_run
 
-from vsalog.estimators.link_beside import what_else_acts
+from vsalog.estimators.link_disturbance import disturbance_of
 
 INERTIA, DAMPING = 0.05, 0.1
 TIME = np.arange(10_000) * 1e-3
@@ -25,7 +25,7 @@ def moving(friction=0.0, constant=0.0, seed=0):
 @pytest.mark.parametrize(("friction", "constant"), [(0.1, 0.0), (0.1, -0.2), (0.1, 0.2)])
 def test_what_acts_is_found_with_its_size_and_what_it_costs(friction, constant):
     torque, rate, acceleration = moving(friction, constant)
-    found = what_else_acts(torque, rate, acceleration, 51)
+    found = disturbance_of(torque, rate, acceleration, 51)
     # What is known to act is inertia, damping, friction and, with the other sign, what pushes unseen.
     assert (found.friction, found.torque) == pytest.approx((friction, -constant), rel=0.1)
     (finding,) = found.findings("arm")
@@ -37,7 +37,7 @@ def test_what_acts_is_found_with_its_size_and_what_it_costs(friction, constant):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_of_a_link_that_is_one_nothing_is_said(seed):
-    found = what_else_acts(*moving(seed=seed), 51)
+    found = disturbance_of(*moving(seed=seed), 51)
     assert found.findings("arm") == []
     assert not found.moved.any()
     np.testing.assert_allclose(found.plain, [INERTIA, DAMPING], rtol=0.02)
@@ -45,11 +45,11 @@ def test_of_a_link_that_is_one_nothing_is_said(seed):
 
 def test_what_costs_nothing_is_not_told():
     """A constant torque is told apart from inertia and damping by any motion that swings."""
-    assert what_else_acts(*moving(constant=-0.2), 51).findings("arm") == []
+    assert disturbance_of(*moving(constant=-0.2), 51).findings("arm") == []
 
 
 def test_too_little_is_no_witness():
-    found = what_else_acts(*(x[:500] for x in moving(0.3)), 51)
+    found = disturbance_of(*(x[:500] for x in moving(0.3)), 51)
     assert found.findings("arm") == []
     assert np.isnan(found.plain).all()
 
