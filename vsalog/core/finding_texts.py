@@ -122,11 +122,11 @@ TEXTS: Mapping[str, Text] = {
         "Shorten the windows (--tune window=SECONDS), or repair the log.",
     ),
     "estimate.never_excited": Text(
-        "transmission {part} is never excited enough for an estimate (standard deviation above a fifth of the stiffness everywhere).",
+        "transmission {part} is excited nowhere (the standard deviation is above a fifth of the stiffness everywhere).",
         "Move the joint more.",
     ),
     "estimate.fit_never_excited": Text(
-        "transmission {part} is never excited enough for an estimate (standard deviation above a fifth of the stiffness everywhere).",
+        "transmission {part} is excited nowhere (the standard deviation is above a fifth of the stiffness everywhere).",
         "Move the joint more, or fit fewer terms (order under [joint.{joint}.basis] in the rig).",
     ),
     "estimate.partly_excited": Text(

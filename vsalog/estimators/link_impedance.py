@@ -60,11 +60,11 @@ class LinkImpedance:
             self._bias(most_moved(signals, ["link_position"])[:ENOUGH], weights.shape[1]),
             max(Exactness.SMOOTH, _between(q, weights[2], acceleration)),
         )
-        self.beside = disturbance_of(torque, rate, acceleration, weights.shape[1])
+        self.disturbance = disturbance_of(torque, rate, acceleration, weights.shape[1])
         if sensor_error(q[:ENOUGH], weights.shape[1]).rms(weights[2]) > MOST_NOISE * rms(acceleration):
             # Least squares of such accelerations say nothing.
-            self.beside = NOTHING
-        self.doubt = np.maximum(self.bias, self.beside.moved)
+            self.disturbance = NOTHING
+        self.doubt = np.maximum(self.bias, self.disturbance.moved)
 
     def start(self) -> LinkState:
         """Return the state before the first sample."""
@@ -96,7 +96,7 @@ class LinkImpedance:
             damping_std = np.sqrt(np.maximum(var_b - 2.0 * damping * both + damping**2 * var_a, 0.0)) / a
             damping_std = np.hypot(damping_std, self.doubt[1] * damping)
             # Least squares over the whole log is a cross-check, which other things bias.
-            apart = np.column_stack((inertia, damping)) - self.beside.plain
+            apart = np.column_stack((inertia, damping)) - self.disturbance.plain
             inertia_std = np.hypot(inertia_std, np.nan_to_num(apart[:, 0]))
             damping_std = np.hypot(damping_std, np.nan_to_num(apart[:, 1]))
             # A link that is driven by its damping is not understood.
@@ -111,7 +111,7 @@ class LinkImpedance:
     def findings(self, state: LinkState) -> tuple[Finding, ...]:
         """Return what could not be estimated, and why, and what acts on the link along with what is known."""
         excess, lost, joint = float(state.last[1]), int(state.last[3]), self.device.joint
-        found = self.beside.findings(joint)
+        found = self.disturbance.findings(joint)
         if lost > MOST_LOST:
             found.append(Finding(code="link.filter_restarted", joint=joint, value=float(lost), limit=float(MOST_LOST)))
         elif excess > MOST_EXCESS:
