@@ -203,6 +203,18 @@ def large_chunk():
     return b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM" + file.getvalue()[128:]
 
 
+def large_variable():
+    """A MATLAB v5 variable of zeros."""
+    head = (
+        struct.pack("<4I", 6, 8, 6, 0) + struct.pack("<4I", 5, 8, 1, 300 * 2**17) + struct.pack("<2I", 1 << 16 | 1, 120)
+    )
+    head += struct.pack("<2I", 9, 300 * 2**20)
+    compressor = zlib.compressobj()
+    ahead = compressor.compress(struct.pack("<2I", 14, len(head) + 300 * 2**20) + head)
+    raw = ahead + zeros(compressor, 300)
+    return b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM" + struct.pack("<2I", 15, len(raw)) + raw
+
+
 def large_page():
     """A table of one cell, which Arrow would decompress as a whole whether it is a signal or not."""
     file = BytesIO()
@@ -242,7 +254,8 @@ BOMBS = {
     "images": (large_messages, "array of 12582912 values"),
     "whole": (lambda: zeros(zstandard.ZstdCompressor().compressobj(), 128), "refused.*grows more than 1032 times"),
     "empty-parts": (empty_parts, "larger than 4 MiB"),
-    "matlab-chunk": (large_chunk, "refused.*larger than it should"),
+    "matlab-chunk": (large_chunk, "refused"),
+    "matlab-variable": (large_variable, "refused.*more memory"),
     "parquet-page": (large_page, "refused.*compressed so much"),
     "recursive": (lambda: defined("T t"), "contains itself"),
     "doubling": (lambda: defined("T1 x\nT1 y\n" + TYPES), "no message fits"),

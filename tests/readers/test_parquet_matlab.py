@@ -168,6 +168,41 @@ def test_a_clock_serves_the_structures_below(tmp_path):
     np.testing.assert_array_equal(channel.stamps, np.arange(20) * 10_000_000)
 
 
+@pytest.mark.parametrize(
+    ("labels", "blocks", "called"),
+    [
+        (["q", "torque"], ["joint/Scope", "joint/Scope"], ["q", "torque[0]", "torque[1]"]),
+        (["", ""], ["joint/q", "joint/drive/torque"], ["q", "torque[0]", "torque[1]"]),
+        (["q", "q"], ["", ""], ["q", "q#2[0]", "q#2[1]"]),
+        (["time", ""], ["", ""], ["time#2", "signals[1][0]", "signals[1][1]"]),
+        (["", ""], ["", ""], None),
+    ],
+)
+def test_signals_of_simulink_are_called_by_their_labels(tmp_path, labels, blocks, called):
+    """Structure With Time, as the Scope and To Workspace blocks log it (Simulink: Scope, Log data to workspace)."""
+    t = np.arange(20) / 100
+    kinds = ["values", "dimensions", "label", "title", "plotStyle", "blockName"]
+    signals = np.empty((1, 2), [(name, object) for name in kinds])
+    for i, values in enumerate((t[:, None] + 1, np.stack([t, 2 * t], axis=1))):
+        parts = (values, float(values.shape[1]), labels[i], "", 0.0, blocks[i])
+        signals[0, i] = parts
+    savemat(
+        tmp_path / "log",
+        {"ScopeData": {"time": t[:, None], "signals": signals, "blockName": "joint/Scope"}},
+        appendmat=False,
+    )
+    recording = read(tmp_path / "log")
+    if called is None:
+        assert "ScopeData.signals[0].values" in recording.channels
+        return
+    assert list(recording.channels) == [f"ScopeData.{name}" for name in called]
+    for name, values in zip(called, (t + 1, t, 2 * t), strict=True):
+        np.testing.assert_array_equal(recording.channel(f"ScopeData.{name}").values, values)
+        np.testing.assert_array_equal(recording.channel(f"ScopeData.{name}").stamps, np.arange(20) * 10_000_000)
+    assert set(recording.streams) == {"ScopeData"}
+    assert recording.unread == {"ScopeData.blockName": "text"}
+
+
 def test_a_cell_array_is_a_stream_of_its_own(tmp_path):
     cells = np.empty(2, dtype=object)
     cells[0], cells[1] = np.arange(30.0), np.arange(30.0) * 2
@@ -513,17 +548,6 @@ def test_a_footer_that_contradicts_itself_ends_no_process(tmp_path):
     command = [sys.executable, "-c", READS_ALL, str(tmp_path / "log"), str(footer)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-
-
-def test_a_matlab_bomb_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("vsalog.readers.matlab_v5.AT_ONCE_BYTES", 2**20)
-    path = tmp_path / "log"
-    savemat(path, {"zeros": np.zeros(1_000_000), "x": np.arange(9.0)}, do_compression=True, appendmat=False)
-    assert path.stat().st_size < 2**14
-    recording = read(path)
-    assert list(recording.channels) == ["x"]
-    (damage,) = found(recording, "recording.variables_damaged")
-    assert "larger than any recording" in damage.evidence["reason"]
 
 
 def test_rows_of_a_stream_do_not_depend_on_what_else_is_read(tmp_path):

@@ -115,7 +115,6 @@ LOG_TEXTS: Mapping[str, Text] = {
         "is too long for memory, so what its filters and scales are derived from, and whether its signals are plausible, was"
         " from stretches spread over it."
     ),
-    "recording.variable_damaged": Text("'{part}' of the MATLAB file is damaged, the rest was read ({reason})."),
     "recording.variable_too_large": Text(
         "'{part}' of the MATLAB file is left out: {value:.0f} values, more than any recording of this size has."
     ),

@@ -9,17 +9,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps, Values
-from vsalog.readers import matlab_v4, matlab_v5, matlab_v73
+from vsalog.readers import matlab_v73, matlab_variables
 from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each
 from vsalog.readers.compression import FILE_RATIO
-from vsalog.readers.limits import GLANCE_BYTES, MAX_ARRAY, MAX_DEPTH
+from vsalog.readers.limits import MAX_ARRAY, MAX_DEPTH
 from vsalog.readers.matlab_clock import find_clock, is_called_time, stamps_of
-from vsalog.readers.matlab_v4 import is_v4
 from vsalog.readers.tables.row_times import row_clock
+from vsalog.readers.tables.text import unique_names
 
 V73 = b"MATLAB 7.3 MAT-file"
 """How files begin that are HDF5 within."""
@@ -66,6 +67,7 @@ class MatlabReader:
         self.findings = Findings()
         self.unread: dict[str, str] = {}
         self._room = 0
+        self._loaded: dict[str, Any] | None = None
         self._whole: dict[str, Stamps] = {}  # of what may be a clock of whole numbers
 
     def catalogue(self) -> Catalogue:
@@ -91,17 +93,19 @@ class MatlabReader:
         yield from self._structure("", self._load(), {}, None if wanted is None else frozenset(wanted), 0)
 
     def _load(self) -> dict[str, Any]:
-        with self.path.open("rb") as file:
-            head = file.read(GLANCE_BYTES)
-            # All of it is in memory at once, as it is stored too.
-            self._room = max(AT_ONCE_BYTES, FILE_RATIO * file.seek(0, 2))
-        if head.startswith(V73):
-            load = matlab_v73.load
-        elif is_v4(head):
-            load = matlab_v4.load
-        else:
-            load = matlab_v5.load
-        return load(self.path, self.findings)
+        """Return the variables, which are read once."""
+        if self._loaded is not None:
+            return self._loaded
+        try:
+            with self.path.open("rb") as file:
+                load = matlab_v73.load if file.read(len(V73)) == V73 else matlab_variables.load
+                # All of it is in memory at once, as it is stored too.
+                self._room = max(AT_ONCE_BYTES, FILE_RATIO * file.seek(0, 2))
+            self._loaded, findings = load(self.path, self._room)
+        except OSError as error:
+            raise ReadError(f"cannot be read: {error.strerror or error}", self.path) from error
+        self.findings.add(*findings)
+        return self._loaded
 
     def _structure(
         self, path: str, members: Mapping[str, Any], outer: Clocks, wanted: frozenset[str] | None, depth: int
@@ -109,17 +113,13 @@ class MatlabReader:
         """Yield the stream of a structure's own vectors, then those of the structures in it."""
         vectors: dict[str, Values] = {}
         inner: list[tuple[str, Any]] = []
-        for name, value in members.items():
+        for name, value in _by_label(members).items():
             full = path + printable(name) if not path or name.startswith("[") else f"{path}.{printable(name)}"
             kind = _kind(value)
             if kind == "numbers":
                 vectors.update(self._vectors(full, value))
             elif kind == "nested" and depth < MAX_DEPTH:
                 inner.append((full, value))
-            elif kind == "damaged":
-                self.unread[full] = f"damaged: {value}"
-                evidence = {"reason": str(value)}
-                self.findings.add(Finding(code="recording.variable_damaged", part=full, evidence=evidence))
             else:
                 self.unread[full] = "text" if kind == "text" else _WHAT[kind]
         clock, why = find_clock(vectors)
@@ -198,10 +198,30 @@ class MatlabReader:
             yield Block(stream, "matlab", stamps, columns)
 
 
+def _by_label(members: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return members of a structure; of one that Simulink logs ("Structure With Time"), signals by their labels.
+
+    A signal without a label is called as the block that logs it; where none has a name, they stay numbered.
+    """
+    signals = members.get("signals")
+    listed: list[Any] = signals if isinstance(signals, list) else [signals]
+    if "time" not in members or not all(isinstance(one, dict) and "values" in one for one in listed):
+        return members
+    names = [_text(one.get("label")) or _text(one.get("blockName")).rpartition("/")[2] for one in listed]
+    if not any(names):
+        return members
+    others = {name: value for name, value in members.items() if name != "signals"}
+    called = [name or f"signals[{i}]" for i, name in enumerate(names)]
+    values = [*others.values(), *(one["values"] for one in listed)]
+    return dict(zip(unique_names([*others, *called]), values, strict=True))
+
+
+def _text(value: Any) -> str:
+    return value.strip() if isinstance(value, str) else ""
+
+
 def _kind(value: Any) -> str:
-    """Return ``numbers``, ``text``, ``nested`` (structures and cells), ``damaged`` or ``other``."""
-    if isinstance(value, ValueError):
-        return "damaged"
+    """Return ``numbers``, ``text``, ``nested`` (structures and cells) or ``other``."""
     if isinstance(value, dict | list):
         return "nested"
     if not isinstance(value, np.ndarray):

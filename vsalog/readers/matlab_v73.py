@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import zlib
-from contextlib import suppress
+from functools import partial
 from itertools import product
 from math import prod
 from pathlib import Path
@@ -12,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from vsalog.core.errors import ReadError
-from vsalog.core.finding import Finding, Findings
-from vsalog.core.memory import AT_ONCE_BYTES
-from vsalog.readers.compression import FILE_RATIO, MAX_RATIO
+from vsalog.core.finding import Finding
+from vsalog.core.printable import LONGEST_TEXT
 from vsalog.readers.limits import MAX_ARRAY, MAX_DEPTH, MOST_STEPS
+from vsalog.readers.sandbox import TOO_MUCH, SandboxError, sandboxed
 
 _TYPES = {
     b"double": "IEEE_F64LE",
@@ -34,10 +33,17 @@ _OWN = "#"
 """MATLAB's own groups: what references point to, and its objects."""
 
 
-def load(path: Path, findings: Findings) -> dict[str, Any]:
-    """Return a file's variables: arrays as MATLAB shows them, structures as dictionaries, cell arrays as lists.
+def load(path: Path, more: int) -> tuple[dict[str, Any], list[Finding]]:
+    """Return a file's variables as `matlab_variables.load` does.
 
     What is damaged, absurdly large or not within the file is left out and among the findings.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    more : int
+        Bytes of memory that it takes at most.
 
     Raises
     ------
@@ -53,28 +59,33 @@ def load(path: Path, findings: Findings) -> dict[str, Any]:
             path,
         ) from None
     try:
-        with h5py.File(path, "r") as file:
-            walk = _Walk(h5py, path.stat().st_size)
-            found = walk.members(file, 0)
-    except Exception as error:  # HDF5's library raises whatever a damaged file provokes
+        found, damage = sandboxed(partial(_read, h5py, path, more), more)
+    except SandboxError as error:
         raise ReadError(
             f"the MATLAB v7.3 file cannot be read: {error}; if MATLAB opens it, save('file.mat', '-v7') there", path
         ) from error
-    if walk.damage and not found:
-        raise ReadError(f"the MATLAB v7.3 file is damaged: {walk.damage[0]}", path)
-    if walk.damage:
-        evidence = {"reason": walk.damage[0]}
-        findings.add(Finding(code="recording.variables_damaged", value=len(walk.damage), evidence=evidence))
-    return found
+    if damage and not found:
+        raise ReadError(f"the MATLAB v7.3 file is damaged: {damage[0]}", path)
+    if not damage:
+        return found, []
+    evidence = {"reason": damage[0]}
+    return found, [Finding(code="recording.variables_damaged", value=len(damage), evidence=evidence)]
+
+
+def _read(h5py: Any, path: Path, most: int) -> tuple[dict[str, Any], list[str]]:
+    """Return the variables, and what is wrong with the others."""
+    with h5py.File(path, "r") as file:
+        walk = _Walk(h5py, most)
+        return walk.members(file, 0), walk.damage
 
 
 class _Walk:
     """One pass over a file."""
 
-    def __init__(self, h5py: Any, size: int) -> None:
+    def __init__(self, h5py: Any, most: int) -> None:
         self.damage: list[str] = []
         self._h5py = h5py
-        self._allowed = max(AT_ONCE_BYTES, FILE_RATIO * size)
+        self._allowed = most
         self._objects = 0
 
     def members(self, group: Any, depth: int) -> dict[str, Any]:
@@ -92,7 +103,7 @@ class _Walk:
         try:
             found[name] = self._value(group[name], depth)
         except Exception as error:  # HDF5's library raises whatever damage provokes
-            self.damage.append(str(error) or type(error).__name__)
+            self.damage.append(TOO_MUCH if isinstance(error, MemoryError) else str(error) or type(error).__name__)
 
     def _value(self, node: Any, depth: int) -> Any:
         self._objects += 1
@@ -102,7 +113,7 @@ class _Walk:
         if isinstance(node, self._h5py.Group):
             return self._structures(node, depth) if "MATLAB_sparse" not in node.attrs else None
         if kind == b"char":
-            return ""  # a text is no signal, whatever it says
+            return _text(node)
         if node.dtype == self._h5py.ref_dtype:
             return [self._value(node.file[reference], depth + 1) for reference in self._array(node).T.flat[:MAX_ARRAY]]
         if "MATLAB_empty" in node.attrs:
@@ -136,37 +147,32 @@ class _Walk:
             raise ValueError(f"it announces {node.nbytes} bytes: no recording is compressed so much")
         self._allowed -= node.nbytes
         if node.chunks is not None:
-            self._refuse_bombs(node)
+            self._refuse_filters(node)
             _refuse_gaps(node)
         elif node.nbytes and not node.id.get_storage_size():
             raise ValueError("its values are missing")
         return np.asarray(node[()])
 
-    def _refuse_bombs(self, node: Any) -> None:
-        """Refuse chunks that become larger than they should: HDF5's library decompresses whatever there is.
+    def _refuse_filters(self, node: Any) -> None:
+        """Refuse a dataset that is not compressed as MATLAB does it.
 
         Raises
         ------
         ValueError
-            A chunk does, or is not compressed as MATLAB does it.
+            It is not.
         """
         kinds, plan = self._h5py.h5z, node.id.get_create_plist()
         filters = [plan.get_filter(i)[0] for i in range(plan.get_nfilters())]
         known = (kinds.FILTER_DEFLATE, kinds.FILTER_SHUFFLE, kinds.FILTER_FLETCHER32)
         if not set(filters) <= set(known) or len(set(filters)) < len(filters):
             raise ValueError("it is not compressed as MATLAB does it")
-        size = prod(node.chunks) * node.dtype.itemsize
-        if size > AT_ONCE_BYTES:
-            raise ValueError(f"its parts announce {size} bytes each: no recording has such")
-        if kinds.FILTER_DEFLATE not in filters or MAX_RATIO * node.id.get_storage_size() <= AT_ONCE_BYTES:
-            return
-        large: list[Any] = []
-        node.id.chunk_iter(lambda chunk: large.append(chunk) if MAX_RATIO * chunk.size > AT_ONCE_BYTES else None)
-        for chunk in large:
-            _, raw = node.id.read_direct_chunk(chunk.chunk_offset)
-            with suppress(zlib.error):  # the library will say so
-                if len(zlib.decompressobj().decompress(raw, size + 1)) > size:
-                    raise ValueError("a part of it becomes larger than it should when it is decompressed")
+
+
+def _text(node: Any) -> str:
+    """Return a text, "" where it is longer than a name."""
+    return (
+        "".join(map(chr, node[()].flat)) if 0 < node.size <= LONGEST_TEXT and "MATLAB_empty" not in node.attrs else ""
+    )
 
 
 def _refuse_gaps(node: Any) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from vsalog.core.errors import ReadError
 from vsalog.readers.limits import GLANCE_BYTES, MOST_DAMAGED
-from vsalog.readers.matlab_v4 import is_v4
+from vsalog.readers.matlab_variables import is_v4
 from vsalog.readers.rosbag2 import is_bag_folder
 from vsalog.readers.tables.source import DAMAGE, open_text, read_beginning, without_holes
 

@@ -1,0 +1,188 @@
+"""MATLAB v4 and v5 files by scipy, variable by variable: a damaged one does not hide the others."""
+
+from __future__ import annotations
+
+import re
+import struct
+import warnings
+from collections.abc import Iterator, Sequence
+from enum import IntEnum
+from functools import partial
+from io import BytesIO
+from itertools import islice
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+
+from vsalog.core.errors import ReadError
+from vsalog.core.finding import Finding
+from vsalog.core.printable import LONGEST_TEXT, printable
+from vsalog.readers.limits import MAX_ARRAY, MAX_DEPTH, MOST_PARTS, MOST_STEPS
+from vsalog.readers.sandbox import TOO_MUCH, SandboxError, sandboxed
+
+
+class V5(IntEnum):
+    """Bytes of a file's header, of its beginning up to the byte order, and of an element's tag (MAT-File Format, level 5)."""
+
+    HEADER, ORDER, TAG = 128, 126, 8
+
+
+_V4 = struct.Struct("5i").size
+_TYPES = ("f8", "f4", "i4", "i2", "u2", "u1")
+_NAME = re.compile(rb"[A-Za-z]\w*\0+", re.ASCII)
+
+
+class Part(NamedTuple):
+    """Where a variable lies in a file, and the header that it needs to be a file by itself; no bytes where there is none."""
+
+    begin: int
+    end: int
+    head: bytes
+
+
+def is_v4(head: bytes) -> bool:
+    """Tell whether a file begins with a matrix of version 4."""
+    return _length_v4(head) is not None
+
+
+def load(path: Path, more: int) -> tuple[dict[str, Any], list[Finding]]:
+    """Return a file's variables, and what of it is damaged.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    more : int
+        Bytes of memory that it takes at most.
+
+    Returns
+    -------
+    dict of array, dict, list, str or None
+        Numbers; a structure; a cell array or an array of structures, of which the first elements; a text; what is none of these.
+    list of Finding
+        What is damaged, which is left out.
+
+    Raises
+    ------
+    ReadError
+        The file cannot be opened, or nothing of it can be read.
+    """
+    with path.open("rb") as file:
+        size = file.seek(0, 2)
+        file.seek(0)
+        old = is_v4(file.read(_V4 + LONGEST_TEXT))
+        parts = list(islice((_parts_v4 if old else _parts_v5)(file, size), MOST_STEPS))
+    try:
+        results = sandboxed(partial(_read, path, parts), more)
+    except SandboxError:  # one of them is to blame
+        results = [one for part in parts[:MOST_PARTS] for one in _apart(path, part, more)]
+    found = {name: value for one in results if isinstance(one, dict) for name, value in one.items()}
+    damage = [one for one in results if isinstance(one, str)]
+    if damage and not found:
+        raise ReadError(f"the MATLAB file is damaged: {damage[0]}", path)
+    if size < V5.HEADER and not old:
+        raise ReadError("the MATLAB file is cut off within its header; there are no variables in it", path)
+    if not found:
+        return found, [Finding(code="recording.no_variables")]
+    if not damage:
+        return found, []
+    evidence = {"reason": damage[0]}
+    if old:  # nothing tells that the one ahead of it is as long as it should be
+        return found, [Finding(code="recording.values_doubtful", part=[*found][-1], evidence=evidence)]
+    return found, [Finding(code="recording.variables_damaged", value=len(damage), evidence=evidence)]
+
+
+def _apart(path: Path, part: Part, more: int) -> list[dict[str, Any] | str]:
+    """Return what `_read` does of one variable, also where it ends the process."""
+    try:
+        results: list[dict[str, Any] | str] = sandboxed(partial(_read, path, [part]), more)
+    except SandboxError as error:
+        return [f"at byte {part.begin}: {error}"]
+    return results
+
+
+def _read(path: Path, parts: Sequence[Part]) -> list[dict[str, Any] | str]:
+    """Return each variable, by its name, or in words what is wrong with it; none where it is MATLAB's own."""
+    from scipy.io import loadmat
+
+    results: list[dict[str, Any] | str] = []
+    with path.open("rb") as file, warnings.catch_warnings(action="ignore"):
+        size = file.seek(0, 2)
+        for begin, end, head in parts:
+            try:
+                if end > size:
+                    raise ValueError("it is cut off")
+                file.seek(begin)
+                variables = loadmat(BytesIO(head + file.read(end - begin)))  # type: ignore[arg-type]
+            except Exception as error:  # scipy raises whatever a damaged file provokes
+                words = TOO_MUCH if isinstance(error, MemoryError) else str(error) or type(error).__name__
+                results.append(f"at byte {begin}: {printable(words)[:LONGEST_TEXT]}")
+                continue
+            results.append({_name(name, one): _plain(one, 0) for name, one in variables.items() if name[:2] != "__"})
+    return results
+
+
+def _name(name: str, value: Any) -> str:
+    """Return a variable's name; that of an object of a class lies where scipy does not look for it."""
+    from scipy.io.matlab import MatlabOpaque
+
+    return value["s0"].flat[0].decode("utf-8", "replace") if isinstance(value, MatlabOpaque) else name
+
+
+def _plain(value: Any, depth: int) -> Any:
+    """Return a value of scipy's as `load` does."""
+    from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
+
+    if not isinstance(value, np.ndarray) or isinstance(value, MatlabFunction | MatlabObject | MatlabOpaque):
+        return None
+    if value.dtype.kind == "U":
+        return "".join(value.reshape(-1)[:1])
+    if depth > MAX_DEPTH or value.dtype.kind not in "OV":
+        return None if value.dtype.kind in "OV" else value
+    elements = value.reshape(-1, order="F")[:MAX_ARRAY]
+    names = value.dtype.names
+    if names is None:
+        return [_plain(element, depth + 1) for element in elements]
+    structures = [{name: _plain(element[name], depth + 1) for name in names} for element in elements]
+    return structures[0] if value.size == 1 else structures
+
+
+def _parts_v5(file: IO[bytes], size: int) -> Iterator[Part]:
+    """Yield the variables of a file of version 5, whose elements tell how long they are."""
+    file.seek(0)
+    head = file.read(V5.HEADER)
+    order = ">" if head[V5.ORDER :] == b"MI" else "<"
+    at = V5.HEADER.value
+    while at < size:
+        file.seek(at)
+        _, length = struct.unpack(order + "II", file.read(V5.TAG).ljust(V5.TAG, b"\0"))
+        begin, at = at, at + V5.TAG + length
+        yield Part(begin, at, head)
+
+
+def _parts_v4(file: IO[bytes], size: int) -> Iterator[Part]:
+    """Yield the variables of a file of version 4, up to where there is none."""
+    at = 0
+    while at < size:
+        file.seek(at)
+        length = _length_v4(file.read(_V4 + LONGEST_TEXT))
+        if length is None:
+            yield Part(at, at, b"")
+            return
+        yield Part(at, at + length, b"")
+        at += length
+
+
+def _length_v4(head: bytes) -> int | None:
+    """Return how many bytes a matrix of version 4 has, None where there is none."""
+    for number, order in enumerate("<>"):
+        if len(head) < _V4:
+            return None
+        kind, rows, columns, imaginary, name = struct.unpack_from(f"{order}5i", head)
+        machine, rest = divmod(kind, 1000)
+        precision, what = divmod(rest, 10)
+        right = machine == number and precision < len(_TYPES) and what in (0, 1, 2) and imaginary in (0, 1)
+        if right and min(rows, columns) >= 0 and _NAME.fullmatch(head[_V4 : _V4 + max(name, 0)]):
+            return int(_V4 + name + (1 + imaginary) * rows * columns * np.dtype(_TYPES[precision]).itemsize)
+    return None
