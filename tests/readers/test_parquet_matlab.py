@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import itertools
 import re
 import subprocess
 import sys
@@ -17,8 +16,6 @@ from scipy.io import savemat
 
 from vsalog.core.errors import ReadError
 from vsalog.readers import open_reader, read
-from vsalog.readers.parquet_footer import row_groups
-from vsalog.readers.parquet_pages import pages, trouble_with_pages
 
 START = 1_700_000_000_123_456_789
 
@@ -120,7 +117,7 @@ def test_a_cut_off_parquet_file_is_refused(tmp_path):
     with pytest.raises(ReadError, match="encrypted"):
         read(path)
     path.write_bytes(raw[:-20] + bytes([255]) * 12 + raw[-8:])
-    with pytest.raises(ReadError, match="footer, which tells where everything lies, is damaged") as told:
+    with pytest.raises(ReadError, match="cannot be read") as told:
         read(path)
     assert str(told.value).isprintable()
 
@@ -376,13 +373,6 @@ def test_damage_is_no_crash_and_no_wrong_value(tmp_path, write):
     assert most > 30  # of which a part was damaged, and the rest read
 
 
-def test_pages_that_are_no_longer_taken_for_some_are_missed(tmp_path, monkeypatch):
-    path = parquet(tmp_path, {"time [s]": pa.array(np.arange(30.0)), "x": pa.array(np.arange(30.0))}, row_group_size=10)
-    own = pq.ParquetFile.iter_batches
-    monkeypatch.setattr(pq.ParquetFile, "iter_batches", lambda *a, **k: (batch[:8] for batch in own(*a, **k)))
-    assert values_of(read(path), "recording.rows_missing") == [6]
-
-
 def test_a_name_that_is_no_text_is_refused(tmp_path):
     path = parquet(tmp_path, {"time [s]": pa.array([0.0, 1.0]), "xyz": pa.array([1.0, 2.0])}, store_schema=False)
     path.write_bytes(path.read_bytes().replace(b"xyz", b"\xd6\xd6\xd6"))
@@ -509,11 +499,9 @@ def test_a_page_that_is_passed_by_moves_no_row(tmp_path):
     pq.write_table(pa.table(written), path, **options)
     raw = bytearray(path.read_bytes())
     column = pq.ParquetFile(path).metadata.row_group(0).column(1)
-    with path.open("rb") as file:
-        size = next(iter(pages(file, row_groups(path)[0].chunks[1]))).compressed
     head = bytes(raw[column.data_page_offset : column.data_page_offset + 2])
     assert head == b"\x15\x00"  # an integer, 0: a page of data
-    second = raw.index(head, column.data_page_offset + size)
+    second = raw.index(head, column.data_page_offset + 2**13)
     raw[second + 1] = 2  # an index
     path.write_bytes(raw)
     recording = read(path)
@@ -566,34 +554,6 @@ def test_rows_of_a_stream_do_not_depend_on_what_else_is_read(tmp_path):
         np.testing.assert_array_equal(alone.values, channel.values)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"compression": "zstd"},
-        {"compression": "snappy", "use_dictionary": False, "data_page_size": 4096},
-        {"compression": "gzip", "data_page_version": "2.0", "write_page_checksum": True, "write_page_index": True},
-        {"compression": "none", "store_decimal_as_integer": True},
-    ],
-)
-def test_what_pages_announce_adds_up_to_what_the_footer_says(tmp_path, options):
-    rng, path = np.random.default_rng(1), tmp_path / "log"
-    texts = pa.array(["x" * int(k) for k in rng.integers(0, 2000, 3000)])  # of which the statistics are long
-    table = pa.table({"a": rng.standard_normal(3000), "b": np.arange(3000) % 2 == 0, "c": texts})
-    pq.write_table(table, path, row_group_size=1000, **options)
-    metadata = pq.ParquetFile(path).metadata
-    with path.open("rb") as file:
-        for k, i in itertools.product(range(3), range(3)):
-            group, column = row_groups(path)[k], metadata.row_group(k).column(i)
-            assert group.rows == metadata.row_group(k).num_rows
-            assert group.chunks[i].path == column.path_in_schema
-            assert group.chunks[i].nulls == column.statistics.null_count
-            sizes = np.array(list(pages(file, group.chunks[i])))
-            assert sizes[:, 2].sum() == column.num_values
-            heads = column.total_compressed_size - sizes[:, 1].sum()
-            assert 0 < heads < 5000 * len(sizes)
-            assert sizes[:, 0].sum() + heads == column.total_uncompressed_size
-
-
 def lying(path):
     """Write a column that a page of 300 MiB is in, and a footer in which it has a thousand bytes."""
     table = pa.table({"time": [0.0, 1.0], "x": [1.0, 2.0], "b": pa.array([bytes(300 * 2**20), b""], pa.binary())})
@@ -629,6 +589,3 @@ def test_a_footer_that_lies_about_a_page(tmp_path):
     finally:
         pa.set_memory_pool(own)
     assert 0 < pool.max_memory() < 2**24
-    with path.open("rb") as file:
-        trouble = trouble_with_pages(file, row_groups(path)[0].chunks[2])
-    assert re.match(r"a page of it announces 3145728\d\d bytes out of", trouble)

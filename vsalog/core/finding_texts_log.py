@@ -133,7 +133,6 @@ LOG_TEXTS: Mapping[str, Text] = {
         "column '{part}' is damaged: {value:.0f} of its {rows:n row} are left out, for nothing else tells their time or part,"
         " rows {begin} to {end} and {more:n more stretch} ({reason})."
     ),
-    "recording.rows_missing": Text("{value:n row} of those that the file counts were not found."),
     "recording.footer_damaged": Text(
         "the footer's remarks on the columns are damaged ({reason}) and not used.",
         "There are no units but those in names, no streams, and durations are plain numbers.",

@@ -20,7 +20,7 @@ from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each
 from vsalog.readers.parquet_cells import as_numbers, is_moment, is_number, rising
 from vsalog.readers.parquet_cells import rounded as rounded_in
 from vsalog.readers.parquet_flat import FlatRows
-from vsalog.readers.parquet_footer import footer_trouble
+from vsalog.readers.parquet_opened import missing_footer
 from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.tables.cells import Cells, numbers_and_words
 from vsalog.readers.tables.long_tables import Speakers, find_speakers
@@ -67,12 +67,10 @@ class ParquetReader:
             rows = ParquetRows(path)
         except (pa.ArrowException, OSError, UnicodeError) as error:  # a column's name may have become no text
             words = printable(str(error).strip())[:200]
-            raise ReadError(f"the Parquet file cannot be read: {footer_trouble(path) or words}", path) from error
-        if not any(group.rows for group in rows.groups):
+            raise ReadError(f"the Parquet file cannot be read: {missing_footer(path) or words}", path) from error
+        if not any(rows.sizes):
             raise ReadError("the Parquet file has no rows", path)
         self._rows = FlatRows(rows)
-        # Columns of which the footer does not say that no cell is empty.
-        self._gaps = {chunk.path for group in rows.groups for chunk in group.chunks if chunk.nulls != 0}
         schema = self._rows.schema
         pairs = [split_header(name) for name in schema.names]
         counted: Counter[str] = Counter()
@@ -291,9 +289,11 @@ class ParquetReader:
         sparse = next((group for group in self._sparse if columns and columns[0] in group), None)
         if sparse:
             return sparse
-        if not columns or not _text(self._rows.schema.field(columns[0]).metadata, STREAM):
-            return []
-        if not self._gaps.issuperset(self._places[i][0] for i in columns):
+        if (
+            not columns
+            or not _text(self._rows.schema.field(columns[0]).metadata, STREAM)
+            or len(set(self._streams)) < 2
+        ):
             return []
         return [i for i in self._number_columns() if self._streams[i] == self._streams[columns[0]]]
 

@@ -16,6 +16,8 @@ from vsalog.readers.opened import for_arrow
 _KEY = b"ARROW:schema"
 """Under it the footer tells once more what its columns are, in Arrow's own words, and their units."""
 
+_END = b"PAR1"
+
 
 def open_parquet(path: Path) -> tuple[pq.ParquetFile, list[Finding]]:
     """Return a Parquet file, opened, and what is damaged of its footer.
@@ -34,6 +36,20 @@ def open_parquet(path: Path) -> tuple[pq.ParquetFile, list[Finding]]:
             raise error from None
         evidence = {"reason": printable(str(error).strip())[:80]}
         return file, [Finding(code="recording.footer_damaged", evidence=evidence)]
+
+
+def missing_footer(path: Path) -> str:
+    """Return in words why a file has no footer that can be read, "" where it has one."""
+    with path.open("rb") as file:
+        file.seek(max(file.seek(0, 2) - len(_END), 0))
+        end = file.read()
+    if end == b"PARE":
+        return "it is encrypted"
+    if end != _END:
+        return (
+            "it ends without its footer, which tells where everything lies, as when it is cut off or was never closed"
+        )
+    return ""
 
 
 def _opened(source: Any) -> pq.ParquetFile:

@@ -10,13 +10,12 @@ import pyarrow as pa
 from vsalog.core.column import PART
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
-from vsalog.core.memory import AT_ONCE_BYTES
+from vsalog.core.memory import AT_ONCE_BYTES, PIECE_BYTES
 from vsalog.core.printable import plural, printable
 from vsalog.readers.compression import MAX_RATIO
 from vsalog.readers.limits import BLOCK_ROWS, SAMPLE_ROWS
-from vsalog.readers.parquet_footer import row_groups
 from vsalog.readers.parquet_opened import open_parquet
-from vsalog.readers.parquet_pages import trouble_with_pages
+from vsalog.readers.sandbox import TOO_MUCH, SandboxError, sandboxed
 from vsalog.readers.tables.text import printable_cell
 
 _UNREADABLE = (pa.ArrowException, OSError)
@@ -25,10 +24,20 @@ _UNREADABLE = (pa.ArrowException, OSError)
 class ParquetRows:
     """A Parquet file as batches of rows; cells that cannot be read are null, and `findings` tells which.
 
+    Pages have checksums, their headers have none, and Arrow passes by a page that it does not take for one: what is behind it
+    would move up. So no row of a row group is handed out before all of them are counted.
+
     Parameters
     ----------
     path : Path
         The file.
+
+    Attributes
+    ----------
+    schema : pyarrow Schema
+        Of the file.
+    sizes, unpacked : list of int
+        Rows of each row group, and the bytes that it unfolds to.
 
     Raises
     ------
@@ -43,33 +52,32 @@ class ParquetRows:
         self.file, damage = open_parquet(path)
         self.schema = self.file.schema_arrow
         self.findings = Findings(damage)
-        self.groups = row_groups(path)
-        if len(self.groups) != self.file.num_row_groups:
-            raise OSError("its footer, which tells where everything lies, is damaged")
+        # What the footer says of columns is not asked for: where it contradicts itself, Arrow ends the process.
+        groups = [self.file.metadata.row_group(i) for i in range(self.file.num_row_groups)]
+        self.sizes = [max(group.num_rows, 0) for group in groups]
+        self.unpacked = [group.total_byte_size for group in groups]
         self._refuse_bombs()
-        self._sizes = [max(group.rows, 0) for group in self.groups]
-        self._bad = self._bad_pages()
-
-    @property
-    def sound(self) -> bool:
-        """Whether the headers of all pages are as they should be; their contents were not looked at."""
-        return not self._bad
+        self._bad = self._bombs()
 
     def sample(self) -> list[pa.Array | None]:
         """Return the first rows of each column that can be read, None for one of which none can; no columns without rows."""
         names = self.schema.names
-        found: list[pa.Array | None] = [None] * len(names)
-        for number, rows in enumerate(self._sizes):
-            if rows:
-                lost = _Lost(rows)
-                batch = next(self._column_by_column(number, names, 0, lost, min(rows, SAMPLE_ROWS)))
-                for i, name in enumerate(names):
-                    if found[i] is None and name not in lost.reasons:
-                        found[i] = batch.column(i)
-            if all(cells is not None for cells in found):
-                break
-        shortest = min((len(cells) for cells in found if cells is not None), default=0)
-        return [None if cells is None else cells[:shortest] for cells in found] if any(self._sizes) else []
+        found: dict[str, Sequence[pa.Array]] = {}
+        for number, rows in enumerate(self.sizes):
+            for name in dict.fromkeys(names) if rows else ():
+                if name not in found:
+                    try:
+                        first = next(self._pieces(number, name, SAMPLE_ROWS))
+                    except (*_UNREADABLE, StopIteration):
+                        continue
+                    if first and len(first[0]) >= min(rows, SAMPLE_ROWS):
+                        found[name] = first
+        if not any(self.sizes):
+            return []
+        shortest = min((len(one) for cells in found.values() for one in cells), default=0)
+        taken = {name: iter(cells) for name, cells in found.items()}
+        firsts = [next(taken.get(name, iter(())), None) for name in names]
+        return [None if cells is None else cells[:shortest] for cells in firsts]
 
     def batches(self, columns: list[str], required: Collection[str]) -> Iterator[tuple[int, pa.RecordBatch]]:
         """Yield the number of the first row and the rows.
@@ -86,53 +94,54 @@ class ParquetRows:
         ReadError
             One of the required columns, or all others, cannot be read at all.
         """
-        lost = _Lost(sum(self._sizes))
-        begin = missing = 0
-        for number, rows in enumerate(self._sizes):
-            row, begin = begin, begin + rows
+        lost = _Lost(sum(self.sizes))
+        row = 0
+        for number in range(len(self.sizes)):
             for batch in self._group(number, columns, lost, row):
                 if not lost.any_of(required, row):
                     yield row, batch
                 row += batch.num_rows
-            missing += begin - row  # where a page has become one of a kind that is passed by
         self._refuse_if_all(lost, columns, required)
         self.findings.add(*(lost.finding(name, name in required) for name in columns if name in lost.reasons))
-        if missing > 0:
-            self.findings.add(Finding(code="recording.rows_missing", value=missing))
 
     def _group(self, number: int, columns: list[str], lost: _Lost, begin: int) -> Iterator[pa.RecordBatch]:
-        """Yield batches of a row group, of which `begin` is the first row; once one cannot be read, column by column."""
-        row = begin
-        if not any((number, name) in self._bad for name in columns):
-            try:
-                for batch in self._read(number, columns, PART):
-                    yield batch
-                    row += batch.num_rows
-            except _UNREADABLE:
-                pass  # the columns, one by one, say which it is
-            else:
-                return
-        yield from self._column_by_column(number, columns, begin, lost, BLOCK_ROWS, row - begin)
-
-    def _column_by_column(
-        self, number: int, columns: Sequence[str], row: int, lost: _Lost, step: int, done: int = 0
-    ) -> Iterator[pa.RecordBatch]:
-        """Yield batches of a row group from its row `done` on, null from where a column cannot be read on."""
-        rows = self._sizes[number]
+        """Yield batches of a row group, of which `begin` is the first row, null where a column cannot be read."""
+        table = self._table(number, columns)
+        if table is not None:
+            yield from table.to_batches(max_chunksize=PART)
+            return
+        rows = self.sizes[number]
         names = list(dict.fromkeys(columns))  # several columns may have one name: they are read together
-        pieces = {name: self._pieces(number, name, step) for name in names}
-        for begin in range(0, rows, step):
-            count = min(step, rows - begin)
-            cells: dict[str, Sequence[pa.Array]] = {}
-            for name in names:
-                try:
-                    cells[name] = next(pieces[name])
-                except _UNREADABLE as error:
-                    lost.add(name, row + begin, row + rows, str(error))
-                except StopIteration:
-                    pass  # it was lost before
-            if begin + count > done:
-                yield self._batch(columns, cells, count).slice(max(done - begin, 0))
+        sound = {name: self._sound(number, name, lost, begin) for name in names}
+        pieces = {name: self._pieces(number, name, BLOCK_ROWS) for name in names}
+        for row in range(0, rows, BLOCK_ROWS):
+            cells = {name: next(pieces[name]) for name in names if row < sound[name]}
+            yield self._batch(columns, cells, min(BLOCK_ROWS, rows - row))
+
+    def _table(self, number: int, columns: list[str]) -> pa.Table | None:
+        """Return a row group, None where something is wrong with one of the columns, or all are too large to be held at once."""
+        if self.unpacked[number] > AT_ONCE_BYTES or any((number, name) in self._bad for name in columns):
+            return None
+        try:
+            table = self.file.read_row_group(number, columns)
+        except _UNREADABLE:
+            return None  # the columns, one by one, say which it is
+        return table if table.num_rows == self.sizes[number] else None
+
+    def _sound(self, number: int, name: str, lost: _Lost, begin: int) -> int:
+        """Return how many rows of a column can be read from the first one of a row group on; the others are noted."""
+        rows, count = int(self.sizes[number]), 0
+        try:
+            for cells in self._pieces(number, name, BLOCK_ROWS):
+                count += len(cells[0]) if cells else 0
+        except _UNREADABLE as error:
+            reason = str(error)
+        else:
+            if count == rows:
+                return rows
+            reason, count = f"{count} rows where {rows} are counted", 0
+        lost.add(name, begin + count, begin + rows, reason)
+        return count
 
     def _batch(self, columns: Sequence[str], cells: dict[str, Sequence[pa.Array]], count: int) -> pa.RecordBatch:
         """Return columns side by side, in the file's order, null where there are no cells."""
@@ -152,50 +161,55 @@ class ParquetRows:
             What comes next is damaged.
         """
         if (number, name) in self._bad:
-            raise pa.ArrowInvalid(self._bad[number, name])
-        batches = self._read(number, [name], step)
-        left = self._sizes[number]
-        while left > 0:
-            count, held = min(step, left), list[pa.RecordBatch]()
-            while (have := sum(batch.num_rows for batch in held)) < count:
-                batch = next(batches, None)
-                if batch is None:
-                    break
-                held.append(batch)
-            if have != count:
-                raise pa.ArrowInvalid(f"{have} rows where {count} are counted")
-            table = pa.Table.from_batches(held)  # asked for 'motor', Arrow gives 'motor.position' too
-            yield [table.column(i).combine_chunks() for i in table.schema.get_all_field_indices(name)]
-            left -= count
+            raise pa.ArrowInvalid(TOO_MUCH)
+        held = list[pa.RecordBatch]()
+        for batch in self.file.iter_batches(batch_size=step, row_groups=[number], columns=[name]):
+            held.append(batch)
+            if sum(one.num_rows for one in held) >= step:
+                yield self._of_name(held, name)
+                held.clear()
+        if held:
+            yield self._of_name(held, name)
 
-    def _read(self, number: int, columns: list[str], step: int) -> Iterator[pa.RecordBatch]:
-        yield from self.file.iter_batches(batch_size=step, row_groups=[number], columns=columns)
+    def _of_name(self, batches: Sequence[pa.RecordBatch], name: str) -> Sequence[pa.Array]:
+        """Return the columns of a name; asked for 'motor', Arrow gives 'motor.position' too."""
+        table = pa.Table.from_batches(batches)
+        return [table.column(i).combine_chunks() for i in table.schema.get_all_field_indices(name)]
 
     def _refuse_bombs(self) -> None:
-        """Refuse a file that would take far more memory than any recording: Arrow decompresses a page as a whole."""
-        for chunk in (chunk for group in self.groups for chunk in group.chunks):
-            if chunk.uncompressed > max(AT_ONCE_BYTES, MAX_RATIO * chunk.compressed):
-                raise ReadError(
-                    f"column '{printable_cell(chunk.path)}' announces {chunk.uncompressed} bytes out of"
-                    f" {chunk.compressed}: no recording is compressed so much",
-                    self.path,
-                )
+        """Refuse a file that would take far more memory than any recording."""
+        size = self.path.stat().st_size
+        announced = max(sum(self.unpacked), sum(self.sizes))
+        if announced > max(AT_ONCE_BYTES, MAX_RATIO * size):
+            raise ReadError(
+                f"its footer announces {announced} bytes or rows in {size} bytes: no recording is compressed so much",
+                self.path,
+            )
 
-    def _bad_pages(self) -> dict[tuple[int, str], str]:
-        """Return the row groups and columns whose pages' headers are absurd or do not add up, and the words for it."""
-        found: dict[tuple[int, str], str] = {}
-        with self.path.open("rb") as file:
-            for number, group in enumerate(self.groups):
-                for chunk in group.chunks:
-                    trouble = trouble_with_pages(file, chunk)
-                    if trouble is not None:
-                        found[number, self._owner(chunk.path)] = trouble
+    def _bombs(self) -> set[tuple[int, str]]:
+        """Return the row groups and columns of which a page takes more memory than the footer says, as of a small file."""
+        if self.path.stat().st_size > PIECE_BYTES:
+            return set()
+        try:
+            return {(number, name) for number, name in sandboxed(self._too_large, AT_ONCE_BYTES)}
+        except SandboxError as error:
+            raise ReadError(f"the Parquet file cannot be read: {error}", self.path) from error
+
+    def _too_large(self) -> list[tuple[int, str]]:
+        found = []
+        pa.set_memory_pool(pa.system_memory_pool())  # others take addresses ahead of what they need
+        file, _ = open_parquet(self.path)
+        for number in range(len(self.sizes)):
+            for name in dict.fromkeys(self.schema.names):
+                batches = file.iter_batches(PART, [number], [name], use_threads=False)
+                try:
+                    for _ in batches:
+                        pass
+                except MemoryError:
+                    found.append((number, name))
+                except _UNREADABLE:
+                    pass  # it is damaged
         return found
-
-    def _owner(self, path: str) -> str:
-        """Return the column of the table that a column of the file belongs to: lists and structures have several."""
-        names = self.schema.names
-        return path if path in names else next((name for name in names if path.startswith(f"{name}.")), path)
 
     def _refuse_if_all(self, lost: _Lost, columns: list[str], required: Collection[str]) -> None:
         """Refuse a file of which a required column, or every other one, is lost from beginning to end."""

@@ -21,16 +21,20 @@ def cut_parquet(source: Path, target: Path, budget: int) -> Cut | None:
     """Cut stretches of row groups out of a Parquet file; a damaged one is read as a whole. See `sampling.Cutter`."""
     try:
         rows = ParquetRows(source)
-        sizes = [sum(chunk.compressed for chunk in group.chunks) for group in rows.groups]
+        packed = source.stat().st_size / max(sum(rows.unpacked), 1)
+        sizes = [int(packed * size) for size in rows.unpacked]
         pieces, stretches = (
             chosen_pieces([Piece(i, size) for i, size in enumerate(sizes)], budget) if sizes else ([], 0)
         )
-        if not pieces or not rows.sound:
+        if not pieces:
             return None
         with target.open("wb") as part, pq.ParquetWriter(part, rows.schema) as writer:
             for piece in pieces:
-                writer.write_table(rows.file.read_row_group(piece.position))
-        totals = {source.stem: sum(group.rows for group in rows.groups)}
+                table = rows.file.read_row_group(piece.position)
+                if table.num_rows != rows.sizes[piece.position]:
+                    return None  # damaged
+                writer.write_table(table)
+        totals = {source.stem: sum(rows.sizes)}
     except (pa.ArrowException, OSError, UnicodeError):
         return None  # the reader says what is wrong with it
     return Cut(sum(piece.size for piece in pieces), stretches, totals)
