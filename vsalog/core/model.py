@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vsalog.core.basis import PolynomialBasis, linear
 from vsalog.core.errors import EstimatorError, ReadError
+from vsalog.core.toml import parse_toml
 
 Array = NDArray[np.float64]
 
@@ -164,10 +165,10 @@ class ModelFile(_Base, frozen=True):
             The file cannot be read, is no TOML, or does not hold a model.
         """
         try:
-            return msgspec.toml.decode(Path(path).read_bytes(), type=cls)
+            return msgspec.convert(parse_toml(Path(path).read_text(encoding="utf-8")), cls)
         except OSError as error:
             raise ReadError(f"{path}: cannot be read: {error.strerror}") from error
-        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        except ValueError as error:  # of text that is none, or no TOML, and of msgspec
             raise ReadError(f"{path}: is not a model file that 'vsalog estimate' writes: {error}") from error
 
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 LONGEST_TEXT = 256
 """Characters of a name or a quantity in a file: nested fields are put behind one another, numbers have all their digits."""
 
+MAX_DEPTH = 32
+"""Structures within structures that are followed; messages of robots and rigs have fewer than ten, and damage has no end."""
+
 LONGEST_NAME = 180
 """Characters of a name, and bytes in a file's: file systems end at 255, and a prefix (``device=``), an ending come with it."""
 

@@ -11,9 +11,9 @@ from enum import IntEnum
 from functools import cache, lru_cache
 from typing import Any
 
-from vsalog.core.printable import LONGEST_TEXT
+from vsalog.core.printable import LONGEST_TEXT, MAX_DEPTH
 from vsalog.readers.fields import LONG_NAMES
-from vsalog.readers.limits import MAX_DEPTH, MOST_STEPS
+from vsalog.readers.limits import MOST_STEPS
 
 # Seconds and nanoseconds in ROS 1, where a date is unsigned and a duration signed, and in ROS 2.
 TIMES = {

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vsalog.core.printable import LONGEST_TEXT, printable
+from vsalog.core.printable import LONGEST_TEXT, MAX_DEPTH, printable
 from vsalog.readers.fields import LARGE_MESSAGES, LONG_NAMES, MAX_FIELDS, Fields
 from vsalog.readers.frames import stated_frames
 from vsalog.readers.labels import BAD_NAMES, ELEMENT_NAME, are_bad, best_label_field, labels_of, naming_texts
-from vsalog.readers.limits import DECODED_BYTES, MAX_ARRAY, MAX_DEPTH
+from vsalog.readers.limits import DECODED_BYTES, MAX_ARRAY
 from vsalog.readers.messages import Decoded
 from vsalog.readers.packets import Messages
 from vsalog.readers.reach import Nanoseconds, Stamp

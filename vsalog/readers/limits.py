@@ -16,9 +16,6 @@ MOST_WAITING = 2**22
 BLOCK_ROWS = 8192
 """Samples a block has at most: large enough for NumPy, small enough that a log never sits in memory."""
 
-MAX_DEPTH = 32
-"""Structures within structures that are followed; messages of robots have fewer than ten, and damage has no end."""
-
 MAX_ARRAY = 64
 """Elements of an array, or names in a column, that tell parts of a machine apart; more are images, clouds, maps or counters."""
 

@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.memory import AT_ONCE_BYTES
-from vsalog.core.printable import printable
+from vsalog.core.printable import MAX_DEPTH, printable
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers import matlab_v73, matlab_variables
 from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each
 from vsalog.readers.compression import FILE_RATIO
-from vsalog.readers.limits import MAX_ARRAY, MAX_DEPTH
+from vsalog.readers.limits import MAX_ARRAY
 from vsalog.readers.matlab_clock import find_clock, is_called_time, stamps_of
 from vsalog.readers.tables.row_times import row_clock
+from vsalog.readers.tables.text import unique_names
 from vsalog.readers.tables.text import unique_names
 
 V73 = b"MATLAB 7.3 MAT-file"

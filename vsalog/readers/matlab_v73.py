@@ -12,8 +12,8 @@ import numpy as np
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding
-from vsalog.core.printable import LONGEST_TEXT
-from vsalog.readers.limits import MAX_ARRAY, MAX_DEPTH, MOST_STEPS
+from vsalog.core.printable import LONGEST_TEXT, MAX_DEPTH
+from vsalog.readers.limits import MAX_ARRAY, MOST_STEPS
 from vsalog.readers.sandbox import TOO_MUCH, SandboxError, sandboxed
 
 _TYPES = {

@@ -17,8 +17,8 @@ import numpy as np
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding
-from vsalog.core.printable import LONGEST_TEXT, printable
-from vsalog.readers.limits import MAX_ARRAY, MAX_DEPTH, MOST_PARTS, MOST_STEPS
+from vsalog.core.printable import LONGEST_TEXT, MAX_DEPTH, printable
+from vsalog.readers.limits import MAX_ARRAY, MOST_PARTS, MOST_STEPS
 from vsalog.readers.sandbox import TOO_MUCH, SandboxError, sandboxed
 
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from vsalog.core.printable import LONGEST_TEXT, printable
+from vsalog.core.printable import LONGEST_TEXT, MAX_DEPTH, printable
 from vsalog.readers.fields import LARGE_MESSAGES, LONG_NAMES, MAX_FIELDS, Fields
 from vsalog.readers.frames import stated_frames
 from vsalog.readers.labels import ELEMENT_NAME, best_label_field, labels_of, naming_texts
-from vsalog.readers.limits import DECODED_BYTES, MAX_ARRAY, MAX_DEPTH
+from vsalog.readers.limits import DECODED_BYTES, MAX_ARRAY
 from vsalog.readers.messages import MISFIT, Decoded
 from vsalog.readers.packets import Messages
 from vsalog.readers.protobuf_types import message_class

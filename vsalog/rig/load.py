@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import resources
@@ -14,7 +13,7 @@ import msgspec
 
 from vsalog.core.documents import read_text, toml_tables
 from vsalog.core.errors import RigError, did_you_mean
-from vsalog.core.memory import PIECE_BYTES
+from vsalog.core.toml import parse_toml
 from vsalog.core.units import shown
 from vsalog.rig.checks import check_rig
 from vsalog.rig.decode import decode_rig, key_path
@@ -192,13 +191,9 @@ def preset_text(name: str) -> str:
 
 
 def _parse(text: str, where: str) -> Table:
-    if len(text) > PIECE_BYTES:
-        raise RigError(f"{where}: more than {PIECE_BYTES // 1024} KiB is no rig file")
     try:
-        return tomllib.loads(text)
-    except RecursionError:
-        raise RigError(f"{where}: is nested too deeply") from None
-    except ValueError as error:  # tomllib's own error is one; a number of ten thousand digits raises another
+        return parse_toml(text)
+    except ValueError as error:
         # "At end of document" is of little help in a long one.
         why = shown(str(error)).replace("at end of document", f"at the end, line {len(text.splitlines())}")
         raise RigError(f"{where}: is not valid TOML: {why}") from error
@@ -224,7 +219,7 @@ def _over_preset(tables: Table) -> tuple[Table, str]:
     name = tables["preset"]
     if not isinstance(name, str):
         raise RigError('preset: the name of a preset is wanted, such as "vsa2"')
-    below = tomllib.loads(preset_text(name))
+    below = parse_toml(preset_text(name))
     above = {key: value for key, value in tables.items() if key != "preset"}
     joints = ", ".join(key_path((joint,)) for joint in below.get("joint", {}))
     return merged(below, above), f' (preset "{name}" has joint {joints})'
@@ -233,8 +228,8 @@ def _over_preset(tables: Table) -> tuple[Table, str]:
 def _setting(text: str) -> Any:
     """Read a value as TOML, or else as the text it is."""
     try:
-        table = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):
+        table = parse_toml(f"value = {text}")
+    except ValueError:
         return text
     return table["value"] if len(table) == 1 else text
 
@@ -290,8 +285,8 @@ def _split_key(key: str, where: str) -> list[str]:
     parts = key.split('"')
     dotted = '"'.join(part if i % 2 else re.sub(r"\[(\d+)\]", r".\1", part) for i, part in enumerate(parts))
     try:
-        node: Any = tomllib.loads(f"{dotted} = 0") if "\n" not in key and "=" not in key else None
-    except (ValueError, RecursionError):
+        node: Any = parse_toml(f"{dotted} = 0") if "\n" not in key and "=" not in key else None
+    except ValueError:
         node = None
     path: list[str] = []
     while isinstance(node, dict) and len(node) == 1:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +13,7 @@ from vsalog.binding.joint import offered_roles
 from vsalog.core.errors import SimulationError, WriteError
 from vsalog.core.memory import usable_memory
 from vsalog.core.recording import Recording
+from vsalog.core.toml import parse_toml
 from vsalog.rig import Rig
 from vsalog.rig.load import preset_text, presets
 from vsalog.rig.schema import Joint, RigFile, Signal
@@ -197,7 +197,7 @@ def _text(source: str, rig: Rig) -> str:
     if source in presets() and not Path(source).is_file():
         return preset_text(source)
     text = Path(source).read_text(encoding="utf-8-sig") if Path(source).is_file() else source
-    return rig.to_toml() if "preset" in tomllib.loads(text) else text
+    return rig.to_toml() if "preset" in parse_toml(text) else text
 
 
 def _with_channels(rig: Rig) -> Rig:

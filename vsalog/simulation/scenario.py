@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib import resources
@@ -13,6 +12,7 @@ import msgspec
 
 from vsalog.core.documents import read_text
 from vsalog.core.errors import RigError, SimulationError, UnitError, VsalogError, did_you_mean
+from vsalog.core.toml import parse_toml
 from vsalog.core.units import parse_quantity, parse_unit, shown, split_quantity
 from vsalog.rig.decode import Path as KeyPath
 from vsalog.rig.decode import decode, key_path, refuse
@@ -92,8 +92,8 @@ class Scenario:
             The text is no TOML, or what it says is not possible; the message names the key.
         """
         try:
-            tables = tomllib.loads(text)
-        except (ValueError, RecursionError) as error:
+            tables = parse_toml(text)
+        except ValueError as error:
             raise SimulationError(f"{where}: is not valid TOML: {shown(str(error))}") from error
         try:
             file = decode(_in_si(tables), ScenarioFile)
@@ -216,7 +216,7 @@ def built_in() -> dict[str, str]:
     found = {}
     for entry in sorted(_folder().iterdir(), key=lambda e: e.name):
         if entry.name.endswith(".toml"):
-            tables = tomllib.loads(entry.read_text(encoding="utf-8"))
+            tables = parse_toml(entry.read_text(encoding="utf-8"))
             found[entry.name.removesuffix(".toml")] = str(tables.get("description", ""))
     return found
 
