@@ -9,6 +9,7 @@ import pytest
 from mcap.reader import make_reader
 from write_logs import MS, START, McapLog, joint_state
 
+from vsalog.core.errors import ReadError
 from vsalog.writers.repair import repair
 
 
@@ -57,3 +58,27 @@ def test_attachments_behind_damage(tmp_path, damage, summary):
     assert sorted(kept) == sorted(one for one in whole if one not in lost)
     assert told.messages > 200
     assert told.findings
+
+
+@pytest.mark.parametrize("what", ["attachment", "metadata"])
+def test_a_file_without_messages_may_hold_something_else(tmp_path, what):
+    log = McapLog()
+    if what == "attachment":
+        log.writer.add_attachment(1, 2, "photo", "image/jpeg", b"0123")
+    else:
+        log.writer.add_metadata("operator", {"name": "a"})
+    raw = log.save(tmp_path / "log").read_bytes()
+    (tmp_path / "log").write_bytes(raw[: raw.rindex(b"\x0f\x04\0\0\0\0\0\0\0")])
+    told = repair(tmp_path / "log", tmp_path / "new.mcap")
+    assert told.messages == 0
+    with (tmp_path / "new.mcap").open("rb") as file:
+        reader = make_reader(file)
+        kept = [*reader.iter_attachments()] if what == "attachment" else [*reader.iter_metadata()]
+    assert [one.name for one in kept] == ["photo" if what == "attachment" else "operator"]
+
+
+def test_a_file_that_holds_nothing_is_refused(tmp_path):
+    path = McapLog().save(tmp_path / "log")
+    with pytest.raises(ReadError, match="not one message"):
+        repair(path, tmp_path / "new.mcap")
+    assert not (tmp_path / "new.mcap").exists()

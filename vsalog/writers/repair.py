@@ -34,7 +34,6 @@ from vsalog.readers.mcap_summary import summary_records
 from vsalog.readers.mcap_walk import Walk
 from vsalog.readers.remote import local
 from vsalog.readers.rosbag2 import CompressedContainer
-from vsalog.readers.sampling_mcap import record_heads
 from vsalog.readers.sniff import sniff
 from vsalog.writers.atomic import atomic_path
 from vsalog.writers.recording_mcap import write_mcap
@@ -76,18 +75,20 @@ def repair(source: Path, target: Path, rate: float | None = None) -> Repaired:
     container = open_container(source, kind)
     parts = list(_parts(container))
     findings = Findings()
-    messages = 0
+    messages = others = 0
     with atomic_path(target) as temporary, temporary.open("wb") as file:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start(profile=_profile(parts), library="vsalog")
         definitions = _Definitions(writer)
         for part in parts:
             numbers = definitions.of(part)
-            for number, sequence, log, publish, data in _messages(writer, part, numbers, findings):
+            if isinstance(part, McapContainer):
+                others += _copy_others(writer, part, findings)
+            for number, sequence, log, publish, data in _messages(part, numbers, findings):
                 writer.add_message(number, log, data, publish, sequence)
                 messages += 1
         writer.finish()  # type: ignore[no-untyped-call]
-        if not messages:
+        if not messages + others:
             raise ReadError(f"{source}: not one message of it can be read: {target.name} was not written")
     found = Findings()
     found.add(*(one for part in [container, *parts] for one in part.findings), *findings, *_unfit(target))
@@ -127,7 +128,9 @@ def _profile(parts: list[Container]) -> str:
     first = parts[0]
     if not isinstance(first, McapContainer):
         return "ros1" if first.format == "rosbag1" else "ros2"
-    header = next(_side_records(first, Opcode.HEADER), b"")
+    with first.open() as file:
+        walk = Walk(file, verify=False, kept=(Opcode.HEADER,))
+        header = next((content for _, content, _ in walk.records()), b"")
     try:
         return str(Header.read(ReadDataStream(BytesIO(header))).profile)
     except (ValueError, struct.error, McapError):
@@ -174,10 +177,10 @@ class _Definitions:
         return int(self._schema(one.type, language, one.definition.encode("utf-8", "surrogatepass")))
 
 
-def _messages(writer: Writer, part: Container, numbers: Mapping[int, int], findings: Findings) -> Iterator[RawMessage]:
-    """Yield a file's messages by their new channels; what else it holds is written at once."""
+def _messages(part: Container, numbers: Mapping[int, int], findings: Findings) -> Iterator[RawMessage]:
+    """Yield a file's messages by their new channels."""
     if isinstance(part, McapContainer):
-        yield from _mcap_messages(writer, part, numbers, findings)
+        yield from _mcap_messages(part, numbers, findings)
         return
     for packet in map(plain, part.packets(list(numbers))):
         times = zip(packet.connection.tolist(), packet.log.view(np.uint64).tolist(), packet.messages, strict=True)
@@ -185,20 +188,27 @@ def _messages(writer: Writer, part: Container, numbers: Mapping[int, int], findi
             yield numbers[connection], 0, log, log, data
 
 
-def _mcap_messages(
-    writer: Writer, part: McapContainer, numbers: Mapping[int, int], findings: Findings
-) -> Iterator[RawMessage]:
-    for content in _attachments(part):
+def _copy_others(writer: Writer, part: McapContainer, findings: Findings) -> int:
+    """Copy metadata and attachments; return how many there are that can be read."""
+    count = 0
+    for content in _records_of(part, Opcode.ATTACHMENT, Opcode.ATTACHMENT_INDEX):
         try:
             _copy_attachment(writer, content)
         except (ValueError, struct.error, McapError):
             findings.add(Finding(code="repair.attachment_damaged"))
+        else:
+            count += 1
+    for content in _records_of(part, Opcode.METADATA, Opcode.METADATA_INDEX):
+        with suppress(ValueError, struct.error, McapError):  # noted when the channels were looked for
+            metadata = Metadata.read(ReadDataStream(BytesIO(content)))
+            writer.add_metadata(metadata.name, metadata.metadata)
+            count += 1
+    return count
+
+
+def _mcap_messages(part: McapContainer, numbers: Mapping[int, int], findings: Findings) -> Iterator[RawMessage]:
     unknown = 0
     for record, content in part.records():
-        if record == Opcode.METADATA:
-            with suppress(ValueError, struct.error, McapError):  # noted when the channels were looked for
-                metadata = Metadata.read(ReadDataStream(BytesIO(content)))
-                writer.add_metadata(metadata.name, metadata.metadata)
         for channel, sequence, log, publish, data in _in_record(record, content):
             if channel in numbers:
                 yield numbers[channel], sequence, log, publish, data
@@ -228,32 +238,20 @@ def _in_record(record: int, content: bytes) -> Iterator[RawMessage]:
             yield *head, content[start : start + length]
 
 
-def _attachments(part: McapContainer) -> Iterator[bytes]:
-    """Yield the contents of the attachments: those between other records, and those only the summary tells of."""
+def _records_of(part: McapContainer, wanted: int, index: int) -> Iterator[bytes]:
+    """Yield the contents of the records of a kind: those between other records, and those only the summary tells of."""
     found = set()
     with part.open() as file:
-        for _, content, position in Walk(file, verify=False, kept=(Opcode.ATTACHMENT,)).records():
+        for _, content, position in Walk(file, verify=False, kept=(wanted,)).records():
             found.add(position)
             yield content
         for kind, content in summary_records(file) or ():
-            position, length = struct.unpack_from("<QQ", content) if kind == Opcode.ATTACHMENT_INDEX else (0, 0)
+            position, length = struct.unpack_from("<QQ", content) if kind == index else (0, 0)
             if Size.HEAD < length <= AT_ONCE_BYTES and position not in found:
                 file.seek(position)
                 record = file.read(length)
-                if (
-                    record[: Size.HEAD] == struct.pack("<BQ", Opcode.ATTACHMENT, length - Size.HEAD)
-                    and len(record) == length
-                ):
+                if record[: Size.HEAD] == struct.pack("<BQ", wanted, length - Size.HEAD) and len(record) == length:
                     yield record[Size.HEAD :]
-
-
-def _side_records(part: McapContainer, kind: int) -> Iterator[bytes]:
-    """Yield the contents of the records of a kind, up to the first damage between records."""
-    with part.open() as file:
-        for found, piece in record_heads(file):
-            if found == kind and piece.size <= AT_ONCE_BYTES:
-                file.seek(piece.position + Size.HEAD)
-                yield file.read(piece.size - Size.HEAD)
 
 
 def _repair_table(source: Path, target: Path, rate: float | None) -> Repaired:
