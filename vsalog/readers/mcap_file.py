@@ -58,6 +58,8 @@ class McapContainer:
     ----------
     schemas, channels : dict of int to record
         Of the file, by their numbers; complete once `connections` was asked for.
+    chunks : dict of int to Chunk
+        What the summary tells of chunks, by their positions.
 
     Raises
     ------
@@ -79,7 +81,7 @@ class McapContainer:
         self._scanned = False
         self._indexed: bool | None = None
         self._text = 0
-        self._chunks: dict[int, Chunk] = {}
+        self.chunks: dict[int, Chunk] = {}
         self._vouched = False
         self._part: Part | None = None
         self._end: int | None = None
@@ -135,14 +137,14 @@ class McapContainer:
         """Pass by chunks without a message of a part of the log, where the summary at the end tells of chunks."""
         self._scan()
         self._part = part
-        return bool(self._chunks)
+        return bool(self.chunks)
 
     def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the first messages of chunks from all over the file."""
         self._scan()
         wanted = _flags(ids)
         with self.open() as file:
-            for position in some_of(self._chunks, ids):
+            for position in some_of(self.chunks, ids):
                 file.seek(position + _HEAD.size)
                 head = _chunk_head(file.read(GLANCE_BYTES))
                 if head is not None:
@@ -201,7 +203,7 @@ class McapContainer:
         self._scanned = True
         if self.has_summary():
             return
-        self.schemas, self.channels, self._counts, self._chunks = {}, {}, {}, {}
+        self.schemas, self.channels, self._counts, self.chunks = {}, {}, {}, {}
         for record, content in self.records():
             if record == Opcode.CHUNK:
                 for inner, own in others_in(np.frombuffer(content, np.uint8)):
@@ -227,7 +229,7 @@ class McapContainer:
                     statistics = _statistics(content)
                 elif kind == Opcode.CHUNK_INDEX:
                     position, chunk = chunk_in(content)
-                    self._chunks[position] = chunk
+                    self.chunks[position] = chunk
                 elif kind == Opcode.METADATA_INDEX:
                     metadata.append(MetadataIndex.read(ReadDataStream(BytesIO(content))))
                 else:
@@ -280,7 +282,7 @@ class McapContainer:
                 file,
                 whole and states_checksum(file),
                 lambda at: at in passed or not self._may_hold(at, needed),
-                chunked=bool(self._chunks),
+                chunked=bool(self.chunks),
             )
             for record, content, position in walk.records():
                 if record != Opcode.CHUNK:
@@ -306,7 +308,7 @@ class McapContainer:
         if self._part is None:
             return frozenset()
         found = []
-        for position, chunk in self._chunks.items():
+        for position, chunk in self.chunks.items():
             if chunk.last and self._part.leaves_out(chunk):
                 file.seek(position)
                 head = file.read(_HEAD.size + 16)
@@ -318,7 +320,7 @@ class McapContainer:
 
     def _may_hold(self, position: int, needed: Needed | None) -> bool:
         """Tell whether a chunk may hold messages of what is needed: so a summary says whose checksum is right."""
-        known = None if needed is None or not self._vouched else self._chunks.get(position)
+        known = None if needed is None or not self._vouched else self.chunks.get(position)
         return known is None or needed is None or known.may_hold(needed)
 
 

@@ -51,6 +51,13 @@ class Rosbag1Container:
     span : (int, int), optional
         From which byte of the file on and up to which, where others are in it, too.
 
+    Attributes
+    ----------
+    counted : Counter
+        Messages of connections, as the index tells.
+    chunks : dict of int to Chunk
+        What the index tells of chunks, by their positions.
+
     Raises
     ------
     ReadError
@@ -67,8 +74,8 @@ class Rosbag1Container:
         self._index: Found | None = None
         self.findings = Findings()
         self._connections: dict[int, Connection] | None = None
-        self._counts: Counter[int] = Counter()
-        self._chunks: dict[int, Chunk] = {}
+        self.counted: Counter[int] = Counter()
+        self.chunks: dict[int, Chunk] = {}
         self._part: Part | None = None
 
     def connections(self) -> list[Connection]:
@@ -85,7 +92,7 @@ class Rosbag1Container:
     def counts(self) -> Mapping[int, int]:
         """Return how many messages connections have, as the index says, but no less than tell a connection's channels."""
         self.connections()
-        return {number: max(count, FIRST_ROWS) for number, count in self._counts.items()}
+        return {number: max(count, FIRST_ROWS) for number, count in self.counted.items()}
 
     def size(self) -> int:
         """Return how many bytes the bag has."""
@@ -100,7 +107,7 @@ class Rosbag1Container:
         """Pass by chunks without a message of a part of the log, where the index tells of chunks."""
         self.connections()
         self._part = part
-        return bool(self._chunks)
+        return bool(self.chunks)
 
     def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the first messages of chunks from all over the bag."""
@@ -108,7 +115,7 @@ class Rosbag1Container:
         wanted = np.array(sorted(ids), dtype=np.int64)
         with self._open() as file:
             walk = Walk(file)
-            for position in some_of(self._chunks, ids):
+            for position in some_of(self.chunks, ids):
                 found = walk.beginning(position, GLANCE_BYTES)
                 if found is not None:
                     yield messages_in(np.frombuffer(beginning(*found, GLANCE_BYTES), np.uint8), wanted)[0]
@@ -135,7 +142,7 @@ class Rosbag1Container:
 
         check = IndexCheck(wanted, None if whole else leaves_out)
         with self._open() as file:
-            known = {} if whole else self._chunks
+            known = {} if whole else self.chunks
             walk = Walk(file, lambda at: at in known and leaves_out(known[at]))
             for header, data in walk.records():
                 kind = op(header)
@@ -233,16 +240,16 @@ class Rosbag1Container:
         for inner, data in walk.records(struct.unpack("<Q", index)[0]):
             if op(inner) == RecordType.CHUNK_INFO:
                 for connection, number_of in struct.iter_unpack("<II", data):
-                    self._counts[connection] += number_of
+                    self.counted[connection] += number_of
                 if told := chunk_told(inner, data):
-                    self._chunks[told[0]] = told[1]
+                    self.chunks[told[0]] = told[1]
             elif op(inner) == RecordType.CONNECTION:
                 self._keep_all(found, inner, data)
             else:
                 break
         if len(found) == number(header, b"conn_count") and not walk.skipped:
             return found
-        self._counts, self._chunks = Counter(), {}
+        self.counted, self.chunks = Counter(), {}
         return {}
 
 

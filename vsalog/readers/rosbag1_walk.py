@@ -115,6 +115,13 @@ class Walk:
                 self.skipped.append((position, following))
             position = following
 
+    def heads(self, position: int = len(VERSION)) -> Iterator[tuple[Header, int, int]]:
+        """Yield headers, beginnings and ends of the records from a position on, their data unread, up to the end or to damage."""
+        while (found := self._header(position)) is not None:
+            header, start, length = found
+            yield header, position, start + length
+            position = start + length
+
     def lose(self, read: int, reason: str) -> None:
         """Note that no more than so many messages of the last chunk can be read."""
         self.damage.append(Damage(self.chunks, self.position, read, reason))

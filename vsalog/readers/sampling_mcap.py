@@ -6,21 +6,24 @@ import struct
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from mcap.opcode import Opcode
 
 from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
 from vsalog.readers.concatenated_files import opened_mcap
-from vsalog.readers.file_sequence import SeveralContainer
 from vsalog.readers.limits import MOST_STEPS
+from vsalog.readers.mcap_file import McapContainer
+from vsalog.readers.mcap_summary import summary_records
+from vsalog.readers.mcap_walk import MAGIC
 from vsalog.readers.sampling_pieces import Cut, Piece, chosen_pieces, copy_pieces
 
-MAGIC = b"\x89MCAP0\r\n"
-
 _HEAD = struct.Struct("<BQ")
+_DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
+_CHUNK_COUNT, _CHUNK_PLACE, _PLACE = map(struct.Struct, ("<22xI", "<16xQQ", "<QQ"))
 _END = _HEAD.pack(Opcode.DATA_END, 4) + bytes(4) + _HEAD.pack(Opcode.FOOTER, 20) + bytes(20) + MAGIC
 
 
@@ -47,10 +50,11 @@ def cut_mcap(source: Path, target: Path, budget: int) -> Cut | None:
 
     See `sampling.Cutter`.
     """
-    if isinstance(opened_mcap(source), SeveralContainer):
+    log = opened_mcap(source)
+    if not isinstance(log, McapContainer):
         return None
     with source.open("rb") as file:
-        plan = _by_summary(file) or _by_walk(file)
+        plan = _by_summary(log, file) or _by_walk(file)
         pieces, stretches = chosen_pieces(plan.chunks, budget) if plan.chunks else ([_beginning(file, budget)], 1)
         if not pieces:
             return None
@@ -65,49 +69,28 @@ def cut_mcap(source: Path, target: Path, budget: int) -> Cut | None:
     return Cut(sum(piece.size for piece in pieces), stretches, plan.totals, findings)
 
 
-def _by_summary(file: IO[bytes]) -> _Plan | None:
+def _by_summary(log: McapContainer, file: IO[bytes]) -> _Plan | None:
     """Plan by the summary at the file's end; None where it is missing, damaged or incomplete, or knows of no chunk."""
-    from mcap.reader import make_reader
-
-    try:
-        file.seek(0)
-        summary = make_reader(file).get_summary()
-        counts = summary.statistics if summary else None
-        if summary is None or counts is None or not summary.chunk_indexes:
-            return None
-        if (counts.chunk_count, counts.channel_count) != (len(summary.chunk_indexes), len(summary.channels)):
-            return None
-        chunks = [Piece(index.chunk_start_offset, index.chunk_length) for index in summary.chunk_indexes]
-        metadata = [Piece(index.offset, index.length) for index in summary.metadata_indexes]
-        if not all(_is(file, piece, Opcode.CHUNK) for piece in chunks) or not all(
-            _is(file, p, Opcode.METADATA) for p in metadata
-        ):
-            return None
-        first = next(record_heads(file))[1]
-        return _Plan(sorted(chunks), [first, *metadata], _serialised(summary), _totals(summary))
-    except Exception:  # damage anywhere in the summary: the walk will find what there is
+    if not log.has_summary() or not log.chunks:
         return None
-
-
-def _serialised(summary: Any) -> bytes:
-    """Return the summary's schemas and channels as records."""
-    from mcap.data_stream import RecordBuilder
-
-    builder = RecordBuilder()
-    for record in (*summary.schemas.values(), *summary.channels.values()):
-        record.write(builder)
-    return bytes(builder.end())  # type: ignore[no-untyped-call]
-
-
-def _totals(summary: Any) -> dict[str, int]:
-    """Return the messages of each topic, but of those with several types or publishers, whose streams are others."""
-    topics = Counter(channel.topic for channel in summary.channels.values())
-    counts = summary.statistics.channel_message_counts
-    return {
-        printable(channel.topic): counts.get(number, 0)
-        for number, channel in summary.channels.items()
+    records = list(summary_records(file) or ())
+    counted = [_CHUNK_COUNT.unpack_from(content)[0] for kind, content in records if kind == Opcode.STATISTICS]
+    chunks = [Piece(*_CHUNK_PLACE.unpack_from(content)) for kind, content in records if kind == Opcode.CHUNK_INDEX]
+    metadata = [Piece(*_PLACE.unpack_from(content)) for kind, content in records if kind == Opcode.METADATA_INDEX]
+    if counted != [len(chunks)]:
+        return None
+    if not all(_is(file, p, Opcode.CHUNK) for p in chunks) or not all(_is(file, p, Opcode.METADATA) for p in metadata):
+        return None
+    definitions = (_HEAD.pack(kind, len(content)) + content for kind, content in records if kind in _DEFINITIONS)
+    # Topics with several types or publishers may be several streams.
+    topics = Counter(channel.topic for channel in log.channels.values())
+    totals = {
+        printable(channel.topic): log.counts().get(number, 0)
+        for number, channel in log.channels.items()
         if topics[channel.topic] == 1
     }
+    header = [piece for _, piece in islice(record_heads(file), 1)]
+    return _Plan(sorted(chunks), [*header, *metadata], b"".join(definitions), totals)
 
 
 def _by_walk(file: IO[bytes]) -> _Plan:
@@ -116,7 +99,7 @@ def _by_walk(file: IO[bytes]) -> _Plan:
     for _, (kind, piece) in zip(range(MOST_STEPS), record_heads(file), strict=False):
         if kind == Opcode.CHUNK:
             plan.chunks.append(piece)
-        elif piece.position == len(MAGIC) or kind in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA):
+        elif piece.position == len(MAGIC) or kind in (*_DEFINITIONS, Opcode.METADATA):
             plan.others.append(piece)
     return plan
 
