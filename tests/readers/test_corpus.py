@@ -1,11 +1,13 @@
 """Files of others that readers once did not read: what can be read of them is, and no error is vsalog's own."""
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 from finding_codes import codes, values_of
+from scipy.io import savemat
 
 from vsalog.core.errors import ReadError
 from vsalog.readers import read
@@ -72,3 +74,24 @@ def test_a_table_may_become_shorter_while_it_is_read(tmp_path):
     read = np.concatenate(values)
     assert 1000 < read.size <= 1_000_000
     np.testing.assert_array_equal(read[:-1], np.arange(read.size - 1))
+
+
+@pytest.mark.parametrize("where", ["scipy/io/matlab/tests/data/*.mat", "pyarrow/tests/data/parquet/*.parquet"])
+def test_what_libraries_test_themselves_with_is_read_or_refused(where):
+    """Where they are installed with their tests."""
+    files = sorted(Path(np.__file__).parents[1].glob(where))
+    for file in files:
+        with suppress(ReadError):
+            read(file)
+
+
+def test_two_fields_of_one_name(tmp_path):
+    """As scipy's tests/data/nasty_duplicate_fieldnames.mat: the second one has another name."""
+    savemat(
+        tmp_path / "log",
+        {"s": {"time": np.arange(5) / 10, "xa": np.arange(5.0), "xb": np.arange(5.0)}},
+        appendmat=False,
+    )
+    raw = (tmp_path / "log").read_bytes().replace(b"xb\0", b"xa\0")
+    (tmp_path / "log").write_bytes(raw)
+    assert len(read(tmp_path / "log").channels) == 2
