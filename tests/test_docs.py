@@ -6,6 +6,7 @@ from pathlib import Path
 
 from vsalog.batch import records
 from vsalog.cli import cli
+from vsalog.core.finding_texts import TEXTS
 from vsalog.core.trace import EXTRA_UNITS, UNITS
 from vsalog.diagnosis import document as diagnosis
 from vsalog.rig import Rig
@@ -69,3 +70,9 @@ def test_the_tables_of_batteries_are_those_that_are_kept():
 def test_every_finding_is_documented():
     made = runpy.run_path(str(ROOT / "docs" / "make_findings.py"))["reference"]()
     assert (ROOT / "docs" / "findings.md").read_text(encoding="utf-8") == made, "run: python docs/make_findings.py"
+
+
+def test_the_page_on_clocks_names_findings_that_there_are():
+    named = re.findall(r"`((?:clock|recording)\.\w+)`", (ROOT / "docs" / "clocks.md").read_text(encoding="utf-8"))
+    assert len(named) > 8
+    assert set(named) <= set(TEXTS)
