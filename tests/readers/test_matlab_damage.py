@@ -135,7 +135,7 @@ def test_a_file_without_variables_says_so(tmp_path):
     path.write_bytes(HEADER)
     assert "recording.no_variables" in codes(read(path))
     path.write_bytes(HEADER[:100])
-    with pytest.raises(ReadError, match="cut off within its header"):
+    with pytest.raises(ReadError, match="at byte 0: it is cut off"):
         read(path)
 
 

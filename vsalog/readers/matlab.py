@@ -17,10 +17,10 @@ from vsalog.core.recording import Stamps, Values
 from vsalog.readers import matlab_v73, matlab_variables
 from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each
 from vsalog.readers.compression import FILE_RATIO
-from vsalog.readers.limits import MAX_ARRAY
+from vsalog.readers.limits import GLANCE_BYTES, MAX_ARRAY
 from vsalog.readers.matlab_clock import find_clock, is_called_time, stamps_of
+from vsalog.readers.matlab_variables import is_v4
 from vsalog.readers.tables.row_times import row_clock
-from vsalog.readers.tables.text import unique_names
 from vsalog.readers.tables.text import unique_names
 
 V73 = b"MATLAB 7.3 MAT-file"
@@ -99,14 +99,25 @@ class MatlabReader:
             return self._loaded
         try:
             with self.path.open("rb") as file:
-                load = matlab_v73.load if file.read(len(V73)) == V73 else matlab_variables.load
+                head = file.read(GLANCE_BYTES)
                 # All of it is in memory at once, as it is stored too.
                 self._room = max(AT_ONCE_BYTES, FILE_RATIO * file.seek(0, 2))
-            self._loaded, findings = load(self.path, self._room)
+            load = matlab_v73.load if head.startswith(V73) else matlab_variables.load
+            found, damage = load(self.path, self._room)
         except OSError as error:
             raise ReadError(f"cannot be read: {error.strerror or error}", self.path) from error
-        self.findings.add(*findings)
-        return self._loaded
+        if damage and not found:
+            raise ReadError(f"the MATLAB file is damaged: {damage[0]}", self.path)
+        if not found:
+            self.findings.add(Finding(code="recording.no_variables"))
+        elif damage and is_v4(head):  # nothing tells that the one ahead of it is as long as it should be
+            evidence = {"reason": damage[0]}
+            self.findings.add(Finding(code="recording.values_doubtful", part=[*found][-1], evidence=evidence))
+        elif damage:
+            evidence = {"reason": damage[0]}
+            self.findings.add(Finding(code="recording.variables_damaged", value=len(damage), evidence=evidence))
+        self._loaded = found
+        return found
 
     def _structure(
         self, path: str, members: Mapping[str, Any], outer: Clocks, wanted: frozenset[str] | None, depth: int

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from vsalog.core.errors import ReadError
-from vsalog.core.finding import Finding
 from vsalog.core.printable import LONGEST_TEXT, MAX_DEPTH
 from vsalog.readers.limits import MAX_ARRAY, MOST_STEPS
 from vsalog.readers.sandbox import TOO_MUCH, SandboxError, sandboxed
@@ -33,10 +32,10 @@ _OWN = "#"
 """MATLAB's own groups: what references point to, and its objects."""
 
 
-def load(path: Path, more: int) -> tuple[dict[str, Any], list[Finding]]:
+def load(path: Path, more: int) -> tuple[dict[str, Any], list[str]]:
     """Return a file's variables as `matlab_variables.load` does.
 
-    What is damaged, absurdly large or not within the file is left out and among the findings.
+    What is damaged, absurdly large or not within the file is left out.
 
     Parameters
     ----------
@@ -60,16 +59,11 @@ def load(path: Path, more: int) -> tuple[dict[str, Any], list[Finding]]:
         ) from None
     try:
         found, damage = sandboxed(partial(_read, h5py, path, more), more)
+        return found, damage
     except SandboxError as error:
         raise ReadError(
             f"the MATLAB v7.3 file cannot be read: {error}; if MATLAB opens it, save('file.mat', '-v7') there", path
         ) from error
-    if damage and not found:
-        raise ReadError(f"the MATLAB v7.3 file is damaged: {damage[0]}", path)
-    if not damage:
-        return found, []
-    evidence = {"reason": damage[0]}
-    return found, [Finding(code="recording.variables_damaged", value=len(damage), evidence=evidence)]
 
 
 def _read(h5py: Any, path: Path, most: int) -> tuple[dict[str, Any], list[str]]:

@@ -15,8 +15,6 @@ from typing import IO, Any, NamedTuple
 
 import numpy as np
 
-from vsalog.core.errors import ReadError
-from vsalog.core.finding import Finding
 from vsalog.core.printable import LONGEST_TEXT, MAX_DEPTH, printable
 from vsalog.readers.limits import MAX_ARRAY, MOST_PARTS, MOST_STEPS
 from vsalog.readers.sandbox import TOO_MUCH, SandboxError, sandboxed
@@ -46,8 +44,8 @@ def is_v4(head: bytes) -> bool:
     return _length_v4(head) is not None
 
 
-def load(path: Path, more: int) -> tuple[dict[str, Any], list[Finding]]:
-    """Return a file's variables, and what of it is damaged.
+def load(path: Path, more: int) -> tuple[dict[str, Any], list[str]]:
+    """Return a file's variables, and what is wrong with the others.
 
     Parameters
     ----------
@@ -60,37 +58,20 @@ def load(path: Path, more: int) -> tuple[dict[str, Any], list[Finding]]:
     -------
     dict of array, dict, list, str or None
         Numbers; a structure; a cell array or an array of structures, of which the first elements; a text; what is none of these.
-    list of Finding
-        What is damaged, which is left out.
-
-    Raises
-    ------
-    ReadError
-        The file cannot be opened, or nothing of it can be read.
+    list of str
+        A reason for each variable that is left out.
     """
     with path.open("rb") as file:
         size = file.seek(0, 2)
         file.seek(0)
-        old = is_v4(file.read(_V4 + LONGEST_TEXT))
-        parts = list(islice((_parts_v4 if old else _parts_v5)(file, size), MOST_STEPS))
+        parts_in = _parts_v4 if is_v4(file.read(_V4 + LONGEST_TEXT)) else _parts_v5
+        parts = list(islice(parts_in(file, size), MOST_STEPS))
     try:
         results = sandboxed(partial(_read, path, parts), more)
     except SandboxError:  # one of them is to blame
         results = [one for part in parts[:MOST_PARTS] for one in _apart(path, part, more)]
     found = {name: value for one in results if isinstance(one, dict) for name, value in one.items()}
-    damage = [one for one in results if isinstance(one, str)]
-    if damage and not found:
-        raise ReadError(f"the MATLAB file is damaged: {damage[0]}", path)
-    if size < V5.HEADER and not old:
-        raise ReadError("the MATLAB file is cut off within its header; there are no variables in it", path)
-    if not found:
-        return found, [Finding(code="recording.no_variables")]
-    if not damage:
-        return found, []
-    evidence = {"reason": damage[0]}
-    if old:  # nothing tells that the one ahead of it is as long as it should be
-        return found, [Finding(code="recording.values_doubtful", part=[*found][-1], evidence=evidence)]
-    return found, [Finding(code="recording.variables_damaged", value=len(damage), evidence=evidence)]
+    return found, [one for one in results if isinstance(one, str)]
 
 
 def _apart(path: Path, part: Part, more: int) -> list[dict[str, Any] | str]:
@@ -152,6 +133,8 @@ def _parts_v5(file: IO[bytes], size: int) -> Iterator[Part]:
     """Yield the variables of a file of version 5, whose elements tell how long they are."""
     file.seek(0)
     head = file.read(V5.HEADER)
+    if size < V5.HEADER:
+        yield Part(0, V5.HEADER, b"")
     order = ">" if head[V5.ORDER :] == b"MI" else "<"
     at = V5.HEADER.value
     while at < size:
