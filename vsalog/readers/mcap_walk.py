@@ -125,6 +125,17 @@ class Walk:
                 yield kind, content, position
             position += _HEAD.size + length
 
+    def heads(self) -> Iterator[tuple[int, int, int]]:
+        """Yield kinds, beginnings and ends of the records of the data section, unread, up to its end or to damage."""
+        position = len(MAGIC)
+        while True:
+            kind, length = self._head(position)
+            if kind in (-1, Opcode.FOOTER, Opcode.DATA_END):
+                return
+            end = position + _HEAD.size + length
+            yield kind, position, end
+            position = end
+
     def findings(self) -> list[Finding]:
         """Return what was damaged."""
         found = walk_findings(self.skipped, self.cut)

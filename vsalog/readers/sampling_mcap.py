@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -18,7 +17,7 @@ from vsalog.readers.concatenated_files import opened_mcap
 from vsalog.readers.limits import MOST_STEPS
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.mcap_summary import summary_records
-from vsalog.readers.mcap_walk import MAGIC
+from vsalog.readers.mcap_walk import MAGIC, Walk
 from vsalog.readers.sampling_pieces import Cut, Piece, chosen_pieces, copy_pieces
 
 _HEAD = struct.Struct("<BQ")
@@ -89,45 +88,29 @@ def _by_summary(log: McapContainer, file: IO[bytes]) -> _Plan | None:
         for number, channel in log.channels.items()
         if topics[channel.topic] == 1
     }
-    header = [piece for _, piece in islice(record_heads(file), 1)]
+    header = [Piece(at, end - at) for _, at, end in islice(Walk(file, verify=False).heads(), 1)]
     return _Plan(sorted(chunks), [*header, *metadata], b"".join(definitions), totals)
 
 
 def _by_walk(file: IO[bytes]) -> _Plan:
     """Plan by the heads of the records, as far as they are sound."""
     plan = _Plan([], [], b"", {})
-    for _, (kind, piece) in zip(range(MOST_STEPS), record_heads(file), strict=False):
+    for kind, at, end in islice(Walk(file, verify=False).heads(), MOST_STEPS):
         if kind == Opcode.CHUNK:
-            plan.chunks.append(piece)
-        elif piece.position == len(MAGIC) or kind in (*_DEFINITIONS, Opcode.METADATA):
-            plan.others.append(piece)
+            plan.chunks.append(Piece(at, end - at))
+        elif at == len(MAGIC) or kind in (*_DEFINITIONS, Opcode.METADATA):
+            plan.others.append(Piece(at, end - at))
     return plan
 
 
 def _beginning(file: IO[bytes], budget: int) -> Piece:
     """Return the first records, of about `budget` bytes."""
     end = len(MAGIC)
-    for _, piece in record_heads(file):
+    for _, _, following in Walk(file, verify=False).heads():
         if end > budget:
             break
-        end = piece.position + piece.size
+        end = following
     return Piece(len(MAGIC), end - len(MAGIC))
-
-
-def record_heads(file: IO[bytes]) -> Iterator[tuple[int, Piece]]:
-    """Yield kind and place of the records of the data section without reading them, up to its end or to damage."""
-    size, position = file.seek(0, 2), len(MAGIC)
-    while True:
-        file.seek(position)
-        head = file.read(_HEAD.size)
-        if len(head) < _HEAD.size:
-            return
-        kind, length = _HEAD.unpack(head)
-        end = position + _HEAD.size + length
-        if kind in (0, Opcode.FOOTER, Opcode.DATA_END) or end > size:
-            return
-        yield kind, Piece(position, end - position)
-        position = end
 
 
 def _is(file: IO[bytes], piece: Piece, kind: int) -> bool:
