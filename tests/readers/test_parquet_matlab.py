@@ -589,3 +589,30 @@ def test_a_footer_that_lies_about_a_page(tmp_path):
     finally:
         pa.set_memory_pool(own)
     assert 0 < pool.max_memory() < 2**24
+
+
+@pytest.mark.parametrize("rows", [100, 20_000])
+def test_a_row_group_that_is_not_held_is_read_as_one_that_is(tmp_path, monkeypatch, rows):
+    path = parquet(tmp_path, {name: pa.array(values) for name, values in columns(rows).items()}, row_group_size=15_000)
+    whole = read(path)
+    monkeypatch.setattr("vsalog.readers.parquet_rows.ParquetRows._table", lambda *_: None)
+    apart = read(path)
+    assert apart.findings == whole.findings == ()
+    for name, channel in whole.channels.items():
+        np.testing.assert_array_equal(apart.channel(name).values, channel.values)
+        np.testing.assert_array_equal(apart.channel(name).stamps, channel.stamps)
+
+
+def test_rows_that_nobody_has_are_refused(tmp_path):
+    """A footer may count as many as it likes; none is made up."""
+    path = parquet(tmp_path, {"time": pa.array([0.0, 1.0]), "x": pa.array([1.0, 2.0])}, store_schema=False)
+    raw = path.read_bytes()
+    at = len(raw) - 8 - int.from_bytes(raw[-8:-4], "little")
+    counts = [k for k in range(at, len(raw) - 8) if raw[k : k + 2] == b"\x16\x04"]  # an integer of 64 bits, 2
+    footer = raw[at:-8]
+    for k in reversed(counts):
+        footer = footer[: k - at + 1] + varint(2**40) + footer[k - at + 2 :]
+    path.write_bytes(raw[:at] + footer + len(footer).to_bytes(4, "little") + b"PAR1")
+    assert pq.ParquetFile(path).metadata.row_group(0).num_rows == 2**40
+    with pytest.raises(ReadError, match="announces"):
+        read(path)
