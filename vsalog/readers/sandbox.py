@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import select
 import signal
@@ -80,6 +81,7 @@ def _in_a_copy(work: Callable[[], Any], more: int, answer: IO[bytes]) -> None:
 def _be_copy(work: Callable[[], Any], more: int, answer: IO[bytes]) -> NoReturn:
     """Do the work, and end without what a process does at its end; nothing that libraries say reaches the terminal."""
     try:
+        faulthandler.disable()
         nowhere = os.open(os.devnull, os.O_WRONLY)
         for stream in (1, 2):
             os.dup2(nowhere, stream)
