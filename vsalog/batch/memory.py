@@ -83,12 +83,12 @@ def free() -> int:
     return max(BASE, usable_memory())
 
 
-def resident(process: int) -> int | None:
-    """Return the bytes of memory that a process holds; None where the system does not say."""
+def resident() -> int:
+    """Return the bytes of memory that this process holds; 0 where the system does not say."""
     with suppress(OSError, ValueError, IndexError, AttributeError):
-        pages = int(Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1])
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE")
-    return None
+    return 0
 
 
 def cores() -> int:

@@ -147,12 +147,18 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):
-    """What a worker answers: a record, whether it was there before, and whether it lies there now; or why none can be written."""
+    """What a worker answers: a record, whether it was there before, and whether it lies there now; or why none can be written.
+
+    Attributes
+    ----------
+    resident : memory that the worker's process holds [bytes]
+    """
 
     record: Record | None = None
     kept: bool = False
     written: bool = False
     stop: str = ""
+    resident: int = 0
 
 
 def failed(log: Log, settings: Settings, kind: Kind, reason: str, vsalog: str, seconds: float = 0.0) -> Record:

@@ -13,6 +13,7 @@ from typing import Any
 import msgspec
 
 from vsalog._version import __version__
+from vsalog.batch.memory import resident
 from vsalog.batch.names import shown
 from vsalog.batch.one_log import Result, check, run_one
 from vsalog.batch.record_files import MANIFEST, read_record, whole, write_record
@@ -61,7 +62,7 @@ def do(task: Task) -> Answer:
             write_record(store, record)
     except StoreError as error:
         return Answer(stop=str(error))
-    return Answer(record=record, kept=kept, written=True)
+    return Answer(record=record, kept=kept, written=True, resident=resident())
 
 
 def _done(task: Task, store: Store, start: float) -> tuple[Record, bool]:
