@@ -24,7 +24,7 @@ def play(monkeypatch, tmp_path):
     monkeypatch.setattr(pool, "prepare", load_nothing)
 
     def play(*names, jobs=2, bound=10**12, timeout=None, size=1000):
-        logs = [Log(name=n, where=os.fsencode(tmp_path / n), remote=False, size=size) for n in names]
+        logs = [Log(name=n, where=os.fsencode(tmp_path / n), size=size) for n in names]
         tasks = [Task(log=log, settings=Settings(), out=b"", vsalog="", keep=False) for log in logs]
         with pool.Pool(jobs, bound, timeout) as workers:
             return {task.log.name: answer.record for task, answer in workers.run(tasks)}
@@ -89,7 +89,7 @@ def test_one_log_is_done_alone_first_where_nothing_is_compiled(play, monkeypatch
 
 
 def test_memory_bounds_what_goes_on_at_a_time(play):
-    need = expected(Log(name="", where=b"", remote=False, size=10**8), Settings())
+    need = expected(Log(name="", where=b"", size=10**8), Settings())
     assert most_at_once(play(*"abcdefghijkl", jobs=3, bound=int(2.2 * need), size=10**8)) == 2
     assert most_at_once(play(*"abcdefgh", jobs=3, bound=int(1.5 * need), size=10**8)) == 1
     records = play("a", "b", bound=need - 1, size=10**8)
@@ -132,7 +132,7 @@ def test_long_logs_need_no_more_than_what_is_held_in_memory():
     """But MATLAB's, which are read as a whole; told by where they lie, since a name may have been cut."""
 
     def need(where, size, **options):
-        return expected(Log(name="…-1a2b3c", where=where, remote=False, size=size), Settings(**options))
+        return expected(Log(name="…-1a2b3c", where=where, size=size), Settings(**options))
 
     assert need(b"x.mcap", 10**11) == need(b"x.mcap", 10**12) < 1.5e9
     assert need(b"x.mcap", 10**11, report=True) == need(b"x.mcap", 10**12, report=True) < 4.1e9
@@ -147,7 +147,7 @@ from vsalog.batch.records import Log, Settings, Task
 from work_by_name import do_by_name
 
 pool.do_task = do_by_name
-log = Log(name="endless", where=b"", remote=False, size=1)
+log = Log(name="endless", where=b"", size=1)
 with pool.Pool(2, 10**12) as workers:
     workers.check(Settings())
     print(*(child.pid for child in multiprocessing.active_children()), flush=True)

@@ -10,7 +10,7 @@ from vsalog.batch.records import Answer, Log
 def test_a_line_is_printed_after_half_a_minute(monkeypatch, capsys, seconds, lines):
     now = [0.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
-    logs = [Log(name=f"{k}.csv", where=b"", remote=False, size=1) for k in range(2)]
+    logs = [Log(name=f"{k}.csv", where=b"", size=1) for k in range(2)]
     shown = progress.Shown()
     shown.begin(logs)
     now[0] = seconds

@@ -22,13 +22,11 @@ class Log(msgspec.Struct, frozen=True, kw_only=True):
     ----------
     name : relative to what all logs have in common, as text; the value of the data set's partition ``log``
     where : path or address, as bytes because a path need not be text
-    remote : whether `where` is an address
     size : bytes; of a folder, of its files
     """
 
     name: str
     where: bytes
-    remote: bool
     size: int
 
 

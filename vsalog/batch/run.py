@@ -7,7 +7,6 @@ import re
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Protocol
 
 import msgspec
@@ -15,13 +14,12 @@ import msgspec
 from vsalog._version import __version__
 from vsalog.batch import index_page, memory, summary
 from vsalog.batch.cluster import Cluster
-from vsalog.batch.lock import locked, one_after_the_other
-from vsalog.batch.plan import make_plan
-from vsalog.batch.planned import Plan
+from vsalog.batch.lock import locked
+from vsalog.batch.plan import Plan, make_plan
 from vsalog.batch.pool import Pool
 from vsalog.batch.record_files import MANIFEST, RECORDS, parsed, record_name, write_record
 from vsalog.batch.records import VERSION, Answer, Do, Log, Record, Settings, Task
-from vsalog.batch.storage import LocalStore, Store, StoreError, is_address, open_store
+from vsalog.batch.storage import Store, StoreError
 from vsalog.core.errors import BatchError
 from vsalog.core.printable import plural
 
@@ -131,12 +129,10 @@ def run_batch(asked: Asked, watch: Watch) -> Outcome:
     plan = whole_plan if asked.shard is None else whole_plan.shard(*asked.shard)
     for note in plan.notes:
         watch.say(note)
-    store = open_store(asked.out)
+    store = Store(asked.out)
     _check_place(store, asked)
     with _executor(asked, watch, len(plan.logs)) as executor:
         executor.check(asked.settings)
-        if isinstance(store, LocalStore):
-            _make(store)
         with locked(store, asked.shard):
             # Once more: somebody may have been faster.
             before = _check_place(store, asked)
@@ -144,8 +140,7 @@ def run_batch(asked: Asked, watch: Watch) -> Outcome:
                 store.clear_scratch()
             _begin(store, asked, before, watch)
             records, outcome = _work(executor, store, plan, asked, watch)
-            with one_after_the_other(store):
-                _finish(store, whole_plan, records, asked, outcome, watch)
+            _finish(store, whole_plan, records, asked, outcome, watch)
     outcome.seconds = time.perf_counter() - start
     outcome.where = store.shown
     return outcome
@@ -156,13 +151,6 @@ def _executor(asked: Asked, watch: Watch, logs: int) -> Pool | Cluster:
         return Cluster(asked.scheduler, watch.say)
     bound = memory.free() if asked.memory is None else asked.memory
     return Pool(min(asked.jobs or memory.cores(), max(logs, 1)), bound, asked.timeout, watch.say)
-
-
-def _make(store: LocalStore) -> None:
-    try:
-        store.root.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StoreError(f"{store.shown}: cannot be made a folder: {error.strerror}") from error
 
 
 def _check_place(store: Store, asked: Asked) -> Manifest | None:
@@ -201,10 +189,8 @@ def _begin(store: Store, asked: Asked, before: Manifest | None, watch: Watch) ->
 def _work(
     executor: Pool | Cluster, store: Store, plan: Plan, asked: Asked, watch: Watch
 ) -> tuple[dict[str, Record], Outcome]:
-    out = asked.out if is_address(asked.out) else str(Path(asked.out).absolute())
-    tasks = [
-        Task(log=log, settings=asked.settings, out=os.fsencode(out), vsalog=__version__, keep=True) for log in plan.logs
-    ]
+    out = os.fsencode(store.address)
+    tasks = [Task(log=log, settings=asked.settings, out=out, vsalog=__version__, keep=True) for log in plan.logs]
     outcome, records = Outcome(planned=len(tasks)), dict[str, Record]()
     watch.begin(plan.logs)
     for task, answer in executor.run(tasks):
@@ -228,9 +214,8 @@ def _work(
 
 def _finish(store: Store, plan: Plan, records: dict[str, Record], asked: Asked, outcome: Outcome, watch: Watch) -> None:
     """Make the table and the page of all records that are there, and remove what none of them names."""
-    planned, mine = {log.name for log in plan.logs}, {record_name(name) for name in records}
-    others = [parsed(store.read(name)) for name in store.files(RECORDS) if name not in mine]
-    everything = records | {r.log: r for r in others if r is not None}
+    planned, everything = {log.name for log in plan.logs}, dict(records)
+    _gather(store, everything)
     if asked.shard is None:
         known = {r.input_sha256 for r in records.values() if r.status == "done"}
         for record in [r for name, r in everything.items() if name not in planned]:
@@ -244,19 +229,35 @@ def _finish(store: Store, plan: Plan, records: dict[str, Record], asked: Asked, 
     outcome.others = len(set(everything) - planned)
     if outcome.others:
         watch.say(f"the data set keeps what {plural(outcome.others, 'log')} of an earlier run left, besides these")
-    ordered = [everything[name] for name in sorted(everything)]
+    _write_overview(store, everything, asked.settings.do)
+    if asked.shard is None:
+        # A worker that was killed on the way could not do this for itself.
+        store.clear_scratch()
+    else:
+        # Of shares that end at the same time the last to write need not be the last that looked.
+        while _gather(store, everything):
+            _write_overview(store, everything, asked.settings.do)
+
+
+def _gather(store: Store, records: dict[str, Record]) -> bool:
+    """Add the records of others that are there; tell whether there were any."""
+    names = set(store.files(RECORDS)) - {record_name(log) for log in records}
+    found = {r.log: r for name in sorted(names) if (r := parsed(store.read(name))) is not None}
+    records |= found
+    return bool(found)
+
+
+def _write_overview(store: Store, records: dict[str, Record], do: Do) -> None:
+    ordered = [records[name] for name in sorted(records)]
     with store.scratch() as folder:
         page, table = folder / index_page.NAME, folder / summary.NAME
         try:
-            page.write_text(index_page.index_page(ordered, asked.settings.do), encoding="utf-8")
-            summary.write_summary(ordered, asked.settings.do, table)
+            page.write_text(index_page.index_page(ordered, do), encoding="utf-8")
+            summary.write_summary(ordered, do, table)
         except OSError as error:
             raise StoreError(f"{store.shown}: cannot be written: {error.strerror or error}") from error
         store.put(page, index_page.NAME)
         store.put(table, summary.NAME)
-    if asked.shard is None:
-        # A worker that was killed on the way could not do this for itself.
-        store.clear_scratch()
 
 
 def _sweep(store: Store, records: dict[str, Record]) -> None:

@@ -18,8 +18,7 @@ from vsalog.batch.names import shown
 from vsalog.batch.one_log import Result, check, run_one
 from vsalog.batch.record_files import MANIFEST, read_record, whole, write_record
 from vsalog.batch.records import Answer, Joint, Kind, Log, Output, Record, Settings, Task, failed
-from vsalog.batch.remote_plan import fetched
-from vsalog.batch.storage import Store, StoreError, open_store
+from vsalog.batch.storage import Store, StoreError, fetched
 from vsalog.core.errors import VsalogError, WriteError
 from vsalog.estimation.job import sha256
 from vsalog.rig.find import rig_beside
@@ -54,7 +53,7 @@ def do(task: Task) -> Answer:
     if task.vsalog != __version__:
         return Answer(stop=f"this worker has vsalog {__version__}, but {task.vsalog} was asked for")
     try:
-        store = open_store(os.fsdecode(task.out))
+        store = Store(os.fsdecode(task.out))
         if store.size(MANIFEST) is None:
             return Answer(stop=f"{store.shown}: is not seen by this worker; name a place that all machines share")
         record, kept = _done(task, store, start)

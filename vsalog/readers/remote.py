@@ -35,7 +35,7 @@ def local(path: Path) -> Path:
     Raises
     ------
     ReadError
-        The package fsspec, or what it needs for such an address, is not installed; nothing is there; or it cannot be downloaded.
+        What such an address needs is not installed; nothing is there; or it cannot be downloaded.
     """
     return _fetched(str(path)) if is_address(path) else path
 
@@ -44,12 +44,8 @@ def local(path: Path) -> Path:
 def _fetched(text: str) -> Path:
     protocol, slashes, rest = _ADDRESS.fullmatch(text).groups()  # type: ignore[union-attr]
     address = f"{protocol}:{slashes if len(slashes) > 2 else '//'}{rest}"
-    try:
-        import fsspec
-    except ImportError:
-        raise ReadError(
-            f"{text}: is an address, for which fsspec is needed: pip install 'vsalog[remote]'; or download the log"
-        ) from None
+    import fsspec
+
     name = re.sub(r"[?#].*", "", rest).rstrip("/").rpartition("/")[2] or "log"
     folder = tempfile.TemporaryDirectory(prefix="vsalog-")
     _folders.append(folder)
