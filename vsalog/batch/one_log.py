@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from vsalog.batch.dataset import DatasetWriter, trace_name
+from vsalog.batch.dataset import PART, day, in_dataset, trace_name
 from vsalog.batch.figures import of_diagnosis, of_estimate, of_validation
 from vsalog.batch.names import device_name, encoded
 from vsalog.batch.records import Joint, Log, Settings
@@ -108,7 +108,7 @@ def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
     result, name = Result(), encoded(log.name)
     model, page, plain = scratch / "model.toml", scratch / "estimate.html", scratch / "plain.parquet"
     with ExitStack() as stack:
-        traces = stack.enter_context(DatasetWriter(scratch / "part.parquet", provenance))
+        traces = stack.enter_context(TraceWriter(scratch / PART, provenance, in_dataset))
         sinks: list[Callable[[Trace], None]] = [traces.write]
         if settings.report:
             # The page reads columns back from a trace as `estimate` writes it.
@@ -124,7 +124,7 @@ def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
         write_estimate_page(page, job, plain, estimates, provenance)
         result.files["report"] = (page, f"reports/{name}/estimate.html")
     write_text(model, job.model_file(estimates, provenance).to_toml())
-    result.device, result.date = _device(job.rig), traces.date
+    result.device, result.date = _device(job.rig), day(traces.path)
     result.files["trace"] = (traces.path, trace_name(result.device, result.date, log.name))
     result.files["model"] = (model, f"models/{name}.model.toml")
     result.joints = tuple(of_estimate(job, e) for e in estimates)
