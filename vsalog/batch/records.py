@@ -7,6 +7,12 @@ from typing import Any, Literal
 
 import msgspec
 
+from vsalog.batch.names import encoded
+from vsalog.batch.storage import Store
+
+# What a batch is, in its folder; it is there before the first log is begun.
+MANIFEST = "batch.json"
+RECORDS = "records"
 VERSION = 1
 """Of the layout of a batch's folder and records."""
 
@@ -126,7 +132,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
     version: int = VERSION
     log: str
     do: Do
-    status: Literal["done", "failed"]
+    status: Literal["done", "failed"] = "done"
     kind: Kind = ""
     reason: str = ""
     key: str = ""
@@ -159,15 +165,35 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     resident: int = 0
 
 
-def failed(log: Log, settings: Settings, kind: Kind, reason: str, vsalog: str, seconds: float = 0.0) -> Record:
-    """Return the record of a log that could not be done."""
-    return Record(
-        log=log.name,
-        do=settings.do,
-        status="failed",
-        kind=kind,
-        reason=reason,
-        vsalog=vsalog,
-        input_bytes=log.size,
-        run_seconds=seconds,
-    )
+def record_of(log: Log, settings: Settings, vsalog: str, **fields: Any) -> Record:
+    """Return a log's record: what the plan says of it, and fields by name as they come from outside."""
+    known = {"log": log.name, "do": settings.do, "vsalog": vsalog, "input_bytes": log.size}
+    return msgspec.convert(known | fields, Record)
+
+
+def failed(log: Log, settings: Settings, kind: Kind, reason: str, vsalog: str) -> Record:
+    """Return the record of a log that nobody could do."""
+    return record_of(log, settings, vsalog, status="failed", kind=kind, reason=reason)
+
+
+def record_name(log: str) -> str:
+    """Return where a log's record lies in the batch."""
+    return f"{RECORDS}/{encoded(log)}.json"
+
+
+def write_record(store: Store, record: Record) -> None:
+    """Write a record, in a file of its own: from now on its log is finished."""
+    store.write(record_name(record.log), msgspec.json.format(msgspec.json.encode(record)) + b"\n")
+
+
+def read_record(store: Store, name: str) -> Record | None:
+    """Return the record in a file; None where there is none, or none that can be read."""
+    try:
+        return msgspec.json.decode(store.read(name) or b"", type=Record)
+    except msgspec.DecodeError:
+        return None
+
+
+def whole(record: Record, store: Store) -> bool:
+    """Tell whether a log is finished, and its files are as they were written."""
+    return record.status == "done" and all(store.size(o.name) == o.size for o in record.outputs.values())

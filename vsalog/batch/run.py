@@ -17,8 +17,20 @@ from vsalog.batch.cluster import Cluster
 from vsalog.batch.lock import locked
 from vsalog.batch.plan import Plan, make_plan
 from vsalog.batch.pool import Pool
-from vsalog.batch.record_files import MANIFEST, RECORDS, parsed, record_name, write_record
-from vsalog.batch.records import VERSION, Answer, Do, Log, Record, Settings, Task
+from vsalog.batch.records import (
+    MANIFEST,
+    RECORDS,
+    VERSION,
+    Answer,
+    Do,
+    Log,
+    Record,
+    Settings,
+    Task,
+    read_record,
+    record_name,
+    write_record,
+)
 from vsalog.batch.storage import Store, StoreError
 from vsalog.core.errors import BatchError
 from vsalog.core.printable import plural
@@ -242,7 +254,7 @@ def _finish(store: Store, plan: Plan, records: dict[str, Record], asked: Asked, 
 def _gather(store: Store, records: dict[str, Record]) -> bool:
     """Add the records of others that are there; tell whether there were any."""
     names = set(store.files(RECORDS)) - {record_name(log) for log in records}
-    found = {r.log: r for name in sorted(names) if (r := parsed(store.read(name))) is not None}
+    found = {r.log: r for name in sorted(names) if (r := read_record(store, name)) is not None}
     records |= found
     return bool(found)
 

@@ -15,7 +15,6 @@ import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
 from vsalog.batch.names import encoded, shown
-from vsalog.batch.records import Log
 from vsalog.core.errors import BatchError, ReadError
 
 # Files that are being written: next to the data set and not in it, since readers take all files of a data set for data.
@@ -184,15 +183,20 @@ class Store:
 
 
 @contextmanager
-def fetched(log: Log) -> Iterator[Path]:
+def fetched(where: str, log: str) -> Iterator[Path]:
     """Give a log as a path here: its own, or that of a copy, with the rigs that lie next to it, while the context lasts.
+
+    Parameters
+    ----------
+    where : path or address
+    log : its name in the batch
 
     Raises
     ------
     ReadError
         It cannot be fetched.
     """
-    system, path = file_system(os.fsdecode(log.where))
+    system, path = file_system(where)
     if is_local(system):
         yield Path(path)
         return
@@ -200,7 +204,7 @@ def fetched(log: Log) -> Iterator[Path]:
         above, _, name = path.rpartition("/")
         # The name is only ever one of a file in this folder, whatever the store calls the object.
         plain = name not in ("", ".", "..") and "\0" not in name and len(os.fsencode(name)) < 250
-        target = Path(folder) / (name if plain else encoded(log.name))
+        target = Path(folder) / (name if plain else encoded(log))
         try:
             if system.isfile(path):
                 system.get_file(path, str(target))
@@ -210,7 +214,7 @@ def fetched(log: Log) -> Iterator[Path]:
             else:
                 _fetch_folder(system, path, target)
         except Exception as error:
-            raise ReadError(f"{log.name}: cannot be fetched: {type(error).__name__}: {error}") from error
+            raise ReadError(f"{log}: cannot be fetched: {type(error).__name__}: {error}") from error
         yield target
 
 
