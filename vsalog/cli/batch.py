@@ -106,7 +106,8 @@ def batch(
     """
     from vsalog.batch.memory import parse_size
     from vsalog.batch.options import settings_of
-    from vsalog.batch.progress import Shown, print_json, print_outcome
+    from vsalog.batch.outcome import print_outcome
+    from vsalog.batch.progress import Shown
     from vsalog.batch.run import Asked, run_batch
     from vsalog.core.printable import plural
 
@@ -156,5 +157,5 @@ def batch(
                 f"vsalog: interrupted; {plural(shown.done, 'log')} finished, and the same command with --resume goes on"
             )
             context.exit(130)
-    (print_json if as_json else print_outcome)(outcome, asked.settings.do)
+    print_outcome(outcome, asked.settings.do, as_json)
     context.exit(outcome.code)
