@@ -114,6 +114,11 @@ def test_a_worker_that_dies_while_it_starts_is_replaced(play, monkeypatch, tmp_p
     assert {r.status for r in play(*"abcd", jobs=jobs).values()} == {"done"}
 
 
+def test_a_share_without_logs_is_done(play, monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert play() == {}
+
+
 def leave():
     os._exit(7)
 

@@ -7,7 +7,6 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -90,18 +89,23 @@ class Pool:
 
         Where nothing is compiled yet, one after the other is done alone until loops are compiled, or each worker had one.
         """
+        jobs = [_Job(task, expected(task.log, task.settings)) for task in tasks]
+        for job in jobs:
+            if job.need > self.memory:
+                what = f"a log of {size_text(job.task.log.size)} is expected to need {size_text(job.need)} of memory"
+                advice = "give more with --memory, or do a part with --start and --end"
+                reason = f"{what}, and {size_text(self.memory)} are allowed: {advice}"
+                yield job.task, _failure(job, "memory", reason)
         # From the large ones down, so that the last ones end together.
-        waiting = sorted(
-            (_Job(t, expected(t.log, t.settings)) for t in tasks), key=lambda j: (-j.need, j.task.log.name)
-        )
+        waiting = [job for job in jobs if job.need <= self.memory]
+        waiting.sort(key=lambda job: (-job.need, job.task.log.name))
         alone = 0
-        if not compiled():
+        if waiting and not compiled():
             self.say("first run: compiling the numerical loops takes a few seconds …")
             alone = min(self.jobs, len(waiting))
             # Of ordinary size, for the smallest ones may be stumps.
             waiting.insert(0, waiting.pop(3 * len(waiting) // 4))
         while waiting or self._busy:
-            yield from self._refused(waiting)
             self._hand_out(waiting, 1 if alone else self.jobs)
             for future in self._done():
                 job, worker = self._busy.pop(future)
@@ -114,33 +118,28 @@ class Pool:
                 alone = 0 if done else max(alone - 1, 0)
                 yield job.task, answer
 
-    def _refused(self, waiting: list[_Job]) -> Iterator[tuple[Task, Answer]]:
-        """Give back what would not fit if it were alone."""
-        for job in [job for job in waiting if job.need > self.memory]:
-            waiting.remove(job)
-            what = f"a log of {size_text(job.task.log.size)} is expected to need {size_text(job.need)} of memory"
-            advice = "give more with --memory, or do a part with --start and --end"
-            yield job.task, _failure(job, "memory", f"{what}, and {size_text(self.memory)} are allowed: {advice}")
-
     def _hand_out(self, waiting: list[_Job], most: int) -> None:
-        """Give logs to workers as long as their expected needs fit; a log that somebody died of gets all to itself."""
-        for job in list(waiting):
-            busy = [other for other, _ in self._busy.values()]
-            if len(busy) >= most or any(other.deaths for other in busy):
-                return
-            left = self.memory - sum(other.need for other in busy) - job.need
-            if left < 0 or (job.deaths and busy):
-                continue
-            spare = max(1, 1 + left // BASE)
+        """Give logs to workers as long as their expected needs fit."""
+        while (job := self._next(waiting, most)) is not None:
+            waiting.remove(job)
+            left = self.memory - job.need - sum(other.need for other, _ in self._busy.values())
+            spare = 1 + max(left, 0) // BASE
             _end(self._idle[spare:])
             del self._idle[spare:]
             worker = self._idle.pop() if self._idle else _started()
             if not worker.active:  # it died while it waited
                 _end([worker])
                 worker = _started()
-            waiting.remove(job)
             future = worker.schedule(do_task, (msgspec.json.encode(job.task),), timeout=self.timeout)
             self._busy[future] = job, worker
+
+    def _next(self, waiting: list[_Job], most: int) -> _Job | None:
+        """Return the first log that may begin; one that somebody died of gets all to itself."""
+        busy = [job for job, _ in self._busy.values()]
+        if len(busy) >= most or any(job.deaths for job in busy):
+            return None
+        left = self.memory - sum(job.need for job in busy)
+        return next((job for job in waiting if job.need <= left and not (job.deaths and busy)), None)
 
     def _done(self) -> list[Future[bytes]]:
         """Wait until somebody is done, or died."""
@@ -175,9 +174,17 @@ def compiled() -> bool:
 
 
 def _started() -> Worker:
+    """Start a worker that a terminal's Ctrl-C does not reach, nor its threads here: who waits for it decides what ends when."""
     worker = ProcessPool(1, initializer=prepare, context=multiprocessing.get_context("spawn"))
-    with _without_interrupts():
+    # It would let signals through again while it is started itself.
+    resource_tracker.ensure_running()
+    masked = hasattr(signal, "pthread_sigmask")
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masked else set()
+    try:
         assert worker.active
+    finally:
+        if masked:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
     return worker
 
 
@@ -196,23 +203,5 @@ def _ended(code: int) -> str:
     """Say how a process ended."""
     if code >= 0:
         return f"ended with code {code}"
-    try:
-        name = signal.Signals(-code).name
-    except ValueError:
-        name = f"signal {-code}"
-    return f"was ended by {name}" + (" (out of memory?)" if name == "SIGKILL" else "")
-
-
-@contextmanager
-def _without_interrupts() -> Iterator[None]:
-    """Start threads and processes that a terminal's Ctrl-C does not reach; one that comes meanwhile is ours afterwards."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    # It would let signals through again while it is started itself.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    name = "SIGKILL (out of memory?)" if code == -signal.SIGKILL else signal.strsignal(-code)
+    return f"was ended by {name}"
