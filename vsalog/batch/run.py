@@ -6,6 +6,8 @@ import os
 import re
 import time
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -30,8 +32,10 @@ from vsalog.batch.records import (
     write_record,
 )
 from vsalog.batch.storage import Store, StoreError
-from vsalog.core.errors import BatchError
+from vsalog.core.documents import read_text
+from vsalog.core.errors import BatchError, ReadError
 from vsalog.core.printable import plural
+from vsalog.rig import Rig
 
 # Files of a batch that may be removed when no record names them; nobody else's ever are.
 _WRITTEN = re.compile(
@@ -72,6 +76,33 @@ class Asked:
     memory: int | None = None
     timeout: float | None = None
     scheduler: str | None = None
+
+
+def settings_of(do: str, rig: str | None, model: Path | None, **others: Any) -> Settings:
+    """Return the settings, with rig and model read: whoever does the work need not have the files.
+
+    Parameters
+    ----------
+    do : the command that is run
+    rig : file or preset; None where each log's own is looked for
+    model : of `validate`
+    others : as they stand in `Settings`
+
+    Raises
+    ------
+    VsalogError
+        A file cannot be read, or is not what it should be.
+    """
+    loaded = None if rig is None else Rig.load(rig)
+    text = None if model is None else read_text(model, "model file", ReadError, most=None)
+    return Settings(
+        do=do,  # type: ignore[arg-type]
+        rig=None if loaded is None else loaded.to_toml(),
+        rig_name="" if loaded is None else loaded.where,
+        model=text,
+        model_name="" if model is None else model.name.encode("utf-8", "replace").decode(),
+        **others,
+    )
 
 
 def run_batch(asked: Asked, shown: Shown) -> Outcome:

@@ -14,8 +14,8 @@ from typing import Any
 import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
-from vsalog.batch.names import encoded, shown
-from vsalog.core.errors import BatchError, ReadError
+from vsalog.batch.names import shown
+from vsalog.core.errors import BatchError
 
 # Files that are being written: next to the data set and not in it, since readers take all files of a data set for data.
 SCRATCH = ".scratch"
@@ -180,50 +180,3 @@ class Store:
     def empty(self) -> bool:
         """Tell whether nothing is there but what a run leaves that was killed before it began."""
         return all(name.startswith((SCRATCH, LOCK)) for name in self.names())
-
-
-@contextmanager
-def fetched(where: str, log: str) -> Iterator[Path]:
-    """Give a log as a path here: its own, or that of a copy, with the rigs that lie next to it, while the context lasts.
-
-    Parameters
-    ----------
-    where : path or address
-    log : its name in the batch
-
-    Raises
-    ------
-    ReadError
-        It cannot be fetched.
-    """
-    system, path = file_system(where)
-    if is_local(system):
-        yield Path(path)
-        return
-    with tempfile.TemporaryDirectory(prefix="vsalog-") as folder:
-        above, _, name = path.rpartition("/")
-        # The name is only ever one of a file in this folder, whatever the store calls the object.
-        plain = name not in ("", ".", "..") and "\0" not in name and len(os.fsencode(name)) < 250
-        target = Path(folder) / (name if plain else encoded(log))
-        try:
-            if system.isfile(path):
-                system.get_file(path, str(target))
-                for rig in (f"{Path(name).stem}.rig.toml", "rig.toml"):
-                    with suppress(FileNotFoundError):
-                        system.get_file(f"{above}/{rig}", str(target.with_name(rig)))
-            else:
-                _fetch_folder(system, path, target)
-        except Exception as error:
-            raise ReadError(f"{log}: cannot be fetched: {type(error).__name__}: {error}") from error
-        yield target
-
-
-def _fetch_folder(system: Any, path: str, target: Path) -> None:
-    target.mkdir()
-    parts = system.ls(path, detail=True)
-    if not parts:
-        raise FileNotFoundError(path)
-    for part in parts:
-        name = part["name"].rsplit("/", 1)[-1]
-        if part["type"] == "file" and name not in ("", ".", ".."):
-            system.get_file(part["name"], str(target / name))

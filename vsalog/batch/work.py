@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import os
+import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +32,10 @@ from vsalog.batch.records import (
     whole,
     write_record,
 )
-from vsalog.batch.storage import Store, StoreError, fetched
+from vsalog.batch.storage import Store, StoreError, file_system, is_address
 from vsalog.core.errors import VsalogError, WriteError
 from vsalog.estimation.job import sha256
+from vsalog.readers.remote import download
 from vsalog.rig.find import rig_beside
 
 
@@ -79,7 +83,7 @@ def _done(task: Task, store: Store) -> tuple[Record, bool]:
         return record_of(log, task.settings, __version__, **fields), False
 
     try:
-        with fetched(os.fsdecode(log.where), log.name) as path:
+        with _here(log) as path:
             before = read_record(store, record_name(log.name)) if task.keep else None
             if before is not None and whole(before, store) and before.key == _key(task, path, sha256(path)):
                 return before, True
@@ -97,6 +101,23 @@ def _done(task: Task, store: Store) -> tuple[Record, bool]:
     except Exception as error:
         # A hostile log may reach any bug of ours or of a library; the others must not suffer from that.
         return gone("bug", f"this is a bug in vsalog, not in your log: {type(error).__name__}: {error}")
+
+
+@contextmanager
+def _here(log: Log) -> Iterator[Path]:
+    """Give a log as a path here: its own, or that of a copy, with the rigs that lie next to it, while the context lasts."""
+    where = os.fsdecode(log.where)
+    if not is_address(where):
+        yield Path(where)
+        return
+    with tempfile.TemporaryDirectory(prefix="vsalog-") as folder:
+        path = download(where, log.name, Path(folder))
+        system, origin = file_system(where)
+        for rig in (f"{path.stem}.rig.toml", "rig.toml"):
+            beside = f"{origin.rpartition('/')[0]}/{rig}"
+            if system.isfile(beside):
+                system.get_file(beside, str(path.with_name(rig)))
+        yield path
 
 
 def _fresh(task: Task, store: Store, path: Path, start: float) -> Record:
