@@ -15,10 +15,9 @@ from vsalog._version import __version__
 from vsalog.batch import index_page, memory, summary
 from vsalog.batch.cluster import Cluster
 from vsalog.batch.lock import locked
-from vsalog.batch.outcome import Outcome
 from vsalog.batch.plan import Plan, make_plan
 from vsalog.batch.pool import Pool
-from vsalog.batch.progress import Shown
+from vsalog.batch.progress import Outcome, Shown
 from vsalog.batch.records import (
     MANIFEST,
     RECORDS,

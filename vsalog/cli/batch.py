@@ -105,8 +105,7 @@ def batch(
     go on, and the exit code is 2. A run that was killed goes on with --resume.
     """
     from vsalog.batch.memory import parse_size
-    from vsalog.batch.outcome import print_outcome
-    from vsalog.batch.progress import Shown
+    from vsalog.batch.progress import Shown, print_outcome
     from vsalog.batch.run import Asked, run_batch, settings_of
     from vsalog.core.printable import plural
 
