@@ -50,20 +50,23 @@ class Watching:
     """A watch that remembers."""
 
     def __init__(self):
-        self.said, self.answers = [], {}
+        self.said = []
 
     def say(self, text):
         self.said.append(text)
 
-    def begin(self, logs):
-        self.planned = [log.name for log in logs]
+    def begin(self, sizes):
+        self.planned = len(sizes)
 
-    def add(self, log, answer):
-        self.answers[log.name] = answer
+    def add(self, size, kept, failure):
+        pass
 
 
 class Here:
-    """Does tasks in this process; like a pool, it has nothing but JSON from outside. `before` is called with each task."""
+    """Does tasks in this process; like a pool, it has nothing but JSON from outside.
+
+    `before` is called with each task; `answers` are those of the last run.
+    """
 
     before = staticmethod(lambda task: None)
 
@@ -78,9 +81,11 @@ class Here:
             raise BatchError(said)
 
     def run(self, tasks):
+        self.answers = {}
         for task in tasks:
             self.before(task)
-            yield task, msgspec.json.decode(do_json(msgspec.json.encode(task)), type=Answer)
+            answer = self.answers[task.log.name] = msgspec.json.decode(do_json(msgspec.json.encode(task)), type=Answer)
+            yield task, answer
 
 
 def do_batch(*logs, out, resume=False, shard=None, settings=None):

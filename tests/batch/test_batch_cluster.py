@@ -62,9 +62,11 @@ def cluster(folder, environment=None):
             for i in range(2)
         ]  # fmt: skip
         deadline = time.monotonic() + 30.0
-        while not (folder / "scheduler.json").exists() and time.monotonic() < deadline:
+        file, said = folder / "scheduler.json", ""
+        while not said.endswith("}") and time.monotonic() < deadline:
             time.sleep(0.05)
-        yield json.loads((folder / "scheduler.json").read_text())["address"], scheduler, workers
+            said = file.read_text().strip() if file.exists() else ""
+        yield json.loads(said)["address"], scheduler, workers
 
 
 def wait_for_records(out, count):

@@ -15,12 +15,13 @@ from batch_bench import Here, do_batch
 
 from vsalog.batch import run as whole_run
 from vsalog.batch.dataset import day, in_dataset
-from vsalog.batch.index_page import index_page
 from vsalog.batch.records import Record, Settings
+from vsalog.batch.summary import page_columns, rows_of
 from vsalog.core.model import ModelFile
 from vsalog.core.trace import Trace
 from vsalog.estimation.job import Options, prepare
 from vsalog.report.estimate_files import Outputs, write_results
+from vsalog.report.page_batch import batch_page
 from vsalog.writers.trace import TraceWriter
 
 PAGE = Path(__file__).parent.parent.parent / "docs" / "batch.md"
@@ -166,6 +167,7 @@ def test_the_page_of_a_huge_batch_stays_small_enough_to_open():
     made = [
         Record(log=f"day/{k:06d}.mcap", do="estimate", status="failed", vsalog="0", reason="x") for k in range(45_000)
     ]
-    page = index_page(made, "estimate")
+    counts = {"done": 0, "failed": 45_000, "missed": 0}
+    page = batch_page("estimate", counts, rows_of(made), page_columns("estimate"))
     assert 5e6 < len(page) < 15e6
     assert "summary.parquet" in page

@@ -12,8 +12,9 @@ import pytest
 from work_by_name import do_by_name, load_nothing
 
 from vsalog.batch import memory, pool
-from vsalog.batch.memory import BASE, expected, parse_size
+from vsalog.batch.memory import BASE, expected
 from vsalog.batch.records import Log, Settings, Task
+from vsalog.cli.batch import parse_size
 from vsalog.core.errors import BatchError
 
 

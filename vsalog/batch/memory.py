@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 import os
-import re
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from vsalog.batch.records import Log, Settings
-from vsalog.core.errors import BatchError
 from vsalog.core.memory import usable_memory
 
 BASE = 330 * 2**20
@@ -39,7 +37,6 @@ NEEDS = {
 }
 WHOLE = b".mat"
 """MATLAB's files are read as a whole."""
-_UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12, "ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
 
 
 def expected(log: Log, settings: Settings) -> int:
@@ -49,28 +46,6 @@ def expected(log: Log, settings: Settings) -> int:
         steps.append(NEEDS["page"])
     whole = log.where.lower().endswith(WHOLE)
     return BASE + round(sum(min(s.per_byte * log.size, math.inf if whole else s.most) for s in steps))
-
-
-def parse_size(text: str) -> int:
-    """Read a size such as 4GB, 512 MiB or 3e9.
-
-    Raises
-    ------
-    BatchError
-        It is none, or too small for a single worker.
-    """
-    match = re.fullmatch(r"\s*([0-9.]+(?:e[0-9]+)?)\s*([kmgt]?i?)b?\s*", text, re.IGNORECASE)
-    size = 0.0
-    if match is not None:
-        with suppress(ValueError):
-            size = float(match[1]) * _UNITS.get(match[2].lower(), 0)
-    if not 0.0 < size < 1e18:
-        raise BatchError(f"--memory: '{text}' is no size; write 4GB or 512MiB")
-    if size < BASE:
-        raise BatchError(
-            f"--memory: {text} is too little: a single worker takes {size_text(BASE)} before it opens a log"
-        )
-    return int(size)
 
 
 def size_text(size: float) -> str:

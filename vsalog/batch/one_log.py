@@ -60,19 +60,19 @@ def check(settings: Settings) -> None:
     VsalogError
         An option is impossible whatever the log.
     """
-    Window.parse(settings.start, settings.end)
+    asked = settings.options
+    Window.parse(asked.get("start"), asked.get("end"))
     if settings.model is not None:
         with tempfile.TemporaryDirectory(prefix="vsalog-") as folder:
             frozen(_model(settings, Path(folder)))
-    rig = _rig(settings)
+    rig, estimator, tune = _rig(settings), asked.get("estimator", "auto"), asked.get("tune", {})
     if rig is not None:
-        rig = rig.with_settings({k: v for k, v in settings.set.items() if k != "setpoint"})
-        joints = pick_joints(rig.joints, settings.joints)
+        rig = rig.with_settings({k: v for k, v in asked.get("set", {}).items() if k != "setpoint"})
+        joints = pick_joints(rig.joints, asked.get("joints", ()))
         if settings.do == "estimate":
-            choose_all(joints, settings.estimator, settings.tune, rig.file)
-    elif settings.do == "estimate" and settings.estimator != "auto":
-        found = method(settings.estimator)
-        read_tuning(found.TUNING, settings.estimator, {k: v for k, v in settings.tune.items() if k != PRESET})
+            choose_all(joints, estimator, tune, rig.file)
+    elif estimator != "auto":
+        read_tuning(method(estimator).TUNING, estimator, {k: v for k, v in tune.items() if k != PRESET})
 
 
 def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
@@ -83,10 +83,7 @@ def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
     VsalogError
         The log is at fault, or a file cannot be written.
     """
-    options = EstimateOptions(
-        rig=_rig(settings), estimator=settings.estimator, tune=settings.tune, **_of_all_commands(settings)
-    )
-    job = prepare([path], options)
+    job = prepare([path], EstimateOptions(rig=_rig(settings), **settings.options))
     provenance, name = job.provenance(), encoded(log.name)
     trace, model, page = scratch / PART, scratch / "model.toml", scratch / "estimate.html"
     with ExitStack() as stack:
@@ -127,14 +124,8 @@ def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
         The log or the model is at fault, or a file cannot be written.
     """
     model = _model(settings, scratch)
-    options = ValidateOptions(
-        rig=_rig_text(settings),
-        modalities=settings.modalities,
-        max_nrmse=settings.max_nrmse,
-        max_msrep=settings.max_msrep,
-        **_of_all_commands(settings),
-    )
-    drawings = Drawings(frozen(model), settings.joints, 1, False)
+    options = ValidateOptions(rig=_rig_text(settings), **settings.options)
+    drawings = Drawings(frozen(model), options.joints, 1, False)
     report = validation_words.worded(run_validation(model, [path], options, draw=drawings))
     if settings.rig is not None:
         report = msgspec.structs.replace(report, settings=report.settings | {"rig": settings.rig_name})
@@ -158,7 +149,7 @@ def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
     VsalogError
         The log or the rig is at fault, or a file cannot be written.
     """
-    outcome = run_diagnosis(path, None, DiagnoseOptions(rig=_rig_text(settings), **_of_all_commands(settings)))
+    outcome = run_diagnosis(path, None, DiagnoseOptions(rig=_rig_text(settings), **settings.options))
     diagnosis = diagnosis_account.worded(outcome)
     extended = None if outcome.extended is None else outcome.extended.to_toml()
     within = diagnose_files.Outputs.within(scratch / "report")
@@ -213,10 +204,6 @@ def _state(path: Path) -> list[tuple[str, int, int, int]]:
         raise ReadError(f"{path}: there is no such file")
     files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
     return [(str(p), s.st_size, s.st_mtime_ns, s.st_ino) for p in files for s in (p.stat(),)]
-
-
-def _of_all_commands(settings: Settings) -> dict[str, Any]:
-    return {name: getattr(settings, name) for name in ("joints", "set", "rate", "time", "start", "end")}
 
 
 def _rig(settings: Settings) -> Rig | None:

@@ -45,9 +45,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     rig : the rig that was given, TOML; None where each log's own is looked for
     rig_name : what messages call it
     model, model_name : the model to validate, TOML
-    joints, estimator, tune, set, rate, time, start, end : as for the commands
+    options : others of the command's `Options`, by name
     report : write a page per log where the command does not do so anyway
-    modalities, max_nrmse, max_msrep : of `validate`
     fail_on_cause : of `diagnose`
     """
 
@@ -56,18 +55,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     rig_name: str = ""
     model: str | None = None
     model_name: str = ""
-    joints: tuple[str, ...] = ()
-    estimator: str = "auto"
-    tune: dict[str, str] = {}
-    set: dict[str, str] = {}
-    rate: float | None = None
-    time: str = "auto"
-    start: str | None = None
-    end: str | None = None
+    options: dict[str, Any] = {}
     report: bool = False
-    modalities: bool | None = None
-    max_nrmse: float | None = None
-    max_msrep: float | None = None
     fail_on_cause: bool = False
 
     def digest(self) -> str:

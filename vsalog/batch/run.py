@@ -6,18 +6,16 @@ import os
 import re
 import time
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from vsalog._version import __version__
-from vsalog.batch import index_page, memory, summary
+from vsalog.batch import memory
 from vsalog.batch.cluster import Cluster
 from vsalog.batch.lock import locked
+from vsalog.batch.outcome import Outcome
 from vsalog.batch.plan import Plan, make_plan
 from vsalog.batch.pool import Pool
-from vsalog.batch.progress import Outcome, Shown
 from vsalog.batch.records import (
     MANIFEST,
     RECORDS,
@@ -31,10 +29,11 @@ from vsalog.batch.records import (
     write_record,
 )
 from vsalog.batch.storage import Store, StoreError
-from vsalog.core.documents import read_text
-from vsalog.core.errors import BatchError, ReadError
+from vsalog.batch.summary import page_columns, rows_of, write_summary
+from vsalog.core.errors import BatchError
 from vsalog.core.printable import plural
-from vsalog.rig import Rig
+from vsalog.report.batch import Shown
+from vsalog.report.page_batch import batch_page
 
 # Files of a batch that may be removed when no record names them; nobody else's ever are.
 _WRITTEN = re.compile(
@@ -77,33 +76,6 @@ class Asked:
     scheduler: str | None = None
 
 
-def settings_of(do: str, rig: str | None, model: Path | None, **others: Any) -> Settings:
-    """Return the settings, with rig and model read: whoever does the work need not have the files.
-
-    Parameters
-    ----------
-    do : the command that is run
-    rig : file or preset; None where each log's own is looked for
-    model : of `validate`
-    others : as they stand in `Settings`
-
-    Raises
-    ------
-    VsalogError
-        A file cannot be read, or is not what it should be.
-    """
-    loaded = None if rig is None else Rig.load(rig)
-    text = None if model is None else read_text(model, "model file", ReadError, most=None)
-    return Settings(
-        do=do,  # type: ignore[arg-type]
-        rig=None if loaded is None else loaded.to_toml(),
-        rig_name="" if loaded is None else loaded.where,
-        model=text,
-        model_name="" if model is None else model.name.encode("utf-8", "replace").decode(),
-        **others,
-    )
-
-
 def run_batch(asked: Asked, shown: Shown) -> Outcome:
     """Do a batch.
 
@@ -132,7 +104,7 @@ def run_batch(asked: Asked, shown: Shown) -> Outcome:
             if asked.shard is None:
                 store.clear_scratch()
             _begin(store, asked, before, shown)
-            outcome = Outcome(store.shown, len(plan.logs))
+            outcome = Outcome(store.shown, asked.settings.do, len(plan.logs))
             _work(executor, store, plan, asked, outcome, shown)
             _finish(store, {log.name for log in whole_plan.logs}, asked, outcome, shown)
     outcome.seconds = time.perf_counter() - start
@@ -182,7 +154,7 @@ def _begin(store: Store, asked: Asked, before: Manifest | None, shown: Shown) ->
 def _work(executor: Pool | Cluster, store: Store, plan: Plan, asked: Asked, outcome: Outcome, shown: Shown) -> None:
     out = os.fsencode(store.address)
     tasks = [Task(log=log, settings=asked.settings, out=out, vsalog=__version__, keep=True) for log in plan.logs]
-    shown.begin(plan.logs)
+    shown.begin([log.size for log in plan.logs])
     for task, answer in executor.run(tasks):
         if answer.stop or answer.record is None:
             done = f"{len(outcome.records)} of {plural(len(tasks), 'log')} finished; --resume goes on"
@@ -191,7 +163,9 @@ def _work(executor: Pool | Cluster, store: Store, plan: Plan, asked: Asked, outc
             write_record(store, answer.record)
         outcome.records[answer.record.log] = answer.record
         outcome.kept += answer.kept
-        shown.add(task.log, answer)
+        # Most reasons begin with the name.
+        reason = answer.record.reason.removeprefix(f"{task.log.name}: ")
+        shown.add(task.log.size, answer.kept, reason and f"{task.log.name}: {reason}")
 
 
 def _finish(store: Store, planned: set[str], asked: Asked, outcome: Outcome, shown: Shown) -> None:
@@ -230,15 +204,10 @@ def _gather(store: Store, records: dict[str, Record]) -> bool:
 
 def _write_overview(store: Store, records: dict[str, Record], do: Do) -> None:
     ordered = [records[name] for name in sorted(records)]
-    with store.scratch() as folder:
-        page, table = folder / index_page.NAME, folder / summary.NAME
-        try:
-            page.write_text(index_page.index_page(ordered, do), encoding="utf-8")
-            summary.write_summary(ordered, do, table)
-        except OSError as error:
-            raise StoreError(f"{store.shown}: cannot be written: {error.strerror or error}") from error
-        store.put(page, index_page.NAME)
-        store.put(table, summary.NAME)
+    failed, missed = sum(r.status == "failed" for r in ordered), sum(not r.met for r in ordered)
+    counts = {"done": len(ordered) - failed, "failed": failed, "missed": missed}
+    store.write("index.html", batch_page(do, counts, rows_of(ordered), page_columns(do)).encode())
+    store.write("summary.parquet", write_summary(ordered, do))
 
 
 def _sweep(store: Store, records: dict[str, Record]) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import date
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
@@ -13,13 +12,13 @@ import pyarrow.json as pj
 import pyarrow.parquet as pq
 
 from vsalog.batch.records import Do, Record
+from vsalog.report.page_batch import Column
 
-NAME = "summary.parquet"
 TEXT, NUMBER, COUNT = pa.string(), pa.float64(), pa.int64()
 
 
 class Figure(NamedTuple):
-    """A column of what a command finds of a joint; `head` is its heading on the page of the batch, where it stands there."""
+    """A column of what a command finds of a joint; `head` is its heading on the page, where it stands there."""
 
     name: str
     kind: pa.DataType = NUMBER
@@ -106,6 +105,15 @@ def summary_schema(do: Do) -> pa.Schema:
     return pa.schema(fields, metadata={"vsalog.batch": do})
 
 
+def page_columns(do: Do) -> list[Column]:
+    """Return the figures that stand on the page of a batch."""
+    return [
+        Column(f.name, f.head, f.kind == NUMBER, f.head.endswith("[%]") and f.unit != "%")
+        for f in FIGURES[do]
+        if f.head
+    ]
+
+
 def rows_of(records: Iterable[Record]) -> Iterator[dict[str, Any]]:
     """Yield a row per log and joint, in the order of the records; a log that failed has one without a joint."""
     for record in records:
@@ -122,24 +130,17 @@ def rows_of(records: Iterable[Record]) -> Iterator[dict[str, Any]]:
             yield log | figures | {"joint": name, "codes": codes, "warnings": warnings}
 
 
-def write_summary(records: Iterable[Record], do: Do, path: Path) -> None:
-    """Write the table.
+def write_summary(records: Iterable[Record], do: Do) -> bytes:
+    """Return the table as a file.
 
     Parameters
     ----------
     records : sorted by log
     do : the command that was run
-    path : of the file
-
-    Raises
-    ------
-    OSError
-        It cannot be written.
     """
-    table = _table(rows_of(records), summary_schema(do))
-    # Opened here: Arrow cannot be given a name whose bytes are no text.
-    with path.open("wb") as file:
-        pq.write_table(table, file, compression="zstd", write_page_checksum=True)
+    sink = pa.BufferOutputStream()
+    pq.write_table(_table(rows_of(records), summary_schema(do)), sink, compression="zstd", write_page_checksum=True)
+    return bytes(sink.getvalue())
 
 
 def _table(rows: Iterable[dict[str, Any]], schema: pa.Schema) -> pa.Table:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import base64
 import gzip
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,6 +20,7 @@ from vsalog.report.page_data import chart_data
 from vsalog.report.page_decimate import FIGURE_COLUMNS, one_after_the_other
 from vsalog.report.page_errors import error_charts
 from vsalog.report.page_figures import convergence_charts, expanded_chart, stiffness_chart, torque_chart
+from vsalog.report.page_frame import asset, checksum, framed
 from vsalog.report.page_tables import (
     dependences_list,
     facts,
@@ -146,27 +146,10 @@ def assembled(title: str, kind: str, top: str, sections: Sequence[Section], bott
         named = (s.heading or f"{name(s.joint)} in {name(s.log)}" for s in sections)
         links = (f'<li><a href="#s{i}">{heading}</a></li>' for i, heading in enumerate(named))
         contents = f'<nav aria-label="Contents"><ul>{"".join(links)}</ul></nav>'
-    return "\n".join(
-        (
-            "<!doctype html>",
-            '<html lang="en"><head><meta charset="utf-8">',
-            f'<meta http-equiv="Content-Security-Policy" content="{_policy()}">',
-            '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            '<meta name="color-scheme" content="light dark">',
-            f"<title>{escaped(title)}</title>",
-            f"<style>{_asset('page.css')}</style></head><body>",
-            '<a class="skip" href="#main">Skip to the report</a>',
-            f'<header><div><h1>{escaped(title)}</h1><p class="kind">{escaped(kind)}</p></div>',
-            '<button id="theme" type="button" hidden>Dark colours</button></header>',
-            f'<main id="main" tabindex="-1">{top}{contents}',
-            "<noscript><p>The figures need JavaScript; the tables and sentences say the same.</p></noscript>",
-            f"{body}{bottom}</main>",
-            f"<footer>{FOOTER}</footer>",
-            f'<script type="text/plain" id="library">{_library()}</script>',
-            f"<script>{_asset('page.js')}</script>",
-            "</body></html>\n",
-        )
-    )
+    scripts = f'<script type="text/plain" id="library">{_library()}</script>\n<script>{asset("page.js")}</script>\n'
+    figures = "<noscript><p>The figures need JavaScript; the tables and sentences say the same.</p></noscript>"
+    theme = '\n<button id="theme" type="button" hidden>Dark colours</button>'
+    return framed(title, kind, _policy(), f"{top}{contents}\n{figures}\n{body}{bottom}", FOOTER, scripts, tools=theme)
 
 
 def _section(i: int, section: Section) -> str:
@@ -243,10 +226,6 @@ def _hash(digest: str) -> str:
     return f"<code>SHA-256 {escaped(digest)}</code>" if digest else ""
 
 
-def _asset(file: str) -> str:
-    return resources.files("vsalog.report").joinpath(file).read_text(encoding="utf-8")
-
-
 @cache
 def _library() -> str:
     """Plotly's script, compressed, as base64."""
@@ -260,6 +239,4 @@ def _plotly() -> bytes:
 @cache
 def _policy() -> str:
     """Return the page's content security policy."""
-    scripts = (_asset("page.js").encode(), _plotly())
-    digests = (base64.b64encode(hashlib.sha256(script).digest()).decode("ascii") for script in scripts)
-    return POLICY.format(scripts=" ".join(f"'sha256-{digest}'" for digest in digests))
+    return POLICY.format(scripts=f"{checksum(asset('page.js').encode())} {checksum(_plotly())}")

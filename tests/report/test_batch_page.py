@@ -10,8 +10,7 @@ import subprocess
 
 import pytest
 
-from vsalog.batch.index_page import index_page
-from vsalog.batch.records import Joint, Record
+from vsalog.report.page_batch import Column, batch_page
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
@@ -31,11 +30,10 @@ document.body.append(pre);
 
 def test_a_click_sorts_numbers_as_numbers_and_blanks_come_last(tmp_path):
     shares = {"b": 0.09, "a": 0.1, "d": None, "c": 1.0, "e": -0.5}
-    records = [
-        Record(log=n, do="estimate", vsalog="0", joints=(Joint(joint="j", figures={"excited_share": share}),))
-        for n, share in shares.items()
-    ]
-    page = index_page(records, "estimate")
+    known = dict.fromkeys(("joint", "device", "date", "reason", "report", "trace", "model", "document", "rig"))
+    rows = [known | {"log": log, "status": "done", "warnings": [], "share": share} for log, share in shares.items()]
+    counts = {"done": 5, "failed": 0, "missed": 0}
+    page = batch_page("estimate", counts, rows, [Column("share", "excited [%]", True, True)])
     digest = base64.b64encode(hashlib.sha256(PROBE.encode()).digest()).decode()
     page = page.replace("script-src '", f"script-src 'sha256-{digest}' '", 1)
     (tmp_path / "index.html").write_text(page.replace("</body>", f"<script>{PROBE}</script></body>"), encoding="utf-8")
