@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from vsalog.batch.records import Log, Settings
@@ -15,25 +14,13 @@ BASE = 330 * 2**20
 """Bytes that a worker takes which waits, with everything loaded."""
 
 
-@dataclass(frozen=True, slots=True)
-class Need:
-    """What a step needs beyond that, as measured over formats (docs/batch.md), with room.
-
-    Attributes
-    ----------
-    per_byte : bytes per byte of log
-    most : bytes, however long a log is, where it is worked on in a temporary file and figures are drawn of thinned traces
-    """
-
-    per_byte: float
-    most: float = math.inf
-
-
+# What a step needs beyond that, as measured over formats (docs/batch.md), with room: bytes per byte of log, and at most, however
+# long a log is, where it is worked on in a temporary file and figures are drawn of thinned traces.
 NEEDS = {
-    "estimate": Need(6.0, 1000 * 2**20),
-    "page": Need(25.0, 2500 * 2**20),
-    "validate": Need(10.0),
-    "diagnose": Need(60.0),
+    "estimate": (6.0, 1000 * 2**20),
+    "page": (25.0, 2500 * 2**20),
+    "validate": (10.0, math.inf),
+    "diagnose": (60.0, math.inf),
 }
 WHOLE = b".mat"
 """MATLAB's files are read as a whole."""
@@ -45,7 +32,7 @@ def expected(log: Log, settings: Settings) -> int:
     if settings.do == "estimate" and settings.report:
         steps.append(NEEDS["page"])
     whole = log.where.lower().endswith(WHOLE)
-    return BASE + round(sum(min(s.per_byte * log.size, math.inf if whole else s.most) for s in steps))
+    return BASE + round(sum(min(each * log.size, math.inf if whole else most) for each, most in steps))
 
 
 def size_text(size: float) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import TracebackType
 
 import msgspec
-from pebble import ProcessExpired, ProcessPool
+from pebble import CONSTS, ProcessExpired, ProcessPool
 
 import vsalog
 from vsalog._version import __version__
@@ -22,8 +22,6 @@ from vsalog.batch.records import Answer, Kind, Settings, Task, failed
 from vsalog.batch.worker import check_settings, do_task, prepare
 from vsalog.core.errors import BatchError
 
-TICK = 0.5
-"""Seconds after which a worker that could not start, or an interrupt that another thread got, is noticed."""
 Say = Callable[[str], None]
 Worker = ProcessPool
 """One process: of several in one pool a death at the wrong moment is taken for that of another (decision 13)."""
@@ -76,7 +74,7 @@ class Pool:
         worker = self._idle[0]
         try:
             future = worker.schedule(check_settings, (msgspec.json.encode(settings),))
-            while not wait([future], TICK).done and worker.active:
+            while not wait([future], CONSTS.sleep_unit).done and worker.active:
                 pass
             said = future.result(0.0)
         except (OSError, RuntimeError):  # it expired, its pool broke, or it will never answer
@@ -142,8 +140,8 @@ class Pool:
         return next((job for job in waiting if job.need <= left and not (job.deaths and busy)), None)
 
     def _done(self) -> list[Future[bytes]]:
-        """Wait until somebody is done, or died."""
-        done = wait(self._busy, TICK, FIRST_COMPLETED).done
+        """Wait until somebody is done, or died; no longer than pebble does, for an interrupt may reach another thread."""
+        done = wait(self._busy, CONSTS.sleep_unit, FIRST_COMPLETED).done
         # What is given to a worker that dies at this moment is never answered.
         return [f for f, (_, worker) in self._busy.items() if f in done or not worker.active]
 
