@@ -113,6 +113,9 @@ def test_a_worker_that_dies_while_it_starts_is_replaced(play, monkeypatch, tmp_p
     monkeypatch.setenv("DIED", str(tmp_path / "died"))
     monkeypatch.setattr(pool, "prepare", die_once)
     assert {r.status for r in play(*"abcd", jobs=jobs).values()} == {"done"}
+    (tmp_path / "died").unlink()
+    with pool.Pool(jobs, 10**12) as workers:
+        workers.check(Settings())
 
 
 def test_a_share_without_logs_is_done(play, monkeypatch, tmp_path):

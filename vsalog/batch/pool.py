@@ -71,16 +71,26 @@ class Pool:
         BatchError
             It cannot.
         """
+        said = self._asked(settings)
+        if said is None:  # as a log, it is tried once more
+            _end([self._idle.pop(0)])
+            self._idle.append(_started())
+            said = self._asked(settings)
+        if said is None:
+            raise BatchError("no worker could be started: it ended before it was ready")
+        if said:
+            raise BatchError(said)
+
+    def _asked(self, settings: Settings) -> str | None:
+        """Return what a worker says of it; None where that died."""
         worker = self._idle[0]
         try:
             future = worker.schedule(check_settings, (msgspec.json.encode(settings),))
             while not wait([future], CONSTS.sleep_unit).done and worker.active:
                 pass
-            said = future.result(0.0)
+            return future.result(0.0)
         except (OSError, RuntimeError):  # it expired, its pool broke, or it will never answer
-            raise BatchError("no worker could be started: it ended before it was ready") from None
-        if said:
-            raise BatchError(said)
+            return None
 
     def run(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Answer]]:
         """Do tasks, those of large logs first; yield each with its answer as soon as it is there.
