@@ -2,21 +2,18 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pyarrow.parquet as pq
 
-from vsalog.batch.records import Answer, Record, Settings, Task
+from vsalog.batch.records import Answer, Settings
 from vsalog.batch.run import Asked, run_batch
 from vsalog.batch.work import check_json, do_json
-from vsalog.batch.worker import ANSWER, BEGUN, TASK
 from vsalog.core.errors import BatchError
 
 RIG = """
@@ -53,42 +50,23 @@ class Watching:
     """A watch that remembers."""
 
     def __init__(self):
-        self.said, self.answers = [], {}
+        self.said = []
 
     def say(self, text):
         self.said.append(text)
 
-    def begin(self, logs):
-        self.planned = [log.name for log in logs]
+    def begin(self, sizes):
+        self.planned = len(sizes)
 
-    def add(self, log, answer):
-        self.answers[log.name] = answer
-
-
-def serve_by_name(pipe):
-    """Be a worker that does what the names of logs say, and answers when and where it did."""
-    while True:
-        message = pipe.recv_bytes()
-        if message[:1] != TASK:
-            continue
-        pipe.send_bytes(BEGUN)
-        task, began = msgspec.json.decode(message[1:], type=Task), time.time()
-        if "deadly" in task.log.name:
-            with Path(os.fsdecode(task.log.where)).open("a") as file:
-                file.write("x")
-            os.kill(os.getpid(), signal.SIGKILL)
-        if "unlucky" in task.log.name and not Path(os.fsdecode(task.log.where)).exists():
-            Path(os.fsdecode(task.log.where)).touch()
-            os._exit(3)
-        time.sleep(60.0 if "endless" in task.log.name else 0.15)
-        record = Record(
-            log=task.log.name, do="estimate", status="done", vsalog="", reason=f"{began} {time.time()} {os.getpid()}"
-        )
-        pipe.send_bytes(ANSWER + msgspec.json.encode(Answer(record=record, written=True)))
+    def add(self, size, kept, failure):
+        pass
 
 
 class Here:
-    """Does tasks in this process; like a pool, it has nothing but JSON from outside. `before` is called with each task."""
+    """Does tasks in this process; like a pool, it has nothing but JSON from outside.
+
+    `before` is called with each task; `answers` are those of the last run.
+    """
 
     before = staticmethod(lambda task: None)
 
@@ -103,9 +81,11 @@ class Here:
             raise BatchError(said)
 
     def run(self, tasks):
+        self.answers = {}
         for task in tasks:
             self.before(task)
-            yield task, msgspec.json.decode(do_json(msgspec.json.encode(task)), type=Answer)
+            answer = self.answers[task.log.name] = msgspec.json.decode(do_json(msgspec.json.encode(task)), type=Answer)
+            yield task, answer
 
 
 def do_batch(*logs, out, resume=False, shard=None, settings=None):

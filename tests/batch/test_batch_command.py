@@ -7,8 +7,8 @@ import sys
 import pytest
 from batch_bench import RIG, batch, do_batch, make_log, make_logs, summary
 
-from vsalog.batch.options import settings_of
 from vsalog.cli import _run
+from vsalog.cli.batch import settings_of
 from vsalog.estimation.job import Options, prepare
 from vsalog.report.estimate_files import Outputs, write_results
 

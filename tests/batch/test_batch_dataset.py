@@ -14,13 +14,15 @@ import pytest
 from batch_bench import Here, do_batch
 
 from vsalog.batch import run as whole_run
-from vsalog.batch.dataset import DatasetWriter
-from vsalog.batch.index_page import index_page
+from vsalog.batch.dataset import day, in_dataset
 from vsalog.batch.records import Record, Settings
+from vsalog.batch.summary import page_columns, rows_of
 from vsalog.core.model import ModelFile
 from vsalog.core.trace import Trace
 from vsalog.estimation.job import Options, prepare
 from vsalog.report.estimate_files import Outputs, write_results
+from vsalog.report.page_batch import batch_page
+from vsalog.writers.trace import TraceWriter
 
 PAGE = Path(__file__).parent.parent.parent / "docs" / "batch.md"
 
@@ -128,11 +130,11 @@ def test_columns_that_come_late_are_not_lost(tmp_path):
         stamps = np.arange(count, dtype=np.int64) + 1_767_225_600_000_000_000
         return Trace(joint, stamps, stamps * 1e-9, np.zeros(count, np.int32), ("r",), {"1": base | extra})
 
-    with DatasetWriter(tmp_path / "part.parquet", {"a": "b"}) as writer:
+    with TraceWriter(tmp_path / "part.parquet", {"a": "b"}, in_dataset) as writer:
         writer.write(block("one", 70_000, coefficient_0=np.ones(70_000)))
         writer.write(block("two", 5, odd=np.full(5, 7.0)))
         writer.write(block("three", 3))
-    assert writer.date == "2026-01-01"
+    assert day(tmp_path / "part.parquet") == "2026-01-01"
     table = pq.read_table(tmp_path / "part.parquet")
     assert table.num_rows == 70_008
     assert table["odd"].null_count == 70_003
@@ -144,10 +146,10 @@ def test_columns_that_come_late_are_not_lost(tmp_path):
 
 
 def test_a_trace_of_no_rows_is_a_file_all_the_same(tmp_path):
-    with DatasetWriter(tmp_path / "part.parquet", {}) as writer:
+    with TraceWriter(tmp_path / "part.parquet", {}, in_dataset):
         pass
     assert pq.read_table(tmp_path / "part.parquet").num_rows == 0
-    assert writer.date == "1970-01-01"
+    assert day(tmp_path / "part.parquet") == "1970-01-01"
     assert pa.types.is_list(pq.read_schema(tmp_path / "part.parquet").field("coefficients").type)
 
 
@@ -165,6 +167,7 @@ def test_the_page_of_a_huge_batch_stays_small_enough_to_open():
     made = [
         Record(log=f"day/{k:06d}.mcap", do="estimate", status="failed", vsalog="0", reason="x") for k in range(45_000)
     ]
-    page = index_page(made, "estimate")
+    counts = {"done": 0, "failed": 45_000, "missed": 0}
+    page = batch_page("estimate", counts, rows_of(made), page_columns("estimate"))
     assert 5e6 < len(page) < 15e6
     assert "summary.parquet" in page

@@ -18,7 +18,7 @@ from batch_bench import RIG, batch, contents, do_batch, make_log, make_logs, pri
 import vsalog.batch
 from vsalog.batch.lock import locked
 from vsalog.batch.records import Settings
-from vsalog.batch.storage import LocalStore
+from vsalog.batch.storage import Store
 
 JOINT = "</script><script>alert(1)</script><img src=x onerror=alert(2)> \"'` ../../x=y"
 EVIL = f"{JOINT}\n\x00\x1b[31m"  # joints have to be printable
@@ -148,7 +148,7 @@ def test_two_runs_into_one_folder(tmp_path, here):
         time.sleep(0.02)
     killed.kill()
     killed.communicate()
-    with locked(LocalStore(tmp_path / "out"), None):
+    with locked(Store(str(tmp_path / "out")), None):
         code, out, err = batch("logs", "-o", "out", "--resume", "-j", "1", cwd=tmp_path)
     assert (code, out) == (2, "")
     assert f"another run is writing there (process {os.getpid()}" in err

@@ -95,6 +95,29 @@ def test_a_file_is_taken_once_whatever_its_names(tree):
     assert "another name" in " ".join(plan.notes)
 
 
+def test_links_to_folders_are_followed_and_loops_end(tree):
+    (tree / "elsewhere" / "day3").mkdir(parents=True)
+    (tree / "elsewhere" / "day3" / "f.csv").write_text("x")
+    (tree / "logs" / "day3").symlink_to("../elsewhere/day3")
+    for i in range(3):
+        (tree / "logs" / f"loop{i}").symlink_to(".")
+        (tree / "logs" / "day1" / f"up{i}").symlink_to("../..")
+        (tree / "elsewhere" / "day3" / f"back{i}").symlink_to("../../logs/day1")
+    assert names("logs/*/*.csv") == ["day1/b.csv", "day2/[odd].csv", "day3/f.csv"]
+    for asked in ("logs", "logs/**/*.csv"):
+        found = names(asked)
+        assert "day3/f.csv" in found
+        assert [name for name in found if "loop" in name or "up" in name] == []
+        assert len(found) == len(set(found)) == (7 if asked == "logs" else 5)
+
+
+def test_a_folder_called_like_a_pattern(tree, monkeypatch):
+    (tree / "[lab]").mkdir()
+    (tree / "[lab]" / "x.csv").write_text("x")
+    monkeypatch.chdir(tree / "[lab]")
+    assert names("*.csv") == ["x.csv"]
+
+
 def test_the_output_is_no_input(tree):
     make_log(tree / "logs" / "out" / "traces" / "part.csv")
     plan = make_plan(["logs/**/*.csv"], "logs/out")

@@ -1,6 +1,7 @@
 """Workers that die, hang, or would need too much: the others go on. Workers here do what the names of logs say."""
 
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -8,21 +9,23 @@ import time
 from pathlib import Path
 
 import pytest
-from batch_bench import serve_by_name
+from work_by_name import do_by_name, load_nothing
 
 from vsalog.batch import memory, pool
-from vsalog.batch.memory import BASE, expected, parse_size
+from vsalog.batch.memory import BASE, expected
 from vsalog.batch.records import Log, Settings, Task
+from vsalog.cli.batch import parse_size
 from vsalog.core.errors import BatchError
 
 
 @pytest.fixture
 def play(monkeypatch, tmp_path):
     """Run a pool over logs of these names; returns name → record."""
-    monkeypatch.setattr(pool, "serve", serve_by_name)
+    monkeypatch.setattr(pool, "do_task", do_by_name)
+    monkeypatch.setattr(pool, "prepare", load_nothing)
 
     def play(*names, jobs=2, bound=10**12, timeout=None, size=1000):
-        logs = [Log(name=n, where=os.fsencode(tmp_path / n), remote=False, size=size) for n in names]
+        logs = [Log(name=n, where=os.fsencode(tmp_path / n), size=size) for n in names]
         tasks = [Task(log=log, settings=Settings(), out=b"", vsalog="", keep=False) for log in logs]
         with pool.Pool(jobs, bound, timeout) as workers:
             return {task.log.name: answer.record for task, answer in workers.run(tasks)}
@@ -60,14 +63,21 @@ def test_a_log_without_end_is_given_up(play):
     assert records["a"].status == records["b"].status == "done"
 
 
-def wake_up_late(pipe):
+def load_slowly():
     time.sleep(2.0)
-    serve_by_name(pipe)
 
 
 def test_the_time_of_a_log_does_not_begin_before_its_worker_is_there(play, monkeypatch):
-    monkeypatch.setattr(pool, "serve", wake_up_late)
+    monkeypatch.setattr(pool, "prepare", load_slowly)
     assert play("a", jobs=1, timeout=1.5)["a"].status == "done"
+
+
+def test_a_worker_that_keeps_memory_is_replaced(play):
+    def workers(records):
+        return {record.reason.split()[2] for record in records.values()}
+
+    assert len(workers(play("a", "b", "c", jobs=1))) == 1
+    assert len(workers(play("a leaky", "b leaky", jobs=1))) == 2
 
 
 def test_one_log_is_done_alone_first_where_nothing_is_compiled(play, monkeypatch, tmp_path):
@@ -80,7 +90,7 @@ def test_one_log_is_done_alone_first_where_nothing_is_compiled(play, monkeypatch
 
 
 def test_memory_bounds_what_goes_on_at_a_time(play):
-    need = expected(Log(name="", where=b"", remote=False, size=10**8), Settings())
+    need = expected(Log(name="", where=b"", size=10**8), Settings())
     assert most_at_once(play(*"abcdefghijkl", jobs=3, bound=int(2.2 * need), size=10**8)) == 2
     assert most_at_once(play(*"abcdefgh", jobs=3, bound=int(1.5 * need), size=10**8)) == 1
     records = play("a", "b", bound=need - 1, size=10**8)
@@ -89,18 +99,41 @@ def test_memory_bounds_what_goes_on_at_a_time(play):
     assert "--memory" in records["a"].reason
 
 
-def leave(pipe):
+def die_once():
+    """Die when the first worker of all starts, as from outside."""
+    try:
+        Path(os.environ["DIED"]).touch(exist_ok=False)
+    except FileExistsError:
+        return
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_worker_that_dies_while_it_starts_is_replaced(play, monkeypatch, tmp_path, jobs):
+    monkeypatch.setenv("DIED", str(tmp_path / "died"))
+    monkeypatch.setattr(pool, "prepare", die_once)
+    assert {r.status for r in play(*"abcd", jobs=jobs).values()} == {"done"}
+    (tmp_path / "died").unlink()
+    with pool.Pool(jobs, 10**12) as workers:
+        workers.check(Settings())
+
+
+def test_a_share_without_logs_is_done(play, monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert play() == {}
+
+
+def leave():
     os._exit(7)
 
 
 @pytest.mark.parametrize("dead", [False, True])
 def test_workers_that_cannot_live_are_told(monkeypatch, dead):
     """Also where they are gone before they are asked."""
-    monkeypatch.setattr(pool, "serve", leave)
+    monkeypatch.setattr(pool, "prepare", leave)
     with pool.Pool(1, 10**12) as workers:
-        if dead:
-            workers._workers[0].process.join()
-        with pytest.raises(BatchError, match=r"no worker could be started: .* code 7"):
+        time.sleep(2.0 if dead else 0.0)
+        with pytest.raises(BatchError, match="no worker could be started"):
             workers.check(Settings())
 
 
@@ -108,7 +141,7 @@ def test_long_logs_need_no_more_than_what_is_held_in_memory():
     """But MATLAB's, which are read as a whole; told by where they lie, since a name may have been cut."""
 
     def need(where, size, **options):
-        return expected(Log(name="…-1a2b3c", where=where, remote=False, size=size), Settings(**options))
+        return expected(Log(name="…-1a2b3c", where=where, size=size), Settings(**options))
 
     assert need(b"x.mcap", 10**11) == need(b"x.mcap", 10**12) < 1.5e9
     assert need(b"x.mcap", 10**11, report=True) == need(b"x.mcap", 10**12, report=True) < 4.1e9
@@ -117,31 +150,31 @@ def test_long_logs_need_no_more_than_what_is_held_in_memory():
 
 
 BUSY = """
-import os, sys, time
-import msgspec
-from vsalog._version import __version__
-from vsalog.batch.pool import Pool
+import multiprocessing
+from vsalog.batch import pool
 from vsalog.batch.records import Log, Settings, Task
-from vsalog.batch.worker import TASK
+from work_by_name import do_by_name
 
-log = Log(name="x", where=b"pipe", remote=False, size=1)
-task = Task(log=log, settings=Settings(), out=b"out", vsalog=__version__, keep=False)
-pool = Pool(2, 10**12).__enter__()
-idle, busy = pool._workers
-busy.pipe.send_bytes(TASK + msgspec.json.encode(task))
-print(idle.process.pid, busy.process.pid, flush=True)
-time.sleep(60)
+pool.do_task = do_by_name
+log = Log(name="endless", where=b"", size=1)
+with pool.Pool(2, 10**12) as workers:
+    workers.check(Settings())
+    print(*(child.pid for child in multiprocessing.active_children()), flush=True)
+    for answer in workers.run([Task(log=log, settings=Settings(), out=b"", vsalog="", keep=False)]):
+        print(answer)
 """
 
 
 def test_workers_leave_when_their_parent_is_killed(tmp_path):
-    """The idle one, and the one whose log never ends: it reads from a pipe that nobody writes to."""
-    os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "batch.json").write_text("{}")
-    parent = subprocess.Popen([sys.executable, "-c", BUSY], stdout=subprocess.PIPE, text=True, cwd=tmp_path)
+    """The idle one, and the one whose log never ends."""
+    paths = [str(Path(__file__).parent), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
+    parent = subprocess.Popen(
+        [sys.executable, "-c", BUSY], stdout=subprocess.PIPE, text=True, cwd=tmp_path, env=environment
+    )
     pids = [int(pid) for pid in parent.stdout.readline().split()]
     assert len(pids) == 2
+    assert select.select([parent.stdout], [], [], 3.0)[0] == []  # it is at work
     parent.kill()
     parent.wait()
     parent.stdout.close()

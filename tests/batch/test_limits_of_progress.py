@@ -2,17 +2,15 @@
 
 import pytest
 
-from vsalog.batch import progress
-from vsalog.batch.records import Answer, Log
+from vsalog.report import batch
 
 
 @pytest.mark.parametrize(("seconds", "lines"), [(20.0, 0), (40.0, 1)])
 def test_a_line_is_printed_after_half_a_minute(monkeypatch, capsys, seconds, lines):
     now = [0.0]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
-    logs = [Log(name=f"{k}.csv", where=b"", remote=False, size=1) for k in range(2)]
-    shown = progress.Shown()
-    shown.begin(logs)
+    monkeypatch.setattr(batch.time, "monotonic", lambda: now[0])
+    shown = batch.Shown()
+    shown.begin([1, 1])
     now[0] = seconds
-    shown.add(logs[0], Answer())
+    shown.add(1, False, "")
     assert len(capsys.readouterr().err.splitlines()) == lines

@@ -5,7 +5,7 @@ import pytest
 
 from vsalog.batch.records import Settings
 from vsalog.batch.run import MANIFEST, Asked, _check_place
-from vsalog.batch.storage import LocalStore
+from vsalog.batch.storage import Store
 from vsalog.core.errors import BatchError
 
 ASKED = Asked(logs=(), out="", settings=Settings(), resume=True)
@@ -14,7 +14,7 @@ ASKED = Asked(logs=(), out="", settings=Settings(), resume=True)
 def place(folder, version):
     manifest = {"version": version, "do": "estimate", "asked": ASKED.settings.digest()}
     (folder / MANIFEST).write_bytes(msgspec.json.encode(manifest))
-    return LocalStore(folder)
+    return Store(str(folder))
 
 
 def test_a_batch_of_the_first_layout_goes_on(tmp_path):

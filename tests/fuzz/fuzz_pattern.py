@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import os
 from contextlib import suppress
+from urllib.parse import unquote
 
 from fuzz_contract import empty, told
 
-from vsalog.batch.names import decoded, device_name, encoded, readable
+from vsalog.batch.names import device_name, encoded, readable
 from vsalog.batch.plan import make_plan
 from vsalog.core.errors import VsalogError
 from vsalog.core.units import parse_quantity, parse_unit, split_header
@@ -64,7 +65,7 @@ def pattern(text: str) -> None:
 def names(raw: bytes) -> None:
     """Any name is one harmless name of a folder."""
     text = readable(raw or b"x")
-    assert decoded(encoded(text)) == text
+    assert unquote(encoded(text)) == text
     folder = encoded(device_name(text))
     assert "/" not in folder
     assert not folder.startswith(".")

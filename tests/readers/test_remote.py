@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -110,12 +109,6 @@ def test_more_than_the_disk_holds_is_refused(memory, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(1, 1, 0))
     fsspec.filesystem("memory").pipe(memory, bytes(2**21))
     with pytest.raises(ReadError, match=r"has 2 MiB, and .* only 0 MiB left"):
-        read(memory)
-
-
-def test_without_fsspec_the_extra_is_named(memory, monkeypatch):
-    monkeypatch.setitem(sys.modules, "fsspec", None)
-    with pytest.raises(ReadError, match=r"vsalog\[remote\]"):
         read(memory)
 
 

@@ -12,8 +12,9 @@ import pytest
 from msgspec.structs import replace
 from reports_evidence import HOSTILE, drawn, evidence, lever_arm_joint, report, write_page
 
-from vsalog.batch.index_page import index_page
 from vsalog.batch.records import Joint, Record
+from vsalog.batch.summary import page_columns, rows_of
+from vsalog.report.page_batch import batch_page
 from vsalog.validation.document import Comparison, Figure, Score, TransmissionReport
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -170,7 +171,8 @@ def records():
 def test_every_page_fits_its_window_and_begins_with_a_figure(said, tmp_path, command, size):
     page = tmp_path / "page.html"
     if command == "batch":
-        page.write_text(index_page(records(), "diagnose"), encoding="utf-8")
+        counts = {"done": 20, "failed": 20, "missed": 0}
+        page.write_text(batch_page("diagnose", counts, rows_of(records()), page_columns("diagnose")), encoding="utf-8")
     else:
         shutil.copyfile(said[command].page, page)
     frame = tmp_path / "frame.html"

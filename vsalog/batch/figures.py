@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
-import msgspec
+from msgspec import to_builtins
 
 from vsalog.batch.records import Joint
 from vsalog.diagnosis.document import Diagnosis
 from vsalog.estimation.job import Job
 from vsalog.estimation.joint import JointEstimate
-from vsalog.estimation.summary import TransmissionSummary
 from vsalog.validation.document import Report
 from vsalog.validation.verdict import overview
 
@@ -18,30 +18,27 @@ from vsalog.validation.verdict import overview
 def of_estimate(job: Job, estimate: JointEstimate) -> Joint:
     """Return a joint's key figures: those of the device as a whole, and each transmission's."""
     s = estimate.summary
-    figures = {
+    figures: dict[str, Any] = {
         "estimator": estimate.estimator,
         "modality": estimate.model.modality,
         "rig_guessed": job.guessed,
         "duration": s.duration,
-        "rate": 1.0 / s.period if s.period > 0.0 else None,
-        "findings": msgspec.to_builtins(estimate.findings),
+        "rate": _rate(s.period),
+        "findings": to_builtins(estimate.findings),
         "warnings": list(estimate.warnings),
+        "transmissions": to_builtins(s.transmissions),
+        "motor": [{"parameter": k, "value": v} for k, v in estimate.model.motor.items()],
     }
-    whole = _whole(s.transmissions)
+    whole = next((part for part in s.transmissions if part.transmission == "total"), None)
+    whole = whole or next(iter(s.transmissions), None)
     if whole is not None:
-        figures |= {k: v for k, v in msgspec.to_builtins(whole).items() if k != "transmission"}
+        figures |= to_builtins(whole)
         # The device is not fitted: residuals stand with its transmissions.
-        fitted = [t for t in s.transmissions if t.fit_share is not None]
+        fitted = [part for part in s.transmissions if part.fit_share is not None]
         if whole.fit_share is None and fitted:
-            worst = max(fitted, key=lambda t: t.fit_share or 0.0)
-            figures |= {"fit_rms": worst.fit_rms, "fit_mean": worst.fit_mean, "fit_share": worst.fit_share}
-    figures["transmissions"] = [msgspec.to_builtins(t) for t in s.transmissions]
-    figures["motor"] = [{"parameter": k, "value": v} for k, v in estimate.model.motor.items()]
+            worst = max(fitted, key=lambda part: part.fit_share or 0.0)
+            figures |= {name: getattr(worst, name) for name in ("fit_rms", "fit_mean", "fit_share")}
     return Joint(joint=estimate.joint, figures=figures)
-
-
-def _whole(parts: Sequence[TransmissionSummary]) -> TransmissionSummary | None:
-    return next((p for p in parts if p.transmission == "total"), parts[0] if parts else None)
 
 
 def of_validation(report: Report) -> Iterator[Joint]:
@@ -53,24 +50,15 @@ def of_validation(report: Report) -> Iterator[Joint]:
             "judged_on": line.judged_on,
             "inside_share": line.inside,
             "duration": joint.duration,
-            "rate": 1.0 / joint.period if joint.period > 0.0 else None,
+            "rate": _rate(joint.period),
             "sentences": list(joint.sentences),
             "not_independent": joint.not_independent,
-            "findings": msgspec.to_builtins((*joint.reasons, *joint.findings)),
+            "findings": to_builtins((*joint.reasons, *joint.findings)),
             "warnings": list(joint.warnings),
         }
-        if line.score is not None:
-            score = line.score
-            figures |= {
-                "nrmse": score.nrmse.value,
-                "nrmse_low": score.nrmse.low,
-                "nrmse_high": score.nrmse.high,
-                "rmse": score.rmse.value,
-                "msrep": score.msrep.value,
-                "r2": score.r2.value,
-                "bias": score.bias.value,
-                "samples": score.samples,
-            }
+        if score := line.score:
+            figures |= {name: getattr(score, name).value for name in ("nrmse", "rmse", "msrep", "r2", "bias")}
+            figures |= {"nrmse_low": score.nrmse.low, "nrmse_high": score.nrmse.high, "samples": score.samples}
         yield Joint(joint=joint.joint, figures=figures)
 
 
@@ -78,33 +66,23 @@ def of_diagnosis(diagnosis: Diagnosis) -> Iterator[Joint]:
     """Yield each joint's causes and what they are worth; the verdict and what is unexplained are the log's."""
     parts = (diagnosis.simulation_error, diagnosis.equations, diagnosis.causes)
     for name in dict.fromkeys(part.joint for several in parts for part in several):
-        causes = [c for c in diagnosis.causes if c.joint == name]
-        yield Joint(
-            joint=name,
-            figures={
-                "verdict": diagnosis.verdict,
-                "causes": [
-                    {"cause": c.cause, "confidence": c.confidence, "error_removed": c.error_removed} for c in causes
-                ],
-                "errors": [
-                    {"signal": e.signal, "unit": e.unit, "rmse": e.rmse, "noise_floor": e.noise_floor, "nrmse": e.nrmse}
-                    for e in diagnosis.simulation_error
-                    if e.joint == name
-                ],
-                "gains": [
-                    {
-                        "signal": g.signal,
-                        "rmse_before": g.rmse_before,
-                        "rmse_after": g.rmse_after,
-                        "reduction": g.reduction,
-                    }
-                    for g in diagnosis.gain.signals
-                    if g.joint == name
-                ],
-                "unexplained": diagnosis.unexplained.fraction,
-                "sentences": list(diagnosis.sentences),
-                "next_experiment": diagnosis.next_experiment,
-                "findings": [msgspec.to_builtins(f) for f in diagnosis.findings if f.joint == name],
-                "warnings": [],
-            },
-        )
+
+        def own(parts: Sequence[Any], *fields: str, joint: str = name) -> list[dict[str, Any]]:
+            """Return these fields of what is the joint's."""
+            return [{field: getattr(part, field) for field in fields} for part in parts if part.joint == joint]
+
+        figures = {
+            "verdict": diagnosis.verdict,
+            "causes": own(diagnosis.causes, "cause", "confidence", "error_removed"),
+            "errors": own(diagnosis.simulation_error, "signal", "unit", "rmse", "noise_floor", "nrmse"),
+            "gains": own(diagnosis.gain.signals, "signal", "rmse_before", "rmse_after", "reduction"),
+            "unexplained": diagnosis.unexplained.fraction,
+            "sentences": list(diagnosis.sentences),
+            "next_experiment": diagnosis.next_experiment,
+            "findings": [to_builtins(f) for f in diagnosis.findings if f.joint == name],
+        }
+        yield Joint(joint=name, figures=figures)
+
+
+def _rate(period: float) -> float | None:
+    return 1.0 / period if period > 0.0 else None

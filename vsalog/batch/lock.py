@@ -1,144 +1,99 @@
-"""One run at a time in a batch: a lock that no kill leaves behind."""
+"""One run at a time in a batch: signs of life, which no kill leaves behind for long."""
 
 from __future__ import annotations
 
-import json
 import os
+import secrets
 import socket
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO
 
-from vsalog.batch.storage import LocalStore, RemoteStore, Store, StoreError
+import msgspec
+
+from vsalog.batch.storage import LOCK, Store, StoreError
 from vsalog.core.errors import BatchError
 
-NAME = ".lock"
 BEAT = 20.0
-"""Seconds between two renewals of a lock in an object store; an owner that misses four, within two minutes, counts as dead."""
+"""Seconds between two signs of life; an owner that misses four, within two minutes, counts as dead."""
+
+
+class Owner(msgspec.Struct, frozen=True, kw_only=True):
+    """Who is at work in a batch, as it says itself.
+
+    Attributes
+    ----------
+    host, process : whose it is
+    share : of a job array, "2-of-7"; nothing where it is the whole batch
+    at : time of the last sign of life [s since 1970]
+    """
+
+    host: str
+    process: int
+    share: str = ""
+    at: float
+
+    def alive(self) -> bool:
+        """Tell whether it is still at work."""
+        if time.time() - self.at > 4.0 * BEAT:
+            return False
+        if self.host != socket.gethostname() or not Path("/proc").is_dir():
+            return True
+        return self.process != os.getpid() and Path(f"/proc/{self.process}").exists()
 
 
 @contextmanager
 def locked(store: Store, shard: tuple[int, int] | None) -> Iterator[None]:
-    """Keep other runs out of a batch while the context lasts; different shards of one array get along.
+    """Keep other runs out of a batch while the context lasts; different shares of one array get along.
 
     Raises
     ------
     BatchError
         Another run is at it.
     """
-    with ExitStack() as stack:
-        if isinstance(store, LocalStore):
-            stack.enter_context(_flock(store, NAME, shared=shard is not None))
-            if shard is not None:
-                stack.enter_context(_flock(store, f"{NAME}-{shard[0]}-of-{shard[1]}", shared=False))
-        elif isinstance(store, RemoteStore):
-            part = "" if shard is None else f"-{shard[0]}-of-{shard[1]}"
-            stack.enter_context(_beating(store, f"{NAME}{part}"))
-        yield
-
-
-@contextmanager
-def one_after_the_other(store: Store) -> Iterator[None]:
-    """Wait for others that are finishing; in an object store there is nothing to wait with."""
-    with ExitStack() as stack:
-        if isinstance(store, LocalStore):
-            stack.enter_context(_flock(store, f"{NAME}-summary", shared=False, patient=True))
-        yield
-
-
-@contextmanager
-def _flock(store: LocalStore, name: str, shared: bool, patient: bool = False) -> Iterator[None]:
-    """Lock a file as the kernel does: it is free again when the process is gone, however it went."""
-    try:
-        import fcntl
-    except ImportError:  # no such locks on this system
-        yield
-        return
-    path = store.root / name
-    try:
-        file = path.open("a+")
-    except OSError as error:
-        raise StoreError(f"{store.shown}: cannot be written: {error.strerror}") from error
-    with file:
-        kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
-        try:
-            fcntl.flock(file, kind if patient else kind | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise _taken(store, _said(file)) from None
-        except OSError:  # a file system without locks
-            yield
-            return
-        if not shared and not patient:
-            file.seek(0)
-            file.truncate()
-            file.write(json.dumps(_me()))
-            file.flush()
-        try:
-            yield
-        finally:
-            if not shared and not patient:
-                with suppress(OSError):
-                    file.truncate(0)
-
-
-def _said(file: IO[str]) -> dict[str, object]:
-    file.seek(0)
-    with suppress(ValueError, OSError):
-        owner = json.loads(file.read(1000))
-        if isinstance(owner, dict):
-            return owner
-    return {}
-
-
-def _me() -> dict[str, object]:
-    return {"host": socket.gethostname(), "process": os.getpid()}
-
-
-def _taken(store: Store, owner: dict[str, object]) -> BatchError:
-    who = f" (process {owner['process']} on {owner['host']})" if {"process", "host"} <= set(owner) else ""
-    return BatchError(f"{store.shown}: another run is writing there{who}; wait for it, or name another folder with -o")
-
-
-@contextmanager
-def _beating(store: RemoteStore, name: str) -> Iterator[None]:
-    """Hold an object that is written again and again."""
-    held = store.read(name)
-    if held is not None and (owner := _alive(held)):
-        raise _taken(store, owner)
+    name = f"{LOCK}-{secrets.token_hex(8)}"
+    share = "" if shard is None else f"{shard[0]}-of-{shard[1]}"
     ended = threading.Event()
 
     def sign() -> None:
-        store.write(name, json.dumps(_me() | {"at": time.time()}).encode())
+        owner = Owner(host=socket.gethostname(), process=os.getpid(), share=share, at=time.time())
+        store.write(name, msgspec.json.encode(owner))
 
     def beat() -> None:
         while not ended.wait(BEAT):
             with suppress(StoreError):
                 sign()
 
-    sign()
     thread = threading.Thread(target=beat, daemon=True)
-    thread.start()
     try:
+        # Who comes second sees the first: both have signed before they look.
+        sign()
+        _look(store, name, share)
+        thread.start()
         yield
     finally:
         ended.set()
-        thread.join()
+        if thread.is_alive():
+            thread.join()
         with suppress(StoreError):
             store.remove(name)
 
 
-def _alive(held: bytes) -> dict[str, object]:
-    """Return whose lock it is; nothing where its owner is gone."""
-    try:
-        owner = json.loads(held)
-        age = time.time() - float(owner["at"])
-        mine = owner["host"] == socket.gethostname()
-        process = int(owner["process"])
-    except (ValueError, TypeError, KeyError):
-        return {}
-    if age > 4.0 * BEAT or (mine and not Path(f"/proc/{process}").exists() and Path("/proc").is_dir()):
-        return {}
-    return dict(owner)
+def _look(store: Store, mine: str, share: str) -> None:
+    """Refuse a batch where another run is at work, and remove what dead ones left."""
+    for name in store.names():
+        if not name.startswith(LOCK) or name == mine:
+            continue
+        try:
+            owner = msgspec.json.decode(store.read(name) or b"", type=Owner)
+        except msgspec.DecodeError:
+            owner = None
+        if owner is None or not owner.alive():
+            store.remove(name)
+        elif not (share and owner.share) or share == owner.share:
+            raise BatchError(
+                f"{store.shown}: another run is writing there (process {owner.process} on {owner.host});"
+                " wait for it, or name another folder with -o"
+            )

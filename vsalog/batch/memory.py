@@ -4,42 +4,26 @@ from __future__ import annotations
 
 import math
 import os
-import re
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from vsalog.batch.records import Log, Settings
-from vsalog.core.errors import BatchError
 from vsalog.core.memory import usable_memory
 
 BASE = 330 * 2**20
 """Bytes that a worker takes which waits, with everything loaded."""
 
 
-@dataclass(frozen=True, slots=True)
-class Need:
-    """What a step needs beyond that, as measured over formats (docs/batch.md), with room.
-
-    Attributes
-    ----------
-    per_byte : bytes per byte of log
-    most : bytes, however long a log is, where it is worked on in a temporary file and figures are drawn of thinned traces
-    """
-
-    per_byte: float
-    most: float = math.inf
-
-
+# What a step needs beyond that, as measured over formats (docs/batch.md), with room: bytes per byte of log, and at most, however
+# long a log is, where it is worked on in a temporary file and figures are drawn of thinned traces.
 NEEDS = {
-    "estimate": Need(6.0, 1000 * 2**20),
-    "page": Need(25.0, 2500 * 2**20),
-    "validate": Need(10.0),
-    "diagnose": Need(60.0),
+    "estimate": (6.0, 1000 * 2**20),
+    "page": (25.0, 2500 * 2**20),
+    "validate": (10.0, math.inf),
+    "diagnose": (60.0, math.inf),
 }
 WHOLE = b".mat"
 """MATLAB's files are read as a whole."""
-_UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12, "ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
 
 
 def expected(log: Log, settings: Settings) -> int:
@@ -48,29 +32,7 @@ def expected(log: Log, settings: Settings) -> int:
     if settings.do == "estimate" and settings.report:
         steps.append(NEEDS["page"])
     whole = log.where.lower().endswith(WHOLE)
-    return BASE + round(sum(min(s.per_byte * log.size, math.inf if whole else s.most) for s in steps))
-
-
-def parse_size(text: str) -> int:
-    """Read a size such as 4GB, 512 MiB or 3e9.
-
-    Raises
-    ------
-    BatchError
-        It is none, or too small for a single worker.
-    """
-    match = re.fullmatch(r"\s*([0-9.]+(?:e[0-9]+)?)\s*([kmgt]?i?)b?\s*", text, re.IGNORECASE)
-    size = 0.0
-    if match is not None:
-        with suppress(ValueError):
-            size = float(match[1]) * _UNITS.get(match[2].lower(), 0)
-    if not 0.0 < size < 1e18:
-        raise BatchError(f"--memory: '{text}' is no size; write 4GB or 512MiB")
-    if size < BASE:
-        raise BatchError(
-            f"--memory: {text} is too little: a single worker takes {size_text(BASE)} before it opens a log"
-        )
-    return int(size)
+    return BASE + round(sum(min(each * log.size, math.inf if whole else most) for each, most in steps))
 
 
 def size_text(size: float) -> str:
@@ -83,12 +45,12 @@ def free() -> int:
     return max(BASE, usable_memory())
 
 
-def resident(process: int) -> int | None:
-    """Return the bytes of memory that a process holds; None where the system does not say."""
+def resident() -> int:
+    """Return the bytes of memory that this process holds; 0 where the system does not say."""
     with suppress(OSError, ValueError, IndexError, AttributeError):
-        pages = int(Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1])
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE")
-    return None
+    return 0
 
 
 def cores() -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from urllib.parse import quote, unquote
+from urllib.parse import quote
 
 from vsalog.core.printable import LONGEST_NAME
 
@@ -23,11 +23,6 @@ def encoded(text: str) -> str:
     """
     name = quote(text, safe="").replace("~", "%7E")
     return f"%2E{name[1:]}" if name.startswith(".") else name
-
-
-def decoded(name: str) -> str:
-    """Return the text that was encoded."""
-    return unquote(name)
 
 
 def shown(text: str) -> str:

@@ -7,16 +7,16 @@ import json
 import tempfile
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from vsalog.batch.dataset import DatasetWriter, trace_name
+from vsalog.batch.dataset import PART, day, in_dataset, trace_name
 from vsalog.batch.figures import of_diagnosis, of_estimate, of_validation
 from vsalog.batch.names import device_name, encoded
-from vsalog.batch.records import Joint, Log, Settings
+from vsalog.batch.records import Log, Settings
 from vsalog.core.errors import ReadError
 from vsalog.core.trace import Trace
 from vsalog.diagnosis.run import Options as DiagnoseOptions
@@ -38,25 +38,18 @@ from vsalog.writers.atomic import write_text
 from vsalog.writers.trace import TraceWriter
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Result:
-    """What came of a log: files by what they are, with their names in the batch; and what its record says.
+    """What came of a log.
 
     Attributes
     ----------
     files : what → (file in the scratch folder, name in the batch)
-    input_sha256 : of the log as it was when it was read
+    said : fields of its record (`vsalog.batch.records.Record`)
     """
 
-    files: dict[str, tuple[Path, str]] = field(default_factory=dict)
-    joints: tuple[Joint, ...] = ()
-    findings: tuple[dict[str, Any], ...] = ()
-    warnings: tuple[str, ...] = ()
-    device: str = ""
-    date: str = ""
-    rig_sha256: str = ""
-    input_sha256: str = ""
-    met: bool = True
+    files: dict[str, tuple[Path, str]]
+    said: dict[str, Any]
 
 
 def check(settings: Settings) -> None:
@@ -67,21 +60,19 @@ def check(settings: Settings) -> None:
     VsalogError
         An option is impossible whatever the log.
     """
-    Window.parse(settings.start, settings.end)
+    asked = settings.options
+    Window.parse(asked.get("start"), asked.get("end"))
     if settings.model is not None:
         with tempfile.TemporaryDirectory(prefix="vsalog-") as folder:
-            file = Path(folder) / settings.model_name
-            file.write_text(settings.model, encoding="utf-8")
-            frozen(file)
-    rig = None if settings.rig is None else Rig.from_toml(settings.rig, settings.rig_name)
+            frozen(_model(settings, Path(folder)))
+    rig, estimator, tune = _rig(settings), asked.get("estimator", "auto"), asked.get("tune", {})
     if rig is not None:
-        rig = rig.with_settings({k: v for k, v in settings.set.items() if k != "setpoint"})
-        joints = pick_joints(rig.joints, settings.joints)
+        rig = rig.with_settings({k: v for k, v in asked.get("set", {}).items() if k != "setpoint"})
+        joints = pick_joints(rig.joints, asked.get("joints", ()))
         if settings.do == "estimate":
-            choose_all(joints, settings.estimator, settings.tune, rig.file)
-    elif settings.do == "estimate" and settings.estimator != "auto":
-        found = method(settings.estimator)
-        read_tuning(found.TUNING, settings.estimator, {k: v for k, v in settings.tune.items() if k != PRESET})
+            choose_all(joints, estimator, tune, rig.file)
+    elif estimator != "auto":
+        read_tuning(method(estimator).TUNING, estimator, {k: v for k, v in tune.items() if k != PRESET})
 
 
 def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
@@ -92,46 +83,36 @@ def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
     VsalogError
         The log is at fault, or a file cannot be written.
     """
-    options = EstimateOptions(
-        rig=None if settings.rig is None else Rig.from_toml(settings.rig, settings.rig_name),
-        joints=settings.joints,
-        estimator=settings.estimator,
-        tune=settings.tune,
-        set=settings.set,
-        rate=settings.rate,
-        time=settings.time,
-        start=settings.start,
-        end=settings.end,
-    )
-    job = prepare([path], options)
-    provenance = job.provenance()
-    result, name = Result(), encoded(log.name)
-    model, page, plain = scratch / "model.toml", scratch / "estimate.html", scratch / "plain.parquet"
+    job = prepare([path], EstimateOptions(rig=_rig(settings), **settings.options))
+    provenance, name = job.provenance(), encoded(log.name)
+    trace, model, page = scratch / PART, scratch / "model.toml", scratch / "estimate.html"
     with ExitStack() as stack:
-        traces = stack.enter_context(DatasetWriter(scratch / "part.parquet", provenance))
-        sinks: list[Callable[[Trace], None]] = [traces.write]
+        writers = [stack.enter_context(TraceWriter(trace, provenance, in_dataset))]
         if settings.report:
             # The page reads columns back from a trace as `estimate` writes it.
-            sinks.append(stack.enter_context(TraceWriter(plain, provenance)).write)
+            writers.append(stack.enter_context(TraceWriter(scratch / "plain.parquet", provenance)))
 
-        def sink(trace: Trace) -> None:
-            for each in sinks:
-                each(trace)
+        def sink(block: Trace) -> None:
+            for writer in writers:
+                writer.write(block)
 
         estimates = job.run(sink)
-        traces.add_findings(e.findings for e in estimates)
-    if settings.report:
-        write_estimate_page(page, job, plain, estimates, provenance)
-        result.files["report"] = (page, f"reports/{name}/estimate.html")
+        writers[0].add_findings(e.findings for e in estimates)
     write_text(model, job.model_file(estimates, provenance).to_toml())
-    result.device, result.date = _device(job.rig), traces.date
-    result.files["trace"] = (traces.path, trace_name(result.device, result.date, log.name))
-    result.files["model"] = (model, f"models/{name}.model.toml")
-    result.joints = tuple(of_estimate(job, e) for e in estimates)
-    result.warnings = job.warnings
-    result.rig_sha256 = hashlib.sha256(provenance["vsalog.rig"].encode()).hexdigest()
-    result.input_sha256 = next(iter(json.loads(provenance["vsalog.input"]).values()), "")
-    return result
+    device, date = _device(job.rig), day(trace)
+    files = {"trace": (trace, trace_name(device, date, log.name)), "model": (model, f"models/{name}.model.toml")}
+    if settings.report:
+        write_estimate_page(page, job, scratch / "plain.parquet", estimates, provenance)
+        files["report"] = (page, f"reports/{name}/estimate.html")
+    said = {
+        "device": device,
+        "date": date,
+        "joints": tuple(of_estimate(job, e) for e in estimates),
+        "warnings": job.warnings,
+        "rig_sha256": _sha256(provenance["vsalog.rig"]),
+        "input_sha256": next(iter(json.loads(provenance["vsalog.input"]).values()), ""),
+    }
+    return Result(files, said)
 
 
 def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
@@ -142,38 +123,22 @@ def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
     VsalogError
         The log or the model is at fault, or a file cannot be written.
     """
-    assert settings.model is not None
-    folder = scratch / "model"
-    folder.mkdir()
-    model = folder / settings.model_name
-    model.write_text(settings.model, encoding="utf-8")
-    options = ValidateOptions(
-        rig=_text(settings),
-        joints=settings.joints,
-        set=settings.set,
-        rate=settings.rate,
-        time=settings.time,
-        modalities=settings.modalities,
-        max_nrmse=settings.max_nrmse,
-        max_msrep=settings.max_msrep,
-        start=settings.start,
-        end=settings.end,
-    )
-    drawings = Drawings(frozen(model), settings.joints, 1, False)
+    model = _model(settings, scratch)
+    options = ValidateOptions(rig=_rig_text(settings), **settings.options)
+    drawings = Drawings(frozen(model), options.joints, 1, False)
     report = validation_words.worded(run_validation(model, [path], options, draw=drawings))
     if settings.rig is not None:
         report = msgspec.structs.replace(report, settings=report.settings | {"rig": settings.rig_name})
     outputs = validate_files.Outputs.within(scratch / "report", None)
     validate_files.write_report(report, drawings, outputs)
-    result, where = Result(), f"reports/{encoded(log.name)}"
-    result.files["document"] = (outputs.document, f"{where}/report.json")
-    result.files["report"] = (outputs.page, f"{where}/report.html")
-    rig = Rig.from_toml(report.rig, "rig")
-    result.device, result.joints = _device(rig), tuple(of_validation(report))
-    result.rig_sha256 = hashlib.sha256(report.rig.encode()).hexdigest()
-    result.input_sha256 = report.logs[0].sha256
-    result.met = all(t.met for t in report.thresholds)
-    return result
+    said = {
+        "device": _device(Rig.from_toml(report.rig, "rig")),
+        "joints": tuple(of_validation(report)),
+        "rig_sha256": _sha256(report.rig),
+        "input_sha256": report.logs[0].sha256,
+        "met": all(t.met for t in report.thresholds),
+    }
+    return Result(_reports(log, document=outputs.document, report=outputs.page), said)
 
 
 def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
@@ -184,37 +149,24 @@ def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
     VsalogError
         The log or the rig is at fault, or a file cannot be written.
     """
-    options = DiagnoseOptions(
-        rig=_text(settings),
-        joints=settings.joints,
-        set=settings.set,
-        rate=settings.rate,
-        time=settings.time,
-        start=settings.start,
-        end=settings.end,
-    )
-    outcome = run_diagnosis(path, None, options)
+    outcome = run_diagnosis(path, None, DiagnoseOptions(rig=_rig_text(settings), **settings.options))
     diagnosis = diagnosis_account.worded(outcome)
     extended = None if outcome.extended is None else outcome.extended.to_toml()
-    outputs = diagnose_files.write_diagnosis(
-        diagnosis,
-        outcome.evidence,
-        extended,
-        diagnose_files.Outputs.within(scratch / "report"),
-    )
-    result, where = Result(), f"reports/{encoded(log.name)}"
-    result.files["document"] = (outputs.document, f"{where}/diagnosis.json")
-    result.files["report"] = (outputs.page, f"{where}/diagnosis.html")
-    if outputs.rig_is == "written":
-        result.files["rig"] = (outputs.rig, f"{where}/extended.rig.toml")
-    result.device, result.joints = _device(outcome.rig), tuple(of_diagnosis(diagnosis))
-    own = {joint.joint for joint in result.joints}
-    result.findings = tuple(msgspec.to_builtins(f) for f in diagnosis.findings if f.joint not in own)
-    result.warnings = diagnosis.warnings
-    result.rig_sha256 = hashlib.sha256(diagnosis.rig.encode()).hexdigest()
-    result.input_sha256 = diagnosis.log_sha256
-    result.met = not settings.fail_on_cause or diagnosis.verdict.startswith("consistent")
-    return result
+    within = diagnose_files.Outputs.within(scratch / "report")
+    outputs = diagnose_files.write_diagnosis(diagnosis, outcome.evidence, extended, within)
+    rig = {"rig": outputs.rig} if outputs.rig_is == "written" else {}
+    joints = tuple(of_diagnosis(diagnosis))
+    own = {joint.joint for joint in joints}
+    said = {
+        "device": _device(outcome.rig),
+        "joints": joints,
+        "findings": tuple(msgspec.to_builtins(f) for f in diagnosis.findings if f.joint not in own),
+        "warnings": diagnosis.warnings,
+        "rig_sha256": _sha256(diagnosis.rig),
+        "input_sha256": diagnosis.log_sha256,
+        "met": not settings.fail_on_cause or diagnosis.verdict.startswith("consistent"),
+    }
+    return Result(_reports(log, document=outputs.document, report=outputs.page, **rig), said)
 
 
 COMMANDS: dict[str, Callable[[Log, Path, Settings, Path], Result]] = {
@@ -254,11 +206,32 @@ def _state(path: Path) -> list[tuple[str, int, int, int]]:
     return [(str(p), s.st_size, s.st_mtime_ns, s.st_ino) for p in files for s in (p.stat(),)]
 
 
-def _text(settings: Settings) -> Any:
+def _rig(settings: Settings) -> Rig | None:
+    return None if settings.rig is None else Rig.from_toml(settings.rig, settings.rig_name)
+
+
+def _rig_text(settings: Settings) -> str | None:
     """Return the rig as TOML text, which differs from a file's name by its line ends."""
     return None if settings.rig is None else f"\n{settings.rig}"
+
+
+def _model(settings: Settings, folder: Path) -> Path:
+    """Write the model to validate into a folder."""
+    assert settings.model is not None
+    (folder / "model").mkdir()
+    file = folder / "model" / settings.model_name
+    file.write_text(settings.model, encoding="utf-8")
+    return file
+
+
+def _reports(log: Log, **files: Path) -> dict[str, tuple[Path, str]]:
+    return {what: (file, f"reports/{encoded(log.name)}/{file.name}") for what, file in files.items()}
 
 
 def _device(rig: Rig) -> str:
     """Return what the data set calls the machine: the rig's name, else its joints'."""
     return device_name(rig.name or "+".join(rig.joints))
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

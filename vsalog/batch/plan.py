@@ -4,16 +4,38 @@ from __future__ import annotations
 
 import glob
 import os
+import re
 import sys
-from collections.abc import Iterable, Sequence
-from pathlib import Path
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from fsspec.utils import glob_translate
 
 from vsalog.batch.names import readable, shown, told_apart
-from vsalog.batch.planned import BAG, BESIDE, ENDINGS, Plan, fixed_part
 from vsalog.batch.records import Log
-from vsalog.batch.remote_plan import remote_plan
-from vsalog.batch.storage import is_address
+from vsalog.batch.storage import address, file_system, is_local
 from vsalog.core.errors import BatchError
+
+BAG = "metadata.yaml"
+# What a folder is searched for; a pattern may match anything.
+ENDINGS = (".mcap", ".bag", ".db3", ".csv", ".tsv", ".parquet", ".mat", ".gz", ".zst", ".bz2", ".lz4")
+# What lies next to logs and is none.
+BESIDE = (".toml", ".yaml", ".yml", ".md", ".html", ".json")
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """The logs of a batch, sorted by name, and what was left out on the way, in words."""
+
+    logs: tuple[Log, ...]
+    notes: tuple[str, ...]
+
+    def shard(self, index: int, count: int) -> Plan:
+        """Return every count-th log, beginning with the index-th, counted from 1."""
+        return Plan(self.logs[index - 1 :: count], self.notes)
 
 
 def make_plan(asked: Sequence[str], out: str) -> Plan:
@@ -21,7 +43,7 @@ def make_plan(asked: Sequence[str], out: str) -> Plan:
 
     Parameters
     ----------
-    asked : paths, patterns (``**`` is any depth), folders, addresses with patterns, ``@FILE`` for a list of these, ``-`` for
+    asked : paths, addresses, patterns of either (``**`` is any depth), folders, ``@FILE`` for a list of these, ``-`` for
         one on the standard input
     out : folder or address of the batch, where no log may be
 
@@ -33,29 +55,29 @@ def make_plan(asked: Sequence[str], out: str) -> Plan:
     words = [word for text in asked for word in _listed(text)]
     if not words:
         raise BatchError("the list of logs is empty")
-    if len({is_address(word) for word in words}) > 1:
+    placed = [file_system(word) for word in words]
+    system = placed[0][0]
+    if any(other != system for other, _ in placed):
         raise BatchError("some logs are files here and some are addresses; put them into two batches")
-    if is_address(words[0]):
-        return remote_plan(words, out)
-    paths, roots, notes = [], [], []
-    for word in words:
-        found, root = _matched(word)
-        paths += found
+    sizes: dict[str, int] = {}
+    roots, notes, named = [], [], set()
+    for word, (_, path) in zip(words, placed, strict=True):
+        found, root = _found(system, path, word)
+        sizes |= found
         roots.append(root)
-    paths, left_out = _outside(paths, words, out)
+        named |= {path} & set(found)
+    paths, left_out = _outside(system, sizes, named, out)
     if left_out:
         notes.append(f"left out: {left_out} files in {shown(out)}, which is where the batch goes")
-    paths, twice = _once(_without_parts(paths))
+    paths, twice = _once(system, paths)
     if twice:
         notes.append(f"left out: {twice} files that are others by another name")
     if not paths:
         raise BatchError(f"no log is left: all that was found lies in {shown(out)}")
-    root = os.path.commonpath([Path(r).absolute() for r in roots])
-    relative = [os.fsencode(os.path.relpath(Path(p).absolute(), root)) for p in paths]
-    names = told_apart([readable(r.replace(os.fsencode(os.sep), b"/")) for r in relative])
+    root = os.path.commonpath(roots)
+    names = told_apart([readable(os.fsencode(Path(os.path.relpath(p, root)).as_posix())) for p in paths])
     logs = [
-        Log(name=n, where=os.fsencode(Path(p).absolute()), remote=False, size=_size(Path(p)))
-        for n, p in zip(names, paths, strict=True)
+        Log(name=n, where=os.fsencode(address(system, p)), size=sizes[p]) for n, p in zip(names, paths, strict=True)
     ]
     return Plan(tuple(sorted(logs, key=lambda log: log.name)), tuple(notes))
 
@@ -72,89 +94,115 @@ def _listed(text: str) -> list[str]:
     return [os.fsdecode(part) for part in parts if part.strip()]
 
 
-def _matched(word: str) -> tuple[list[str], str]:
-    """Return the logs that a word means, and the folder that their names begin below."""
-    path = Path(word)
-    if path.is_dir():
-        if (path / BAG).is_file():
-            return [word], str(path.absolute().parent)
-        found = _inside(path)
-        if not found:
-            raise BatchError(f"{shown(word)}: there is no log in this folder (endings: {', '.join(ENDINGS)})")
-        return found, word
-    if path.exists() or not glob.has_magic(word):
-        if not path.is_file():
-            raise BatchError(f"{shown(word)}: {'is no file' if path.exists() else 'there is no such file'}")
-        return [word], str(path.absolute().parent)
-    # Path.glob knows no pattern that begins at the root.
-    found = [f for f in glob.glob(word, recursive=True) if _is_log(Path(f))]  # noqa: PTH207
-    if not found:
-        raise BatchError(f"'{shown(word)}' matches no log")
-    return found, fixed_part(word)
-
-
-def _is_log(path: Path) -> bool:
-    """Tell what a pattern may have meant: no folders but bags, and no file of the kinds that lie next to logs."""
-    if path.is_dir():
-        return (path / BAG).is_file()
-    return path.is_file() and path.suffix.lower() not in BESIDE
-
-
-def _inside(top: Path) -> list[str]:
-    found = []
-    for folder, folders, files in os.walk(top):
-        folders[:] = sorted(name for name in folders if not name.startswith("."))
-        if BAG in files:
-            found.append(folder)
-            folders.clear()
-            continue
-        logs = (f for f in files if f.lower().endswith(ENDINGS) and not f.startswith("."))
-        found += [str(Path(folder, f)) for f in logs]
-    return found
-
-
-def _outside(paths: Iterable[str], words: Sequence[str], out: str) -> tuple[list[str], int]:
-    """Leave out what lies in the batch itself; refuse what was named and lies there, and a batch inside a log."""
-    if is_address(out):
-        return list(paths), 0
-    target, kept, left_out = Path(out).resolve(), [], 0
-    for path in paths:
-        real = Path(path).resolve()
-        if real == target or (real in target.parents and (real / BAG).is_file()):
-            raise BatchError(f"{shown(out)}: is a log itself, or lies in one; name another folder with -o")
-        if target in real.parents:
-            if path in words:
-                raise BatchError(
-                    f"{shown(path)}: lies in {shown(out)}, where the batch goes; name another folder with -o"
-                )
-            left_out += 1
+def _found(system: Any, path: str, word: str) -> tuple[dict[str, int], str]:
+    """Return path → size [bytes] of the logs that a word means, and the folder that their names begin below."""
+    try:
+        kind = _kind(system, path)
+        if kind == "file":
+            return {path: int(system.info(path)["size"] or 0)}, path.rpartition("/")[0]
+        if kind == "directory":
+            logs = _logs(_below(system, path, None))
+            top = path.rpartition("/")[0] if path in logs else path
+        elif glob.has_magic(word):
+            fixed, rest = _parts(word)
+            top, matches = file_system(fixed)[1], re.compile(glob_translate(rest)).match
+            # One deeper than what is meant, to see which folders are bags.
+            there = _below(system, top, None if "**" in rest else rest.count("/") + 2)
+            logs = _logs(there, lambda path: matches(path.removeprefix(top).lstrip("/")) is not None)
         else:
+            raise BatchError(f"{shown(word)}: {'is no file' if kind else 'there is no such file'}")
+    except BatchError:
+        raise
+    except Exception as error:
+        raise BatchError(f"{shown(word)}: cannot be looked at: {type(error).__name__}: {error}") from error
+    if not logs and kind:
+        raise BatchError(f"{shown(word)}: there is no log in this folder (endings: {', '.join(ENDINGS)})")
+    if not logs:
+        raise BatchError(f"'{shown(word)}' matches no log")
+    return logs, top
+
+
+def _kind(system: Any, path: str) -> str:
+    """Return what lies at a path: "file", "directory", another word for what is neither, nothing where nothing does."""
+    try:
+        return str(system.info(path)["type"])
+    except (FileNotFoundError, NotADirectoryError):
+        return ""
+
+
+def _parts(pattern: str) -> tuple[str, str]:
+    """Return the folder above the first part of a pattern that has a wildcard, the same whatever it matches; and the rest."""
+    parts = pattern.rstrip("/").split("/")
+    first = next(i for i, part in enumerate(parts) if glob.has_magic(part))
+    return "/".join(parts[:first]) or ("/" if pattern.startswith("/") else "."), "/".join(parts[first:])
+
+
+def _below(system: Any, top: str, depth: int | None) -> dict[str, int]:
+    """Return path → size [bytes] of the files below a folder, hidden ones aside, as many folders deep as said.
+
+    Links to folders are followed, each of these once, and none to a folder that the search came through.
+    """
+    files: dict[str, int] = {}
+    seen = {str(folder) for folder in (Path(top).resolve(), *Path(top).resolve().parents)}
+    folders = [(top, depth)]
+    while folders:
+        folder, deep = folders.pop()
+        for path, info in system.find(folder, maxdepth=deep, detail=True).items():
+            below = path.removeprefix(folder).strip("/").split("/")
+            if any(part.startswith(".") for part in below):
+                continue
+            if info["type"] == "file" or system.isfile(path):
+                files[path] = int(info["size"] or 0)
+            elif info.get("islink") and (real := os.path.realpath(path)) not in seen and system.isdir(path):
+                seen.add(real)
+                if deep is None or deep > len(below):
+                    folders.append((path, None if deep is None else deep - len(below)))
+    return files
+
+
+def _logs(files: Mapping[str, int], matches: Callable[[str], bool] | None = None) -> dict[str, int]:
+    """Choose what of a folder's files a pattern means, or the folder itself: logs, and bags, which are folders, as a whole."""
+    bags = {path.rpartition("/")[0] for path in files if path.endswith(f"/{BAG}")}
+    if matches is not None:
+        bags = {bag for bag in bags if matches(bag)}
+    chosen: Counter[str] = Counter()
+    for path, size in files.items():
+        bag = [above for above in map(str, PurePosixPath(path).parents) if above in bags]
+        name = path.lower()
+        if bag:
+            chosen[bag[-1]] += size
+        elif name.endswith(ENDINGS) if matches is None else matches(path) and not name.endswith(BESIDE):
+            chosen[path] = size
+    return dict(chosen)
+
+
+def _place(system: Any, path: str) -> str:
+    """Return a path without links, or an address: what no two files share."""
+    return os.path.realpath(path) if is_local(system) else address(system, path)
+
+
+def _outside(system: Any, paths: Iterable[str], named: Collection[str], out: str) -> tuple[list[str], int]:
+    """Leave out what lies in the batch itself; refuse what was named and lies there, and a batch inside a log."""
+    target, kept, left_out = _place(*file_system(out)), [], 0
+    for path in paths:
+        place = _place(system, path)
+        if f"{target}/".startswith(f"{place}/"):
+            raise BatchError(f"{shown(out)}: is a log itself, or lies in one; name another folder with -o")
+        if not place.startswith(f"{target}/"):
             kept.append(path)
+        elif path in named:
+            raise BatchError(f"{shown(path)}: lies in {shown(out)}, where the batch goes; name another folder with -o")
+        else:
+            left_out += 1
     return kept, left_out
 
 
-def _without_parts(paths: Sequence[str]) -> list[str]:
-    """Leave out the files of bags that are there as folders."""
-    bags = {Path(p).absolute() for p in paths if Path(p).is_dir()}
-    return [p for p in paths if not any(above in bags for above in Path(p).absolute().parents)]
-
-
-def _once(paths: Sequence[str]) -> tuple[list[str], int]:
+def _once(system: Any, paths: Sequence[str]) -> tuple[list[str], int]:
     """Take each file once, by the first of its names in the order of the alphabet; say how many had another one."""
-    by_path = {str(Path(p).absolute()): p for p in paths}
-    by_file: dict[str, str] = {}
-    for path in sorted(by_path):
+    by_place: dict[str, str] = {}
+    for path in sorted(paths):
+        place = _place(system, path)
         # A link gives way to the file, whatever their names.
-        real = os.path.realpath(path)
-        if real not in by_file or path == real:
-            by_file[real] = by_path[path]
-    return list(by_file.values()), len(by_path) - len(by_file)
-
-
-def _size(path: Path) -> int:
-    try:
-        if path.is_dir():
-            return sum(p.stat().st_size for p in path.rglob("*") if p.is_file())
-        return path.stat().st_size
-    except OSError:
-        return 0
+        if place not in by_place or path == place:
+            by_place[place] = path
+    return list(by_place.values()), len(paths) - len(by_place)

@@ -7,6 +7,12 @@ from typing import Any, Literal
 
 import msgspec
 
+from vsalog.batch.names import encoded
+from vsalog.batch.storage import Store
+
+# What a batch is, in its folder; it is there before the first log is begun.
+MANIFEST = "batch.json"
+RECORDS = "records"
 VERSION = 1
 """Of the layout of a batch's folder and records."""
 
@@ -22,13 +28,11 @@ class Log(msgspec.Struct, frozen=True, kw_only=True):
     ----------
     name : relative to what all logs have in common, as text; the value of the data set's partition ``log``
     where : path or address, as bytes because a path need not be text
-    remote : whether `where` is an address
     size : bytes; of a folder, of its files
     """
 
     name: str
     where: bytes
-    remote: bool
     size: int
 
 
@@ -41,9 +45,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     rig : the rig that was given, TOML; None where each log's own is looked for
     rig_name : what messages call it
     model, model_name : the model to validate, TOML
-    joints, estimator, tune, set, rate, time, start, end : as for the commands
+    options : others of the command's `Options`, by name
     report : write a page per log where the command does not do so anyway
-    modalities, max_nrmse, max_msrep : of `validate`
     fail_on_cause : of `diagnose`
     """
 
@@ -52,18 +55,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     rig_name: str = ""
     model: str | None = None
     model_name: str = ""
-    joints: tuple[str, ...] = ()
-    estimator: str = "auto"
-    tune: dict[str, str] = {}
-    set: dict[str, str] = {}
-    rate: float | None = None
-    time: str = "auto"
-    start: str | None = None
-    end: str | None = None
+    options: dict[str, Any] = {}
     report: bool = False
-    modalities: bool | None = None
-    max_nrmse: float | None = None
-    max_msrep: float | None = None
     fail_on_cause: bool = False
 
     def digest(self) -> str:
@@ -128,7 +121,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
     version: int = VERSION
     log: str
     do: Do
-    status: Literal["done", "failed"]
+    status: Literal["done", "failed"] = "done"
     kind: Kind = ""
     reason: str = ""
     key: str = ""
@@ -147,23 +140,49 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):
-    """What a worker answers: a record, whether it was there before, and whether it lies there now; or why none can be written."""
+    """What a worker answers: a record, whether it was there before, and whether it lies there now; or why none can be written.
+
+    Attributes
+    ----------
+    resident : memory that the worker's process holds [bytes]
+    """
 
     record: Record | None = None
     kept: bool = False
     written: bool = False
     stop: str = ""
+    resident: int = 0
 
 
-def failed(log: Log, settings: Settings, kind: Kind, reason: str, vsalog: str, seconds: float = 0.0) -> Record:
-    """Return the record of a log that could not be done."""
-    return Record(
-        log=log.name,
-        do=settings.do,
-        status="failed",
-        kind=kind,
-        reason=reason,
-        vsalog=vsalog,
-        input_bytes=log.size,
-        run_seconds=seconds,
-    )
+def record_of(log: Log, settings: Settings, vsalog: str, **fields: Any) -> Record:
+    """Return a log's record: what the plan says of it, and fields by name as they come from outside."""
+    known = {"log": log.name, "do": settings.do, "vsalog": vsalog, "input_bytes": log.size}
+    return msgspec.convert(known | fields, Record)
+
+
+def failed(log: Log, settings: Settings, kind: Kind, reason: str, vsalog: str) -> Record:
+    """Return the record of a log that nobody could do."""
+    return record_of(log, settings, vsalog, status="failed", kind=kind, reason=reason)
+
+
+def record_name(log: str) -> str:
+    """Return where a log's record lies in the batch."""
+    return f"{RECORDS}/{encoded(log)}.json"
+
+
+def write_record(store: Store, record: Record) -> None:
+    """Write a record, in a file of its own: from now on its log is finished."""
+    store.write(record_name(record.log), msgspec.json.format(msgspec.json.encode(record)) + b"\n")
+
+
+def read_record(store: Store, name: str) -> Record | None:
+    """Return the record in a file; None where there is none, or none that can be read."""
+    try:
+        return msgspec.json.decode(store.read(name) or b"", type=Record)
+    except msgspec.DecodeError:
+        return None
+
+
+def whole(record: Record, store: Store) -> bool:
+    """Tell whether a log is finished, and its files are as they were written."""
+    return record.status == "done" and all(store.size(o.name) == o.size for o in record.outputs.values())

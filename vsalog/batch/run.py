@@ -5,25 +5,35 @@ from __future__ import annotations
 import os
 import re
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Protocol
+from dataclasses import dataclass
 
 import msgspec
 
 from vsalog._version import __version__
-from vsalog.batch import index_page, memory, summary
+from vsalog.batch import memory
 from vsalog.batch.cluster import Cluster
-from vsalog.batch.lock import locked, one_after_the_other
-from vsalog.batch.plan import make_plan
-from vsalog.batch.planned import Plan
+from vsalog.batch.lock import locked
+from vsalog.batch.outcome import Outcome
+from vsalog.batch.plan import Plan, make_plan
 from vsalog.batch.pool import Pool
-from vsalog.batch.record_files import MANIFEST, RECORDS, parsed, record_name, write_record
-from vsalog.batch.records import VERSION, Answer, Do, Log, Record, Settings, Task
-from vsalog.batch.storage import LocalStore, Store, StoreError, is_address, open_store
+from vsalog.batch.records import (
+    MANIFEST,
+    RECORDS,
+    VERSION,
+    Do,
+    Record,
+    Settings,
+    Task,
+    read_record,
+    record_name,
+    write_record,
+)
+from vsalog.batch.storage import Store, StoreError
+from vsalog.batch.summary import page_columns, rows_of, write_summary
 from vsalog.core.errors import BatchError
 from vsalog.core.printable import plural
+from vsalog.report.batch import Shown
+from vsalog.report.page_batch import batch_page
 
 # Files of a batch that may be removed when no record names them; nobody else's ever are.
 _WRITTEN = re.compile(
@@ -66,60 +76,13 @@ class Asked:
     scheduler: str | None = None
 
 
-@dataclass(slots=True)
-class Outcome:
-    """What came of it.
-
-    Attributes
-    ----------
-    planned : logs of this run (of this share, where there are shares)
-    kept : of these, were finished before
-    failures : records of those that failed
-    missed : names of those that missed a threshold
-    everything, finished : logs of all shares, and of these those that have a record
-    others : logs of earlier runs that are not asked for any more, and whose results are still there
-    seconds : how long it took
-    where : of the batch
-    """
-
-    planned: int = 0
-    kept: int = 0
-    failures: list[Record] = field(default_factory=list)
-    missed: list[str] = field(default_factory=list)
-    everything: int = 0
-    finished: int = 0
-    others: int = 0
-    seconds: float = 0.0
-    where: str = ""
-
-    @property
-    def code(self) -> int:
-        """The exit code: 1 where a failure is a bug of ours, 2 where a log failed, 3 where a threshold was missed."""
-        if any(r.kind == "bug" for r in self.failures):
-            return 1
-        return 2 if self.failures else 3 if self.missed else 0
-
-
-class Watch(Protocol):
-    """Whoever follows how it goes."""
-
-    def say(self, text: str) -> None:
-        """Take a remark."""
-
-    def begin(self, logs: Sequence[Log]) -> None:
-        """Learn what is going to be done."""
-
-    def add(self, log: Log, answer: Answer) -> None:
-        """Learn that a log is finished."""
-
-
-def run_batch(asked: Asked, watch: Watch) -> Outcome:
+def run_batch(asked: Asked, shown: Shown) -> Outcome:
     """Do a batch.
 
     Parameters
     ----------
     asked : what
-    watch : called with how it goes
+    shown : called with how it goes
 
     Raises
     ------
@@ -130,39 +93,29 @@ def run_batch(asked: Asked, watch: Watch) -> Outcome:
     whole_plan = make_plan(asked.logs, asked.out)
     plan = whole_plan if asked.shard is None else whole_plan.shard(*asked.shard)
     for note in plan.notes:
-        watch.say(note)
-    store = open_store(asked.out)
+        shown.say(note)
+    store = Store(asked.out)
     _check_place(store, asked)
-    with _executor(asked, watch, len(plan.logs)) as executor:
+    with _executor(asked, shown, len(plan.logs)) as executor:
         executor.check(asked.settings)
-        if isinstance(store, LocalStore):
-            _make(store)
         with locked(store, asked.shard):
             # Once more: somebody may have been faster.
             before = _check_place(store, asked)
             if asked.shard is None:
                 store.clear_scratch()
-            _begin(store, asked, before, watch)
-            records, outcome = _work(executor, store, plan, asked, watch)
-            with one_after_the_other(store):
-                _finish(store, whole_plan, records, asked, outcome, watch)
+            _begin(store, asked, before, shown)
+            outcome = Outcome(store.shown, asked.settings.do, len(plan.logs))
+            _work(executor, store, plan, asked, outcome, shown)
+            _finish(store, {log.name for log in whole_plan.logs}, asked, outcome, shown)
     outcome.seconds = time.perf_counter() - start
-    outcome.where = store.shown
     return outcome
 
 
-def _executor(asked: Asked, watch: Watch, logs: int) -> Pool | Cluster:
+def _executor(asked: Asked, shown: Shown, logs: int) -> Pool | Cluster:
     if asked.scheduler is not None:
-        return Cluster(asked.scheduler, watch.say)
+        return Cluster(asked.scheduler, shown.say)
     bound = memory.free() if asked.memory is None else asked.memory
-    return Pool(min(asked.jobs or memory.cores(), max(logs, 1)), bound, asked.timeout, watch.say)
-
-
-def _make(store: LocalStore) -> None:
-    try:
-        store.root.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StoreError(f"{store.shown}: cannot be made a folder: {error.strerror}") from error
+    return Pool(min(asked.jobs or memory.cores(), max(logs, 1)), bound, asked.timeout, shown.say)
 
 
 def _check_place(store: Store, asked: Asked) -> Manifest | None:
@@ -189,74 +142,72 @@ def _check_place(store: Store, asked: Asked) -> Manifest | None:
     return manifest
 
 
-def _begin(store: Store, asked: Asked, before: Manifest | None, watch: Watch) -> None:
+def _begin(store: Store, asked: Asked, before: Manifest | None, shown: Shown) -> None:
     manifest = Manifest(version=VERSION, do=asked.settings.do, asked=asked.settings.digest())
     if before == manifest:
         return
     if before is not None:
-        watch.say("other options than before: all logs are done again")
+        shown.say("other options than before: all logs are done again")
     store.write(MANIFEST, msgspec.json.format(msgspec.json.encode(manifest)) + b"\n")
 
 
-def _work(
-    executor: Pool | Cluster, store: Store, plan: Plan, asked: Asked, watch: Watch
-) -> tuple[dict[str, Record], Outcome]:
-    out = asked.out if is_address(asked.out) else str(Path(asked.out).absolute())
-    tasks = [
-        Task(log=log, settings=asked.settings, out=os.fsencode(out), vsalog=__version__, keep=True) for log in plan.logs
-    ]
-    outcome, records = Outcome(planned=len(tasks)), dict[str, Record]()
-    watch.begin(plan.logs)
+def _work(executor: Pool | Cluster, store: Store, plan: Plan, asked: Asked, outcome: Outcome, shown: Shown) -> None:
+    out = os.fsencode(store.address)
+    tasks = [Task(log=log, settings=asked.settings, out=out, vsalog=__version__, keep=True) for log in plan.logs]
+    shown.begin([log.size for log in plan.logs])
     for task, answer in executor.run(tasks):
         if answer.stop or answer.record is None:
-            raise StoreError(
-                f"{answer.stop} ({len(records)} of {plural(len(tasks), 'log')} finished; --resume goes on)"
-            )
-        record = answer.record
+            done = f"{len(outcome.records)} of {plural(len(tasks), 'log')} finished; --resume goes on"
+            raise StoreError(f"{answer.stop} ({done})")
         if not answer.written:
-            write_record(store, record)
-        records[record.log] = record
+            write_record(store, answer.record)
+        outcome.records[answer.record.log] = answer.record
         outcome.kept += answer.kept
-        if record.status == "failed":
-            outcome.failures.append(record)
-        elif not record.met:
-            outcome.missed.append(record.log)
-        watch.add(task.log, answer)
-    outcome.failures.sort(key=lambda r: r.log)
-    return records, outcome
+        # Most reasons begin with the name.
+        reason = answer.record.reason.removeprefix(f"{task.log.name}: ")
+        shown.add(task.log.size, answer.kept, reason and f"{task.log.name}: {reason}")
 
 
-def _finish(store: Store, plan: Plan, records: dict[str, Record], asked: Asked, outcome: Outcome, watch: Watch) -> None:
+def _finish(store: Store, planned: set[str], asked: Asked, outcome: Outcome, shown: Shown) -> None:
     """Make the table and the page of all records that are there, and remove what none of them names."""
-    planned, mine = {log.name for log in plan.logs}, {record_name(name) for name in records}
-    others = [parsed(store.read(name)) for name in store.files(RECORDS) if name not in mine]
-    everything = records | {r.log: r for r in others if r is not None}
+    everything, do = dict(outcome.records), asked.settings.do
+    _gather(store, everything)
     if asked.shard is None:
-        known = {r.input_sha256 for r in records.values() if r.status == "done"}
+        known = {r.input_sha256 for r in outcome.records.values() if r.status == "done"}
         for record in [r for name, r in everything.items() if name not in planned]:
             # A log that has another name now is there under that; one that failed left nothing.
             if record.status == "failed" or record.input_sha256 in known:
                 del everything[record.log]
                 store.remove(record_name(record.log))
         _sweep(store, everything)
-    outcome.everything = len(planned)
-    outcome.finished = len(planned & set(everything))
+    outcome.everything, outcome.finished = len(planned), len(planned & set(everything))
     outcome.others = len(set(everything) - planned)
     if outcome.others:
-        watch.say(f"the data set keeps what {plural(outcome.others, 'log')} of an earlier run left, besides these")
-    ordered = [everything[name] for name in sorted(everything)]
-    with store.scratch() as folder:
-        page, table = folder / index_page.NAME, folder / summary.NAME
-        try:
-            page.write_text(index_page.index_page(ordered, asked.settings.do), encoding="utf-8")
-            summary.write_summary(ordered, asked.settings.do, table)
-        except OSError as error:
-            raise StoreError(f"{store.shown}: cannot be written: {error.strerror or error}") from error
-        store.put(page, index_page.NAME)
-        store.put(table, summary.NAME)
+        shown.say(f"the data set keeps what {plural(outcome.others, 'log')} of an earlier run left, besides these")
+    _write_overview(store, everything, do)
     if asked.shard is None:
         # A worker that was killed on the way could not do this for itself.
         store.clear_scratch()
+    else:
+        # Of shares that end at the same time the last to write need not be the last that looked.
+        while _gather(store, everything):
+            _write_overview(store, everything, do)
+
+
+def _gather(store: Store, records: dict[str, Record]) -> bool:
+    """Add the records of others that are there; tell whether there were any."""
+    names = set(store.files(RECORDS)) - {record_name(log) for log in records}
+    found = {r.log: r for name in sorted(names) if (r := read_record(store, name)) is not None}
+    records |= found
+    return bool(found)
+
+
+def _write_overview(store: Store, records: dict[str, Record], do: Do) -> None:
+    ordered = [records[name] for name in sorted(records)]
+    failed, missed = sum(r.status == "failed" for r in ordered), sum(not r.met for r in ordered)
+    counts = {"done": len(ordered) - failed, "failed": failed, "missed": missed}
+    store.write("index.html", batch_page(do, counts, rows_of(ordered), page_columns(do)).encode())
+    store.write("summary.parquet", write_summary(ordered, do))
 
 
 def _sweep(store: Store, records: dict[str, Record]) -> None:

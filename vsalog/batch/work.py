@@ -4,29 +4,39 @@ from __future__ import annotations
 
 import hashlib
 import os
+import tempfile
 import time
-from collections.abc import Callable
-from dataclasses import replace as replaced
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from vsalog._version import __version__
+from vsalog.batch.memory import resident
 from vsalog.batch.names import shown
-from vsalog.batch.one_log import Result, check, run_one
-from vsalog.batch.record_files import MANIFEST, read_record, whole, write_record
-from vsalog.batch.records import Answer, Joint, Kind, Log, Output, Record, Settings, Task, failed
-from vsalog.batch.remote_plan import fetched
-from vsalog.batch.storage import Store, StoreError, open_store
+from vsalog.batch.one_log import check, run_one
+from vsalog.batch.records import (
+    MANIFEST,
+    Answer,
+    Kind,
+    Log,
+    Output,
+    Record,
+    Settings,
+    Task,
+    read_record,
+    record_name,
+    record_of,
+    whole,
+    write_record,
+)
+from vsalog.batch.storage import Store, StoreError, file_system, is_address
 from vsalog.core.errors import VsalogError, WriteError
 from vsalog.estimation.job import sha256
+from vsalog.readers.remote import download
 from vsalog.rig.find import rig_beside
-
-
-def do_json(task: bytes) -> bytes:
-    """Do a task; both it and the answer are JSON, so that nothing else goes between processes."""
-    return msgspec.json.encode(do(msgspec.json.decode(task, type=Task)))
 
 
 def check_json(settings: bytes) -> str:
@@ -38,50 +48,46 @@ def check_json(settings: bytes) -> str:
     return ""
 
 
-def do(task: Task) -> Answer:
+def do_json(data: bytes) -> bytes:
     """Do a task: all files of a log, then its record.
 
     Parameters
     ----------
-    task : a log and what is asked for
+    data : a `Task` as JSON, so that nothing else goes between processes
 
     Returns
     -------
-    The record, also of a log that failed; or why nothing can be written at all.
+    An `Answer` as JSON: the record, also of a log that failed; or why nothing can be written at all
     """
-    start = time.perf_counter()
-    if task.vsalog != __version__:
-        return Answer(stop=f"this worker has vsalog {__version__}, but {task.vsalog} was asked for")
+    task = msgspec.json.decode(data, type=Task)
     try:
-        store = open_store(os.fsdecode(task.out))
+        if task.vsalog != __version__:
+            raise StoreError(f"this worker has vsalog {__version__}, but {task.vsalog} was asked for")
+        store = Store(os.fsdecode(task.out))
         if store.size(MANIFEST) is None:
-            return Answer(stop=f"{store.shown}: is not seen by this worker; name a place that all machines share")
-        record, kept = _done(task, store, start)
+            raise StoreError(f"{store.shown}: is not seen by this worker; name a place that all machines share")
+        record, kept = _done(task, store)
         if not kept:
             write_record(store, record)
     except StoreError as error:
-        return Answer(stop=str(error))
-    return Answer(record=record, kept=kept, written=True)
+        return msgspec.json.encode(Answer(stop=str(error)))
+    return msgspec.json.encode(Answer(record=record, kept=kept, written=True, resident=resident()))
 
 
-def _done(task: Task, store: Store, start: float) -> tuple[Record, bool]:
-    log, settings = task.log, task.settings
+def _done(task: Task, store: Store) -> tuple[Record, bool]:
+    """Return a log's record, and whether it was there before."""
+    log, start = task.log, time.perf_counter()
 
     def gone(kind: Kind, reason: str) -> tuple[Record, bool]:
-        return failed(log, settings, kind, shown(reason), __version__, time.perf_counter() - start), False
+        fields = {"status": "failed", "kind": kind, "reason": shown(reason), "run_seconds": time.perf_counter() - start}
+        return record_of(log, task.settings, __version__, **fields), False
 
     try:
-        with fetched(log) as path:
-            before = read_record(store, log.name) if task.keep else None
+        with _here(log) as path:
+            before = read_record(store, record_name(log.name)) if task.keep else None
             if before is not None and whole(before, store) and before.key == _key(task, path, sha256(path)):
                 return before, True
-            with store.scratch() as scratch:
-                result = _explaining(lambda: run_one(log, path, settings, scratch), path, log)
-                key = _key(task, path, result.input_sha256)
-                outputs = {what: Output(name=n, size=f.stat().st_size) for what, (f, n) in result.files.items()}
-                for what, (file, _) in result.files.items():
-                    store.put(file, outputs[what].name)
-            return _record(task, key, result, outputs, time.perf_counter() - start), False
+            return _fresh(task, store, path, start), False
     except StoreError:
         raise
     except WriteError as error:
@@ -97,23 +103,45 @@ def _done(task: Task, store: Store, start: float) -> tuple[Record, bool]:
         return gone("bug", f"this is a bug in vsalog, not in your log: {type(error).__name__}: {error}")
 
 
-def _explaining(run: Callable[[], Result], path: Path, log: Log) -> Result:
-    """Run, and call the log in messages what the batch calls it: where it lies is no one's business, and differs by machine."""
+@contextmanager
+def _here(log: Log) -> Iterator[Path]:
+    """Give a log as a path here: its own, or that of a copy, with the rigs that lie next to it, while the context lasts."""
+    where = os.fsdecode(log.where)
+    if not is_address(where):
+        yield Path(where)
+        return
+    with tempfile.TemporaryDirectory(prefix="vsalog-") as folder:
+        path = download(where, log.name, Path(folder))
+        system, origin = file_system(where)
+        for rig in (f"{path.stem}.rig.toml", "rig.toml"):
+            beside = f"{origin.rpartition('/')[0]}/{rig}"
+            if system.isfile(beside):
+                system.get_file(beside, str(path.with_name(rig)))
+        yield path
 
-    def plain(value: Any) -> Any:
-        if isinstance(value, str):
-            return shown(value.replace(str(path), log.name))
-        if isinstance(value, dict):
-            return {plain(key): plain(item) for key, item in value.items()}
-        return [plain(item) for item in value] if isinstance(value, list | tuple) else value
 
-    try:
-        result = run()
-    except VsalogError as error:
-        raise type(error)(plain(str(error))) from error
-    joints = tuple(Joint(joint=plain(j.joint), figures=plain(j.figures)) for j in result.joints)
-    findings, warnings = tuple(plain(result.findings)), tuple(plain(result.warnings))
-    return replaced(result, findings=findings, warnings=warnings, joints=joints)
+def _fresh(task: Task, store: Store, path: Path, start: float) -> Record:
+    log = task.log
+    with store.scratch() as scratch:
+        try:
+            result = run_one(log, path, task.settings, scratch)
+        except VsalogError as error:
+            raise type(error)(_named(str(error), path, log)) from error
+        said = _named(msgspec.to_builtins(result.said), path, log)
+        outputs = {what: Output(name=n, size=f.stat().st_size) for what, (f, n) in result.files.items()}
+        for what, (file, _) in result.files.items():
+            store.put(file, outputs[what].name)
+    said |= {"key": _key(task, path, said["input_sha256"]), "run_seconds": time.perf_counter() - start}
+    return record_of(log, task.settings, __version__, outputs=outputs, **said)
+
+
+def _named(value: Any, path: Path, log: Log) -> Any:
+    """Call the log in messages what the batch calls it: where it lies is no one's business, and differs by machine."""
+    if isinstance(value, str):
+        return shown(value.replace(str(path), log.name))
+    if isinstance(value, dict):
+        return {_named(key, path, log): _named(item, path, log) for key, item in value.items()}
+    return [_named(item, path, log) for item in value] if isinstance(value, list | tuple) else value
 
 
 def _key(task: Task, path: Path, digest: str) -> str:
@@ -122,24 +150,3 @@ def _key(task: Task, path: Path, digest: str) -> str:
     rig = "" if found is None else sha256(found)
     parts = (__version__, task.log.name, digest, rig, task.settings.digest())
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
-
-
-def _record(task: Task, key: str, result: Result, outputs: dict[str, Output], seconds: float) -> Record:
-    return Record(
-        log=task.log.name,
-        do=task.settings.do,
-        status="done",
-        key=key,
-        vsalog=__version__,
-        input_sha256=result.input_sha256,
-        input_bytes=task.log.size,
-        rig_sha256=result.rig_sha256,
-        device=result.device,
-        date=result.date,
-        outputs=outputs,
-        joints=result.joints,
-        findings=result.findings,
-        warnings=result.warnings,
-        met=result.met,
-        run_seconds=seconds,
-    )

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
 from vsalog.cli.options import reading_options, rig_options
 from vsalog.cli.pairs import pairs
 from vsalog.cli.validate import Percent
+
+if TYPE_CHECKING:
+    from vsalog.batch.records import Settings
+
+_UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12, "ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
 
 
 def shard(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, int] | None:
@@ -20,6 +27,69 @@ def shard(context: click.Context, parameter: click.Parameter, value: str | None)
     if match is None or not 1 <= int(match[1]) <= int(match[2]):
         raise click.BadParameter(f"'{value}' is not i/n with i from 1 to n", context, parameter)
     return int(match[1]), int(match[2])
+
+
+def parse_size(text: str) -> int:
+    """Read a size such as 4GB, 512 MiB or 3e9.
+
+    Raises
+    ------
+    BatchError
+        It is none, or too small for a single worker.
+    """
+    from vsalog.batch.memory import BASE, size_text
+    from vsalog.core.errors import BatchError
+
+    match = re.fullmatch(r"\s*([0-9.]+(?:e[0-9]+)?)\s*([kmgt]?i?)b?\s*", text, re.IGNORECASE)
+    size = 0.0
+    if match is not None:
+        with suppress(ValueError):
+            size = float(match[1]) * _UNITS.get(match[2].lower(), 0)
+    if not 0.0 < size < 1e18:
+        raise BatchError(f"--memory: '{text}' is no size; write 4GB or 512MiB")
+    if size < BASE:
+        raise BatchError(
+            f"--memory: {text} is too little: a single worker takes {size_text(BASE)} before it opens a log"
+        )
+    return int(size)
+
+
+def settings_of(
+    do: str, rig: str | None, model: Path | None, report: bool = False, fail_on_cause: bool = False, **options: Any
+) -> Settings:
+    """Return the settings, with rig and model read: whoever does the work need not have the files.
+
+    Parameters
+    ----------
+    do : the command that is run
+    rig : file or preset; None where each log's own is looked for
+    model : of `validate`
+    report, fail_on_cause : as in `Settings`
+    options : of the command
+
+    Raises
+    ------
+    VsalogError
+        A file cannot be read, or is not what it should be.
+    """
+    from vsalog.batch.records import Settings
+    from vsalog.core.documents import read_text
+    from vsalog.core.errors import ReadError
+    from vsalog.rig import Rig
+
+    loaded = None if rig is None else Rig.load(rig)
+    text = None if model is None else read_text(model, "model file", ReadError, most=None)
+    return Settings(
+        do=do,  # type: ignore[arg-type]
+        rig=None if loaded is None else loaded.to_toml(),
+        rig_name="" if loaded is None else loaded.where,
+        model=text,
+        model_name="" if model is None else model.name.encode("utf-8", "replace").decode(),
+        # What is as it is anyway makes no other batch.
+        options={name: value for name, value in options.items() if value not in (None, (), {}, "auto")},
+        report=report,
+        fail_on_cause=fail_on_cause,
+    )
 
 
 @click.command(
@@ -104,11 +174,9 @@ def batch(
     DIR/summary.parquet (a row per log and joint) and DIR/index.html. A log that fails is recorded with the reason, the others
     go on, and the exit code is 2. A run that was killed goes on with --resume.
     """
-    from vsalog.batch.memory import parse_size
-    from vsalog.batch.options import settings_of
-    from vsalog.batch.progress import Shown, print_json, print_outcome
     from vsalog.batch.run import Asked, run_batch
     from vsalog.core.printable import plural
+    from vsalog.report.batch import Shown, print_outcome
 
     given = {
         "--estimator": (estimator is not None, "estimate"),
@@ -131,21 +199,23 @@ def batch(
             "--jobs, --memory and --timeout are of this machine; the cluster of --scheduler has its own"
         )
     preset = {} if preset_tuning is None else {"preset": preset_tuning}
+    own: dict[str, dict[str, Any]] = {
+        "estimate": {"estimator": estimator or "auto", "tune": preset | tune},
+        "validate": {"modalities": modalities, "max_nrmse": max_nrmse, "max_msrep": max_msrep},
+        "diagnose": {},
+    }
+    options = {"joints": joints, "set": settings, "rate": rate, "time": time, "start": start, "end": end} | own[do]
     asked = Asked(
         logs=logs,
         out=output,
-        settings=settings_of(
-            do, rig, model, joints=joints, estimator=estimator or "auto", tune=preset | tune, set=settings, rate=rate,
-            time=time, start=start, end=end, report=report, modalities=modalities, max_nrmse=max_nrmse,
-            max_msrep=max_msrep, fail_on_cause=fail_on_cause,
-        ),
+        settings=settings_of(do, rig, model, report, fail_on_cause, **options),
         resume=resume,
         shard=shard,
         jobs=jobs,
         memory=None if memory is None else parse_size(memory),
         timeout=timeout,
         scheduler=scheduler,
-    )  # fmt: skip
+    )
     with Shown() as shown:
         try:
             outcome = run_batch(asked, shown)
@@ -156,5 +226,5 @@ def batch(
                 f"vsalog: interrupted; {plural(shown.done, 'log')} finished, and the same command with --resume goes on"
             )
             context.exit(130)
-    (print_json if as_json else print_outcome)(outcome, asked.settings.do)
+    print_outcome(outcome.document(), as_json)
     context.exit(outcome.code)

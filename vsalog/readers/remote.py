@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import tempfile
@@ -11,6 +12,7 @@ from typing import Any
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding
+from vsalog.core.printable import LONGEST_NAME
 
 _ADDRESS = re.compile(r"([a-z][a-z0-9+.-]+):(/+)(.+)", re.IGNORECASE)
 """As people write them, or with one slash, which is what is left of two in a path."""
@@ -35,7 +37,7 @@ def local(path: Path) -> Path:
     Raises
     ------
     ReadError
-        The package fsspec, or what it needs for such an address, is not installed; nothing is there; or it cannot be downloaded.
+        What such an address needs is not installed; nothing is there; or it cannot be downloaded.
     """
     return _fetched(str(path)) if is_address(path) else path
 
@@ -43,17 +45,32 @@ def local(path: Path) -> Path:
 @cache
 def _fetched(text: str) -> Path:
     protocol, slashes, rest = _ADDRESS.fullmatch(text).groups()  # type: ignore[union-attr]
-    address = f"{protocol}:{slashes if len(slashes) > 2 else '//'}{rest}"
-    try:
-        import fsspec
-    except ImportError:
-        raise ReadError(
-            f"{text}: is an address, for which fsspec is needed: pip install 'vsalog[remote]'; or download the log"
-        ) from None
-    name = re.sub(r"[?#].*", "", rest).rstrip("/").rpartition("/")[2] or "log"
     folder = tempfile.TemporaryDirectory(prefix="vsalog-")
     _folders.append(folder)
-    target = Path(folder.name) / name
+    return download(f"{protocol}:{slashes if len(slashes) > 2 else '//'}{rest}", text, Path(folder.name))
+
+
+def download(address: str, text: str, folder: Path) -> Path:
+    """Copy a log, a file or the files of a folder, and return where it is.
+
+    Parameters
+    ----------
+    address : of the log
+    text : what messages call it
+    folder : an empty one to copy it into
+
+    Raises
+    ------
+    ReadError
+        What such an address needs is not installed; nothing is there; or it cannot be downloaded.
+    """
+    import fsspec
+
+    # The name is only ever one of a file in this folder, whatever the store calls the object.
+    bare = re.sub(r"[?#].*", "", address) if address.lower().startswith("http") else address
+    name = bare.rstrip("/").rpartition("/")[2]
+    plain = name not in ("", ".", "..") and "\0" not in name and len(os.fsencode(name)) <= LONGEST_NAME
+    target = folder / (name if plain else "log")
     try:
         system, where = fsspec.core.url_to_fs(address)
         if system.isdir(where):
@@ -61,7 +78,7 @@ def _fetched(text: str) -> Path:
             files = {Path(one["name"]).name: one for one in system.ls(where, detail=True) if one["type"] == "file"}
         else:
             files = {"": system.info(where)}
-        _check_room(text, sum(int(one.get("size") or 0) for one in files.values()), folder.name)
+        _check_room(text, sum(int(one.get("size") or 0) for one in files.values()), str(folder))
         for own, one in files.items():
             system.get_file(one["name"] if own else where, str(target / own if own else target))
     except FileNotFoundError:

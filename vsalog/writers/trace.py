@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -20,7 +20,8 @@ from vsalog.core.trace import Trace, trace_columns, trace_schema, trace_tables
 from vsalog.writers.atomic import atomic_path
 
 
-def _widened(table: pa.Table, schema: pa.Schema) -> pa.Table:
+def widened(table: pa.Table, schema: pa.Schema) -> pa.Table:
+    """Return a table with the columns of a schema; those it has not are null."""
     known = set(table.column_names)
     arrays = [table[f.name] if f.name in known else pa.nulls(table.num_rows, f.type) for f in schema]
     return pa.Table.from_arrays(arrays, schema=schema)
@@ -30,6 +31,7 @@ def _encodings(schema: pa.Schema) -> dict[str, Any]:
     """Numbers that hardly ever repeat gain nothing from a dictionary: bytes apart compress better, and faster."""
     texts = [f.name for f in schema if pa.types.is_dictionary(f.type)]
     floats = {f.name: "BYTE_STREAM_SPLIT" for f in schema if pa.types.is_float64(f.type)}
+    floats |= {f"{f.name}.list.element": "BYTE_STREAM_SPLIT" for f in schema if pa.types.is_list(f.type)}
     return {"use_dictionary": texts, "column_encoding": {**floats, "stamp": "DELTA_BINARY_PACKED"}}
 
 
@@ -38,10 +40,18 @@ class TraceWriter:
 
     Use as a context manager. Rows of one transmission are in the order of time. Joints may have columns of their own: the
     file has those of all of them.
+
+    Parameters
+    ----------
+    path : of the file
+    metadata : of its schema: provenance
+    layout : makes of a table as a trace gives it one as the file is to have it
     """
 
-    def __init__(self, path: Path, metadata: Mapping[str, str]) -> None:
-        self.path, self.metadata = path, metadata
+    def __init__(
+        self, path: Path, metadata: Mapping[str, str], layout: Callable[[pa.Table], pa.Table] = lambda table: table
+    ) -> None:
+        self.path, self.metadata, self.layout = path, metadata, layout
         self._stack = ExitStack()
         self._writer: pq.ParquetWriter | None = None
         self._columns: list[str] = []
@@ -77,12 +87,14 @@ class TraceWriter:
     def finish(self) -> None:
         """Write what is pending and the footer; nothing can be written after that."""
         self._flush()
-        if self._writer is not None:
-            if self._writer.is_open:
-                self._writer.add_key_value_metadata(self._findings)
-            self._writer.close()
-            if not self._file.closed:
-                self._file.flush()
+        if self._writer is None:
+            self._add([])
+        assert self._writer is not None
+        if self._writer.is_open:
+            self._writer.add_key_value_metadata(self._findings)
+        self._writer.close()
+        if not self._file.closed:
+            self._file.flush()
 
     def write(self, trace: Trace) -> None:
         """Append a block."""
@@ -99,18 +111,20 @@ class TraceWriter:
         """Begin the file, or begin it again with what it holds so far and more columns, which are null there."""
         self._columns += columns
         self._schema = trace_schema(self._columns, self.metadata)
+        schema = self.layout(self._schema.empty_table()).schema
         if self._writer is None:
-            self._writer = self._open(self._schema)
+            self._writer = self._open(schema)
+        if self._writer.schema.equals(schema):
             return
         self._writer.close()
         self._file.close()
         with tempfile.TemporaryFile(dir=self.path.parent) as copy:
             with self._temporary.open("rb") as file:
                 shutil.copyfileobj(file, copy)
-            self._writer = self._open(self._schema)
+            self._writer = self._open(schema)
             narrow = pq.ParquetFile(copy)
             for i in range(narrow.num_row_groups):
-                self._writer.write_table(_widened(narrow.read_row_group(i), self._schema))
+                self._writer.write_table(widened(narrow.read_row_group(i), schema))
 
     def _open(self, schema: pa.Schema) -> pq.ParquetWriter:
         # Opened here: Arrow cannot be given a name whose bytes are no text.
@@ -124,5 +138,5 @@ class TraceWriter:
     def _flush(self) -> None:
         if self._pending and self._writer is not None:
             for table in trace_tables(Trace.concatenate(self._pending), self._schema):
-                self._writer.write_table(table)
+                self._writer.write_table(self.layout(table))
         self._pending.clear()
