@@ -54,9 +54,10 @@ name. Codes are stable; the words may change. The severity is `info` where somet
 result is not to be used, and `warning` else: of an estimate that is invalidated nothing counts as excited, and a model cannot
 be judged by what invalidates a validation.
 
-`--json` of `estimate`, `validate`, `diagnose`, `compare` and `inspect` lists them under `findings`, and a validation those
-that its verdict rests on under `reasons`; `report.json` and `diagnosis.json` have the same. A trace's Parquet file has them
-as JSON in its own metadata (`vsalog.findings`), the summary of a batch their codes in the column `codes`.
+`--json` of `estimate`, `validate`, `diagnose`, `compare` and `inspect` lists them under `findings`, those of a joint with the
+joint, and a validation those that its verdict rests on under `reasons`; `report.json` and `diagnosis.json` have the same. A
+trace's Parquet file has them as JSON in its own metadata (`vsalog.findings`), the summary of a batch their codes in the column
+`codes`.
 """
 
 

@@ -165,3 +165,19 @@ def test_a_diagnosis_names_the_effect_s_cause_with_its_number(installed, bench_l
     angle = cause["parameters"]["angle"]
     assert abs(angle["value"]) < 3.0 * angle["std"] < 0.05
     assert angle["rig"] == pytest.approx(0.1)
+
+
+def test_a_package_that_cannot_be_loaded_is_named_and_nothing_else_is_done(bench_log, tmp_path):
+    info = tmp_path / "broken-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n", encoding="utf-8")
+    (info / "entry_points.txt").write_text("[vsalog.checks]\nleak = nowhere:LEAK\n", encoding="utf-8")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])}
+    command = [sys.executable, "-m", "vsalog", "estimate", str(bench_log), "-o", str(tmp_path / "out.parquet")]
+    done = subprocess.run(command, env=environment, capture_output=True, encoding="utf-8")
+    assert done.returncode == 2, done.stderr
+    (line,) = done.stderr.splitlines()[-1:]
+    assert "broken" in line
+    assert "leak = nowhere:LEAK" in line
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "out.parquet").exists()

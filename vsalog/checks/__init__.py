@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
 from pkgutil import iter_modules
 
 from vsalog.checks.check import Check, Context, OfSignals, Watch
+from vsalog.core.extensions import extensions
 from vsalog.core.finding import Finding
 from vsalog.core.trace import Trace
 
@@ -27,7 +27,7 @@ def checks() -> tuple[Check, ...]:
         for kind in vars(module).values()
         if isinstance(kind, type) and kind.__module__ == module.__name__ and {"name", "supersedes"} <= vars(kind).keys()
     ]
-    return (*sorted(own, key=lambda c: c.name), *(point.load() for point in entry_points(group="vsalog.checks")))
+    return (*sorted(own, key=lambda c: c.name), *(check for _, check in extensions("vsalog.checks")))
 
 
 class Checks:

@@ -54,6 +54,10 @@ class FilterError(VsalogError):
     """A filter cannot work on the data or the settings it is given."""
 
 
+class ExtensionError(VsalogError):
+    """What another package adds to vsalog cannot be loaded."""
+
+
 class EstimatorError(VsalogError):
     """An estimator cannot work on the signals or the settings it is given."""
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from functools import cache
-from importlib.metadata import entry_points
 from string import Formatter
 from typing import Any
 
+from vsalog.core.extensions import extensions
 from vsalog.core.finding import Finding, Severity, Text
 from vsalog.core.finding_texts_log import LOG_TEXTS
 from vsalog.core.printable import plural
@@ -553,7 +553,7 @@ TEXTS: Mapping[str, Text] = {
 @cache
 def texts() -> Mapping[str, Text]:
     """Return the catalogue, with that of third parties: mappings named by entry points in the group ``vsalog.findings``."""
-    others = {code: text for point in entry_points(group="vsalog.findings") for code, text in point.load().items()}
+    others = {code: text for _, own in extensions("vsalog.findings") for code, text in own.items()}
     return {**others, **TEXTS}
 
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
 from pkgutil import iter_modules
 
+from vsalog.core.extensions import extensions
 from vsalog.effects.base import Effect
 
 
@@ -18,6 +18,6 @@ def effects() -> dict[str, Effect]:
     """Return name → effect, those of third parties last."""
     own = sorted(m.name for m in iter_modules(__path__) if m.name != "base")
     found: dict[str, Effect] = {name: import_module(f"{__name__}.{name}").EFFECT for name in own}
-    for point in entry_points(group="vsalog.effects"):
-        found.setdefault(point.name, import_module(point.value).EFFECT)
+    for name, module in extensions("vsalog.effects"):
+        found.setdefault(name, module.EFFECT)
     return found

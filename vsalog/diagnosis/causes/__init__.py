@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
 from pkgutil import iter_modules
 
+from vsalog.core.extensions import extensions
 from vsalog.diagnosis.causes.base import Cause
 from vsalog.diagnosis.causes.one_number import OneNumberCause
 from vsalog.effects import effects
@@ -19,9 +19,9 @@ from vsalog.effects import effects
 @cache
 def catalogue() -> dict[str, Cause]:
     """Return name → cause, all there are."""
-    modules = [f"{__name__}.{module.name}" for module in iter_modules(__path__)]
-    for module in (*modules, *(point.value for point in entry_points(group="vsalog.causes"))):
-        import_module(module)
+    for module in iter_modules(__path__):
+        import_module(f"{__name__}.{module.name}")
+    dict(extensions("vsalog.causes"))  # once they are imported, their classes are known
     rows = [OneNumberCause(row) for effect in effects().values() for row in effect.causes]
     causes = (*rows, *(kind() for kind in _kinds(Cause)))
     return {c.name: c for c in sorted(causes, key=lambda c: (c.order, c.name))}
