@@ -24,15 +24,22 @@ def pytest_addoption(parser):
 
 
 def pytest_collection_modifyitems(config, items):
-    """Of a test that is marked every(n), run each n-th case, unless all are asked for or cases are named."""
+    """Run each n-th case of a test that is marked every(n), and each n-th test of a file that is marked share(n).
+
+    Unless all are asked for, or some are named.
+    """
     if config.getoption("--all-cases") or any("::" in argument for argument in config.args):
         return
-    seen: dict[str, int] = {}
+    seen: dict[object, int] = {}
     kept, left = [], []
     for item in items:
-        name, marker = item.nodeid.partition("[")[0], item.get_closest_marker("every")
-        seen[name] = seen.get(name, -1) + 1
-        (left if marker and seen[name] % marker.args[0] else kept).append(item)
+        name = item.nodeid.partition("[")[0]
+        wanted = True
+        for marker, counted in (item.get_closest_marker("every"), name), (item.get_closest_marker("share"), item.path):
+            if marker and wanted:
+                seen[counted] = seen.get(counted, -1) + 1
+                wanted = not seen[counted] % marker.args[0]
+        (kept if wanted else left).append(item)
     config.hook.pytest_deselected(items=left)
     items[:] = kept
 

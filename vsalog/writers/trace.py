@@ -111,7 +111,7 @@ class TraceWriter:
         """Begin the file, or begin it again with what it holds so far and more columns, which are null there."""
         self._columns += columns
         self._schema = trace_schema(self._columns, self.metadata)
-        schema = self.layout(self._schema.empty_table()).schema
+        schema = self.layout(pa.Table.from_batches([], self._schema)).schema  # `empty_table` would import pandas
         if self._writer is None:
             self._writer = self._open(schema)
         if self._writer.schema.equals(schema):
