@@ -1,5 +1,5 @@
 # make demo   the main job on a sample log
-# make test   everything that must hold: style, types, tests; of some long ones every second to fifth case, all with ALL=1
+# make test   everything that must hold: style, types, tests; of long ones every second to fifth case, and of some long files every second or third test; all with ALL=1
 # make bench  speed, beside a reference in the same run
 # make fuzz SECONDS=3600   hostile logs, rigs and models without end: no crash, no hang, no memory beyond 1 GB
 # make battery SEED=1   hidden effects, and how many of them the diagnosis finds

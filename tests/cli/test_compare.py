@@ -8,6 +8,8 @@ from knee import lay
 
 import vsalog
 
+pytestmark = pytest.mark.share(2)
+
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):

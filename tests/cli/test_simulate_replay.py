@@ -8,6 +8,8 @@ from vsalog.readers import open_reader, read
 from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
 
+pytestmark = pytest.mark.share(2)
+
 RIG = """
 [joint.elbow]
 kind = "elastic"

@@ -6,6 +6,8 @@ from restated import recorded
 
 from vsalog.diagnosis.run import Options, diagnose
 
+pytestmark = pytest.mark.share(2)
+
 BENCH = """
 [joint.spring]
 kind = "elastic"

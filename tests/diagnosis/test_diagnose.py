@@ -17,6 +17,8 @@ from vsalog.diagnosis.document import Diagnosis
 from vsalog.diagnosis.joint import HELD_OUT
 from vsalog.rig import Rig
 
+pytestmark = pytest.mark.share(3)
+
 FILES = ["diagnosis.html", "diagnosis.json", "extended.rig.toml"]
 WRONG = Truth(damping=0.08)
 

@@ -9,6 +9,8 @@ from vsalog.core.errors import DiagnosisError
 from vsalog.diagnosis.run import Options, diagnose
 from vsalog.report.diagnosis_account import worded
 
+pytestmark = pytest.mark.share(3)
+
 CHAIN = """
 [chain]
 [[chain.link]]

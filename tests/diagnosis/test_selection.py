@@ -11,6 +11,8 @@ from vsalog.residuals.channels import channels_of
 from vsalog.residuals.kinds import balance_for
 from vsalog.residuals.system import build_system
 
+pytestmark = pytest.mark.share(3)
+
 
 def system_of(found, joint, hold=0.5):
     thin = found.thinned()

@@ -14,6 +14,8 @@ from vsalog.diagnosis.smooth import TERMS, SmoothSite
 from vsalog.residuals.kinds import balance_for
 from vsalog.residuals.system import build_system
 
+pytestmark = pytest.mark.share(2)
+
 
 def selected(truth, seed=2):
     found = channels(truth, duration=10.0, seed=seed)

@@ -22,6 +22,8 @@ from vsalog.readers import read
 from vsalog.simulation.scenario import Scenario
 from vsalog.simulation.scenario_parts import sum_of_parts
 
+pytestmark = pytest.mark.share(3)
+
 FILE = "next.scenario.toml"
 PERIOD = 1e-3
 # One frequency and a small swing: a link's inertia and its weight are one and the same.

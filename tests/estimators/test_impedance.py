@@ -16,6 +16,8 @@ from vsalog.filters.stiffness_observer import observe_stiffness, observer_start
 from vsalog.reproduce.measure import Study
 from vsalog.reproduce.serio2011 import simulated
 
+pytestmark = pytest.mark.share(2)
+
 T = 1e-3
 
 

@@ -22,6 +22,8 @@ from vsalog.rig import Rig
 from vsalog.rig.schema import BoucWen, Cogging, Friction, SlipElement
 from vsalog.simulation import simulate, sine, sum_of
 
+pytestmark = pytest.mark.share(2)
+
 SEA = Rig.preset("sea").file
 PLAIN = SEA.joint["sea"]
 MOTION = sum_of(sine(2.0, 0.2), sine(1.0, 1.3))

@@ -9,6 +9,8 @@ from scipy.signal import freqz
 
 from vsalog.filters.savitzky_golay import savgol_cutoff, savgol_weights
 
+pytestmark = pytest.mark.share(3)
+
 
 @pytest.mark.parametrize(("window", "degree"), [(51, 5), (101, 5), (201, 4), (1601, 5), (101, 15)])
 def test_the_cutoff_is_where_the_filter_has_lost_three_decibels(window, degree):

@@ -17,6 +17,8 @@ from vsalog.filters.square_root_ukf import (
     workspace,
 )
 
+pytestmark = pytest.mark.share(2)
+
 
 def covariance_factor(P):
     """The lower S with S Sᵀ = P of a covariance that may have zero rows."""

@@ -17,6 +17,8 @@ from tests.hidden_effects.rig_file import CHANNELS
 from vsalog.readers import read
 from vsalog.rig.load import Rig
 
+pytestmark = pytest.mark.share(2)
+
 ROOT = Path(__file__).parents[2]
 MECHANICAL = ("transmission.stiffness", "motor.viscous_friction")
 HIDDEN = {"pneumatic": ("pneumatic.force_gain", "sensor.torque_offset")}

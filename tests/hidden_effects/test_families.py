@@ -25,6 +25,8 @@ from tests.hidden_effects.rig_file import CHANNELS
 from vsalog.readers import read
 from vsalog.rig.load import Rig
 
+pytestmark = pytest.mark.share(2)
+
 ROOT = Path(__file__).parents[2]
 
 # ── Cases ──────────────────────────────────────────────────────────────────────────────────────────────────────────────

@@ -14,6 +14,8 @@ from scipy.io import savemat
 from vsalog.core.errors import ReadError
 from vsalog.readers import open_reader, read
 
+pytestmark = pytest.mark.share(2)
+
 T = np.arange(50) / 1000
 HEAD = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Mon Jan  5 10:00:00 2026 HDF5 schema 1.00 ."
 

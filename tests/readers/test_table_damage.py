@@ -15,6 +15,8 @@ from vsalog.core.errors import ReadError
 from vsalog.readers import read
 from vsalog.readers.tables.source import open_text, read_beginning
 
+pytestmark = pytest.mark.share(2)
+
 ROWS = 300
 PLACES = int(os.environ.get("VSALOG_DAMAGE_PLACES", "30"))
 

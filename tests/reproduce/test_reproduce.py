@@ -22,6 +22,8 @@ from vsalog.reproduce.plots import PlotError, prepare_folder, write_figures
 from vsalog.reproduce.rows import Result, Row, Spread
 from vsalog.simulation.experiments import vsa2_experiment
 
+pytestmark = pytest.mark.share(2)
+
 # Neither the report's seeds nor those the settings were chosen with.
 SEEDS_OF_TESTS = (101, 102, 103)
 

@@ -11,6 +11,8 @@ from vsalog.reproduce.rows import Row
 from vsalog.reproduce.shin_machines import machine, recorded
 from vsalog.rig import Rig
 
+pytestmark = pytest.mark.share(2)
+
 # Neither the report's seeds nor those that anything was chosen with; half of the scenario reaches both ends of all ranges.
 SEEDS_OF_TESTS, DURATION = tuple(range(101, 113)), 32.0
 JOINT = Rig.preset("pam").file.joint["pam"]

@@ -13,6 +13,8 @@ from vsalog.simulation import simulate
 from vsalog.simulation.inputs import multisine
 from vsalog.validation.joint import judge, prepare
 
+pytestmark = pytest.mark.share(2)
+
 ROLES = ("motor_position", "link_position", "torque_sensor")
 
 

@@ -10,6 +10,8 @@ from vsalog.validation.dependence import dependences
 from vsalog.validation.region import inside_region
 from vsalog.validation.signatures import loops
 
+pytestmark = pytest.mark.share(2)
+
 RNG = np.random.default_rng(3)
 T = np.arange(20_000) * 1e-3
 PHI = 0.1 * np.sin(2 * np.pi * 0.31 * T) + 0.05 * np.sin(2 * np.pi * 1.3 * T)
