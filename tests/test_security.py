@@ -27,7 +27,7 @@ READ_PICKLES = {"read_pickle", "extractall", "unsafe_load", "full_load"}
 # Imports by a name that is no constant, and what the name comes from: tables and folders of vsalog's own, and installed packages.
 IMPORTS = {
     "__init__.py": 1, "reproduce/catalogue.py": 1, "diagnosis/causes/__init__.py": 1, "estimators/registry.py": 1,
-    "effects/__init__.py": 2, "checks/__init__.py": 1,
+    "effects/__init__.py": 1, "checks/__init__.py": 1,
 }  # fmt: skip
 
 
