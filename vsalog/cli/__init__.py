@@ -51,6 +51,8 @@ def main() -> NoReturn:
     Exit code 2 and a message on stderr where the input or the command line is to blame, 130 and 143 when interrupted or
     terminated, 1 for a bug of ours.
     """
+    # The matrices are small: threads of linear algebra would only wait for one another, at a third of a command's processor time.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # A polite request to end cleans up as an interrupt does, so that no temporary file stays behind.
     for name in ("SIGTERM", "SIGHUP"):
         if hasattr(signal, name):
