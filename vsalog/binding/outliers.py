@@ -120,8 +120,8 @@ def _middle(known: Array) -> Array:
     """Return the running median."""
     from scipy.ndimage import median_filter
 
-    # Over so many samples it passes over the longest outlier, and keeps steps as they are. The mirror does not repeat the first
-    # sample: alone, it would be three of seven.
+    # A median over this window removes the longest outlier and keeps steps. 'mirror' does not repeat the first sample: repeated,
+    # an outlier there would be three samples of seven.
     return np.asarray(median_filter(known, 2 * LONGEST_OUTLIER + 1, mode="mirror"))
 
 

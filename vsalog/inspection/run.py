@@ -37,7 +37,7 @@ def inspect_recording(recording: Recording, guess: Guess, sample: Sample | None 
     recording : as read
     guess : the roles of its channels
     sample : what part of the log it is; None for the whole
-    head : so many of the first samples of each stream are part of the report
+    head : number of first samples of each stream in the report
     """
     roles = _roles(guess)
     found = Findings(recording.findings)
@@ -176,7 +176,7 @@ def clock_of(stamps: NDArray[np.int64], seams: int = 0) -> Clock:
     Parameters
     ----------
     stamps : int64 array, shape (n,), increasing [ns]
-    seams : so many of the steps, the longest, are where stretches of a sample meet, and are left out
+    seams : number of gaps between the stretches of a sample; as many of the longest steps are left out
     """
     if stamps.size < 2:
         return Clock(float("nan"), float("nan"), 0, 0.0, 0.0)

@@ -104,8 +104,8 @@ class Table:
     caption : a few words
     heads : of the columns
     rows : of cells; a text is a cell that says that
-    keys : so many leading columns name the row
-    texts : so many leading columns hold words, the others numbers
+    keys : number of leading columns that name the row
+    texts : number of leading columns of words; the others hold numbers
     sortable : a page sorts it by the heading that is clicked
     """
 

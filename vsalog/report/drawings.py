@@ -53,7 +53,7 @@ class Drawings:
 
 
 def columns_for(transmissions: int) -> int:
-    """Return the pixel columns per figure that so many transmissions leave to each: a page grows by the root of their number."""
+    """Return the pixel columns of a figure; it falls with the root of the number of transmissions, which all have figures."""
     return math.ceil(FIGURE_COLUMNS / math.sqrt(max(transmissions, 1)))
 
 

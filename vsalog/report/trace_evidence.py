@@ -29,7 +29,7 @@ PARAMETERS = ("motor_inertia", "motor_damping")
 def evidence_of(trace: Path, estimate: JointEstimate, setpoint_unit: str = "rad") -> JointEvidence:
     """Read what the figures draw back out of a trace's file, column by column: an hour's trace is never held twice.
 
-    Of a longer one every so many rows are read (`thinned`).
+    Of a longer trace only each n-th row is read (`thinned`).
 
     Parameters
     ----------
@@ -73,13 +73,13 @@ def _part(columns: TraceColumns, n: str, estimate: JointEstimate) -> Transmissio
 
 
 def thinned(estimate: JointEstimate) -> int:
-    """Return that figures are drawn of every so many rows of a joint's trace, for its columns to fit in memory; 1 for all."""
+    """Return n where figures show each n-th row of a joint's trace, for its columns to fit in memory; 1 for all rows."""
     row = np.dtype(np.float64).itemsize * len(fields(TransmissionEvidence))
     return max(1, -(-max(t.samples for t in estimate.summary.transmissions) * row // AT_ONCE_BYTES))
 
 
 class TraceColumns:
-    """Columns of one joint in a trace's file, read when asked for: every so many rows."""
+    """Columns of one joint in a trace's file, each n-th row, read when asked for."""
 
     def __init__(self, trace: Path, joint: str, every: int = 1) -> None:
         self.trace, self.joint, self.every = trace, joint, every

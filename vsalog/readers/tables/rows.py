@@ -40,7 +40,7 @@ class Rows:
     kinds : mapping of int to pyarrow type
         Of the columns of numbers; the others are text.
     digits : mapping of int to int
-        Of columns of decimal numbers that must be exact: to so many digits behind the point.
+        Column → number of decimals, for columns of decimal numbers that must be exact.
 
     Attributes
     ----------
