@@ -17,11 +17,11 @@ from vsalog.batch.storage import LOCK, Store, StoreError
 from vsalog.core.errors import BatchError
 
 BEAT = 20.0
-"""Seconds between two signs of life; an owner that misses four, within two minutes, counts as dead."""
+"""Seconds between two signs of life; a run that misses four counts as dead."""
 
 
 class Owner(msgspec.Struct, frozen=True, kw_only=True):
-    """Who is at work in a batch, as it says itself.
+    """A run that is at work in a batch, by its own sign of life.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a command says, as one tree: `terminal` prints it, `page` renders it as HTML, and its data are its JSON."""
+"""What a command says, as one tree: `terminal` prints it, `html` renders it as a page, and its data are its JSON."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from vsalog.report.document import SEVERITIES, Block, Cell, Document, Facts, Not
 from vsalog.report.page_text import plain
 
 STYLES: dict[Severity, str] = {"info": "cyan", "warning": "yellow", "invalidates": "bold red"}
-TONES: dict[Tone, str] = {"": "", "good": "green", "open": "yellow", "bad": "bold red"}
+STYLES_OF_TONES: dict[Tone, str] = {"": "", "good": "green", "open": "yellow", "bad": "bold red"}
 
 
 def console_for(stream: str = "stdout") -> Console:
@@ -77,11 +77,11 @@ def _print(items: Sequence[Block], console: Console, depth: int) -> None:
 
 
 def _verdict(verdict: Verdict, console: Console) -> None:
-    line = Text.assemble((plain(verdict.about), "bold"), ": ", (plain(verdict.word), TONES[verdict.tone]))
+    line = Text.assemble((plain(verdict.about), "bold"), ": ", (plain(verdict.word), STYLES_OF_TONES[verdict.tone]))
     if line.cell_len <= console.width:
         console.print(line)
     else:
-        _line(console, line.plain, "", TONES[verdict.tone])
+        _line(console, line.plain, "", STYLES_OF_TONES[verdict.tone])
     for sentence in verdict.sentences:
         _line(console, sentence, "  ")
 
@@ -171,7 +171,7 @@ def _grid(table: Table, below: bool) -> Grid:
     for i, head in enumerate(table.heads):
         grid.add_column(Text(plain(head)), justify="left" if i < table.texts else "right", no_wrap=True)
     for row in table.cells():
-        grid.add_row(*(Text(_said(cell, below), TONES[cell.tone]) for cell in row))
+        grid.add_row(*(Text(_said(cell, below), STYLES_OF_TONES[cell.tone]) for cell in row))
     return grid
 
 
