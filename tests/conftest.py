@@ -20,7 +20,9 @@ ROOT = Path(__file__).parent.parent
 
 
 def pytest_addoption(parser):
-    parser.addoption("--all-cases", action="store_true", help="every case of the tests that are marked every(n)")
+    parser.addoption(
+        "--all-cases", action="store_true", help="all tests and cases, also of what is marked every(n) or share(n)"
+    )
 
 
 def pytest_collection_modifyitems(config, items):

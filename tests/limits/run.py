@@ -152,7 +152,8 @@ def _pytest(
     folder: Path, arguments: Sequence[str], limit: float | None, environment: Mapping[str, str] | None = None
 ) -> tuple[int | None, str]:
     """Run pytest in a copy; returns its exit code, None where the time was up, and its output."""
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--no-header", "--tb=no", *arguments]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--no-header", "--tb=no", "--all-cases"]
+    command += arguments
     variables = os.environ | {"PYTHONPATH": str(folder), "OPENBLAS_NUM_THREADS": "1"} | dict(environment or {})
     with tempfile.TemporaryFile("w+") as output:
         process = subprocess.Popen(
