@@ -29,7 +29,7 @@ def init(
 ) -> None:
     """Guess a rig file for LOG: which joints it holds and which channel plays which role.
 
-    Each guess stands with its probability and why; what the log does not tell stands as a comment to fill in. The result
+    Each guess stands with its confidence and why; what the log does not tell stands as a comment to fill in. The result
     loads as it is: `vsalog init exp1.mcap > rig.toml`, look it over, then `vsalog estimate exp1.mcap`.
     """
     from vsalog.core.errors import RigError, WriteError

@@ -13,7 +13,7 @@ from vsalog.writers.repaired import Repaired
 
 
 class RoleReport(Struct, frozen=True):
-    """The role a channel probably has, in which joint, and how sure that is (0 … 1)."""
+    """The role a channel probably has, in which joint, and the confidence (0 … 1)."""
 
     joint: str
     role: str

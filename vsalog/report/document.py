@@ -67,7 +67,14 @@ class Words:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What came of something: a word about it, and sentences that explain it."""
+    """What came of something: a word about it, and sentences that explain it.
+
+    Attributes
+    ----------
+    about, word, tone : what it is of, the word, and its colour
+    sentences : that explain it
+    brief : a terminal leaves them out, since a table below says the same
+    """
 
     kind: ClassVar[str] = "verdict"
     about: str
@@ -75,6 +82,7 @@ class Verdict:
     tone: Tone
     sentences: tuple[str, ...] = ()
     where: Where = "both"
+    brief: bool = False
 
 
 @dataclass(frozen=True, slots=True)

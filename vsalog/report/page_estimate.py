@@ -88,11 +88,11 @@ def _verdict(e: JointEstimate, parts: Sequence[TransmissionSummary]) -> Verdict:
     known = [p for p in parts if p.stiffness_low is not None]
     spans = [p.deflection_span for p in parts if p.deflection_span is not None]
     if any(f.severity == "invalidates" for f in e.findings):
-        return Verdict(e.joint, "partly invalid" if known else "invalid", "bad", tuple(map(_said, known)))
+        return Verdict(e.joint, "partly invalid" if known else "invalid", "bad", tuple(map(_said, known)), brief=True)
     if known:
         warned = any(f.severity == "warning" for f in e.findings)
         word = "estimated, with warnings" if warned else "estimated"
-        return Verdict(e.joint, word, "open" if warned else "good", tuple(map(_said, known)))
+        return Verdict(e.joint, word, "open" if warned else "good", tuple(map(_said, known)), brief=True)
     if spans and _is_observed(parts):
         said = f"state observed, no stiffness estimated; the deflection spans {spans[0]:.4g} rad"
         return Verdict(e.joint, "observed", "", (said,))

@@ -82,7 +82,7 @@ def _verdict(verdict: Verdict, console: Console) -> None:
         console.print(line)
     else:
         _line(console, line.plain, "", STYLES_OF_TONES[verdict.tone])
-    for sentence in verdict.sentences:
+    for sentence in () if verdict.brief else verdict.sentences:
         _line(console, sentence, "  ")
 
 

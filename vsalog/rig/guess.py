@@ -1,4 +1,4 @@
-"""Guessing which joints a log holds and which channel plays which role, each guess with its reasons and how sure it is.
+"""Guessing which joints a log holds and which channel plays which role, each guess with its reasons and its confidence.
 
 Names come first, then units and message types; the numbers confirm, refute and tell gear ratios and signs. A confidence
 is a person's rough odds, not a probability: 0.9 means "look once", 0.5 means "could as well be something else".

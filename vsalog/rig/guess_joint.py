@@ -221,7 +221,7 @@ def _spring_at_rest(chosen: dict[str, _Option], group: list[Candidate]) -> dict[
 
 
 def _kind(chosen: dict[str, _Option], numbers: list[int], has_set_runs: bool) -> tuple[Kind, float, str]:
-    """Return the joint's kind, how sure that is, and why."""
+    """Return the joint's kind, the confidence in it, and why."""
     if len(numbers) == 2:
         both_torques = {"motor_torque_1", "motor_torque_2"} <= set(chosen) or {
             "torque_sensor_1",

@@ -85,7 +85,7 @@ def toml_key(name: str) -> str:
 def _head(recording: Recording, guess: Guess) -> list[str]:
     lines = [
         f"# Rig of {printable(recording.path.name)}, guessed by 'vsalog init'.",
-        "# A percentage says how sure a guess is; check them all. Lines that begin with '# key =' are gaps to fill in.",
+        "# A percentage is the confidence in a guess; check them all. Lines that begin with '# key =' are gaps to fill in.",
         '# Numbers are SI; any other unit goes into the text: "7.3 kg*m*mm", "500 N*mm/rad", "deg".',
     ]
     if recording.rig_text is not None:
