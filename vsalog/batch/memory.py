@@ -35,11 +35,6 @@ def expected(log: Log, settings: Settings) -> int:
     return BASE + round(sum(min(each * log.size, math.inf if whole else most) for each, most in steps))
 
 
-def size_text(size: float) -> str:
-    """Return a size as people write it."""
-    return f"{size / 1e9:.3g} GB" if size >= 1e9 else f"{size / 1e6:.3g} MB"
-
-
 def free() -> int:
     """Return the bytes that can be used without pushing others out: of the machine, or of the group the process is in."""
     return max(BASE, usable_memory())

@@ -17,10 +17,11 @@ from pebble import CONSTS, ProcessExpired, ProcessPool
 
 import vsalog
 from vsalog._version import __version__
-from vsalog.batch.memory import BASE, expected, size_text
+from vsalog.batch.memory import BASE, expected
 from vsalog.batch.records import Answer, Kind, Settings, Task, failed
 from vsalog.batch.worker import check_settings, do_task, prepare
 from vsalog.core.errors import BatchError
+from vsalog.core.printable import size_text
 
 Say = Callable[[str], None]
 Worker = ProcessPool

@@ -37,8 +37,9 @@ def parse_size(text: str) -> int:
     BatchError
         It is none, or too small for a single worker.
     """
-    from vsalog.batch.memory import BASE, size_text
+    from vsalog.batch.memory import BASE
     from vsalog.core.errors import BatchError
+    from vsalog.core.printable import size_text
 
     match = re.fullmatch(r"\s*([0-9.]+(?:e[0-9]+)?)\s*([kmgt]?i?)b?\s*", text, re.IGNORECASE)
     size = 0.0

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
-from vsalog.core.printable import plural
+from vsalog.core.printable import plural, size_text
 from vsalog.inspection.document import ChannelReport, HeadReport, Inspection, JointReport, LogReport, StreamReport
 from vsalog.readers.base import DOUBTFUL
 from vsalog.report.document import SEVERITIES, Block, Cell, Document, Section, Table, Tone, Verdict, Words
@@ -74,7 +74,7 @@ def _sample(report: LogReport) -> Iterator[Verdict]:
     else:
         where, untold = f"{sample.stretches} stretches from its begin to its end", "Duration and begin are the log's"
     yield Verdict(
-        "a sample was read, " + f"{_size(sample.size)} of {_size(sample.of)}",
+        "a sample was read, " + f"{size_text(sample.size)} of {size_text(sample.of)}",
         f"{where}. {untold}; samples, ranges and gaps are those of the sample, and damage elsewhere was not looked for."
         " --full reads all of it",
         "open",
@@ -202,8 +202,3 @@ def seconds(value: float | None) -> str:
 def _three_digits(value: float) -> str:
     """Write a number with three digits, and more where they stand ahead of the point."""
     return f"{value:.3g}" if abs(value) < 999.5 else f"{value:.0f}"
-
-
-def _size(count: int) -> str:
-    """Write a number of bytes with the unit that reads best."""
-    return f"{count / 1e9:.3g} GB" if count >= 1e9 else f"{count / 1e6:.3g} MB"
