@@ -7,7 +7,8 @@ from itertools import groupby
 from pathlib import Path
 
 import vsalog
-from vsalog.core.finding_texts import texts
+from vsalog.checks import checks
+from vsalog.core.finding_texts import TEXTS
 from vsalog.core.printable import plural
 
 FIELD = re.compile(r"{(\w+)(?::[^}]*)?}")
@@ -33,9 +34,9 @@ def severities() -> dict[str, list[str]]:
         }
         for call in (node for node in nodes if isinstance(node, ast.Call)):
             for code in (c for k in call.keywords if k.arg == "code" for c in ast.walk(k.value)):
-                if isinstance(code, ast.Constant) and code.value in texts():
+                if isinstance(code, ast.Constant) and code.value in TEXTS:
                     found[code.value].add(_severity(call, partials))
-    return {code: sorted(found[code]) or ["warning"] for code in texts()}
+    return {code: sorted(found[code]) or ["warning"] for code in TEXTS}
 
 
 def _severity(call: ast.Call, partials: dict[str, str]) -> str:
@@ -46,7 +47,7 @@ def _severity(call: ast.Call, partials: dict[str, str]) -> str:
 
 HEAD = """# Findings
 
-Written by `python docs/make_findings.py` from the catalogue in `vsalog/core/finding_texts.py`.
+Written by `python docs/make_findings.py` from the catalogue in `vsalog/core/finding_texts.py` and what checks add to it.
 
 A finding has a `code`, the `log`, the `joint` and the `part` (a transmission, roles, a stream, a column, a file) that it is
 about, a `severity`, the `value` that was compared with a `limit`, their `unit`, and `evidence`, what else was measured, by
@@ -63,7 +64,8 @@ trace's Parquet file has them as JSON in its own metadata (`vsalog.findings`), t
 
 def reference() -> str:
     """Return the catalogue as Markdown."""
-    parts, raised, catalogue = [HEAD], severities(), texts()
+    checks()  # their files add texts to the catalogue
+    parts, raised, catalogue = [HEAD], severities(), dict(sorted(TEXTS.items()))
     for family, codes in groupby(catalogue, key=lambda code: code.split(".")[0]):
         parts += [f"## {family}", ""]
         for code in codes:

@@ -36,9 +36,10 @@ class Magnet(Cause):
 CHECK = """
 from vsalog.checks.check import OfSignals
 from vsalog.core.finding import Finding
-from vsalog.core.finding_texts import Text
+from vsalog.core.finding import Text
+from vsalog.core.finding_texts import add_texts
 
-TEXTS = {"bench.humid": Text("the bench is humid: {value:.0f} %.", "Dry it.")}
+add_texts({"bench.humid": Text("the bench is humid: {value:.0f} %.", "Dry it.")})
 
 
 class Humidity:
@@ -72,8 +73,6 @@ hanging = hanging
 magnet = magnet
 [vsalog.checks]
 humidity = humidity:HUMIDITY
-[vsalog.findings]
-humidity = humidity:TEXTS
 [vsalog.estimators]
 parabola = parabola
 """

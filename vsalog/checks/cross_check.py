@@ -22,7 +22,8 @@ from vsalog.checks.check import Context
 from vsalog.checks.motor_reference import motor_roles, motor_trace
 from vsalog.checks.samples import FEWEST_LEVELS, SAME_MOTION
 from vsalog.core.errors import VsalogError
-from vsalog.core.finding import Evidence, Finding
+from vsalog.core.finding import Evidence, Finding, Text
+from vsalog.core.finding_texts import add_texts
 from vsalog.core.look import of_signals
 from vsalog.core.recording import Recording
 from vsalog.core.signals import JointSignals
@@ -383,3 +384,34 @@ def _bound(
         return of_signals(bind(recordings, name, joint, roles, setpoints))
     except VsalogError:
         return None
+
+
+TEXTS = {
+    "link.inertia_differs": Text(
+        "the link's inertia is estimated as {inertia:.3g} kg·m², {ratio:.3g} times the rig's {rig:.3g}.",
+        "The torque sensor's scale or unit, or the angles' unit, would explain it, and the stiffness would be as far off; or"
+        " the rig has another link's inertia.",
+    ),
+    "cross_check.torque_scale": Text(
+        "{reference}, which {estimator} does not read, differs: where the estimated torque of {of} changes by 1 N·m, that"
+        " changes by {value:.3g} N·m. The stiffness may be off by as much, or {other_cause}.",
+        "'vsalog compare' runs the other estimators on this log.",
+    ),
+    "cross_check.torque_unrelated": Text(
+        "{reference}, which {estimator} does not read, differs: of the power of its torque {value:.0%} is in the estimated"
+        " torque of {of} too.",
+        "Check the signs, the units and the channels of both in the rig: one of them may be another one than the rig says.",
+    ),
+    "cross_check.angle": Text(
+        "{reference}, which {estimator} does not read, differs: the estimated angle of {of} is {value:.2g} {unit} off,"
+        " {share_of_range:.0%} of its range, where {claimed:.1g} {unit} are claimed.",
+        "The stiffness may be off too.",
+    ),
+    "cross_check.none": Text(
+        "neither the joint's angle nor its torque is in the log, so there is no reference for what {estimator} makes of the"
+        " pressures: a pressure that is not absolute, a sensor's wrong gain, or muscles that are not the rig's would make a"
+        " stiffness as plausible, off by 5 to 20 % and more, which its standard deviation does not include.",
+        "Record one of them once, link_position or torque_sensor.",
+    ),
+}
+add_texts(TEXTS)

@@ -23,7 +23,8 @@ from vsalog.checks.samples import (
     span,
     with_both_positions,
 )
-from vsalog.core.finding import Finding
+from vsalog.core.finding import Finding, Text
+from vsalog.core.finding_texts import add_texts
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, has_deflection
 
@@ -206,3 +207,31 @@ def _standstills(signals: JointSignals, role: str, other: str) -> Iterator[Stand
         within = float(signals.time[first]), float(signals.time[last])
         stamps = int(signals.stamps[first]), int(signals.stamps[last])
         yield Standstill(role, other, within, stamps, far, float(enough), spring)
+
+
+TEXTS = {
+    "encoder.zero": Text(
+        "the deflection ({part}) lies around {value:.4g} rad and moves by ±{half_range:.3g} rad only: is an encoder's zero off?",
+        "Give it as 'offset' of one of these roles in the rig; the stiffness over the deflection is wrong if so.",
+    ),
+    "encoder.sign": Text(
+        "{part} move against one another (correlation {value:.2f}, by {first_span:.3g} and {second_span:.3g} rad): does one of"
+        " them count the other way round?",
+        "Say 'sign = -1' of it in the rig; the deflection is their sum instead of their difference if so.",
+    ),
+    "encoder.deflection_unit": Text(
+        "the deflection ({part}) spans {value:.4g} rad, more than a turn: is one of these roles in degrees, or on the motor's"
+        " side of the gear?",
+        "Say 'unit = \"deg\"' of it in the rig, or 'side = \"rotor\"' with the motor's gear_ratio.",
+    ),
+    "encoder.unit": Text(
+        "{part} spans {value:.4g} rad, {turns:.0f} turns of the joint: is it in degrees, or on the motor's side of the gear?",
+        "Say 'unit = \"deg\"' of it in the rig, or of a motor's position 'side = \"rotor\"' with the motor's gear_ratio.",
+    ),
+    "encoder.stuck": Text(
+        "{part} does not change by a single step from {begin:.4g} s to {end:.4g} s, while {other} moves by {value:.3g} rad;"
+        " the spring that the rest of the log shows does not allow it: its encoder was stuck.",
+        "Leave that stretch out (--start, --end); so also where a brake or a stop held the joint.",
+    ),
+}
+add_texts(TEXTS)

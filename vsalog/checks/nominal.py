@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.checks.check import Context, Watch
-from vsalog.core.finding import Finding
+from vsalog.core.finding import Finding, Text
+from vsalog.core.finding_texts import add_texts
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device, TransmissionView
 from vsalog.mechanics.transmissions import stiffness
@@ -82,3 +83,13 @@ class _Ratios:
                     limit=LARGEST_RATIO,
                     evidence={"rig": float(np.average(rigs, weights=counts))},
                 )
+
+
+TEXTS = {
+    "stiffness.scale": Text(
+        "transmission {part}: the stiffness is {value:.3g} times that of the rig's spring ({rig:.3g} N·m/rad).",
+        "A torque's unit or scale is wrong, or a gear ratio, or the spring in the rig: check the units under"
+        " [joint.{joint}.signals].",
+    ),
+}
+add_texts(TEXTS)

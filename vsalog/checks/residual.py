@@ -21,7 +21,8 @@ from vsalog.checks.motor_reference import motor_trace
 from vsalog.checks.samples import FEWEST_LEVELS, span
 from vsalog.core.basis import PolynomialBasis
 from vsalog.core.dependence import Association, association, hats, least_squares
-from vsalog.core.finding import Finding
+from vsalog.core.finding import Finding, Text
+from vsalog.core.finding_texts import add_texts
 from vsalog.core.resolution import ROUNDED
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import FALSE_ALARM
@@ -273,3 +274,27 @@ def _knots(values: Array, step: float) -> Array | None:
     if not high > low or steps < FEWEST_LEVELS:
         return None
     return np.linspace(low, high, int(min(KNOTS, steps / STEPS_PER_KNOT + 1)))
+
+
+TEXTS = {
+    "deflection.hides_shape": Text(
+        "transmission {part}: the deflection spans only {value:.0f} of its encoders' steps: nothing shows whether the spring"
+        " has backlash, a stop or a knee within two of them, and the stiffness would then be off by more than its standard"
+        " deviation says.",
+        "Move the joint more, or take encoders of finer resolution.",
+    ),
+    "residual.shape_over_deflection": Text(
+        "transmission {part}: the residual has a shape over the deflection: the stiffness is at least {value:.0%} off on"
+        " average, at {deflection:.3g} rad the spring's differs by {stiffness_change:+.0%} from the estimate. The basis"
+        " cannot follow the spring, as where there is backlash, a stop or a term too few.",
+        "[joint.{joint}.basis] in the rig takes more terms, 'vsalog diagnose' finds which it is.",
+    ),
+    "residual.shape_over_position": Text(
+        "transmission {part}: the residual has a shape over {position}, {value:.1%} of the torque: an encoder that reads"
+        " nonlinearly over its turn (off its centre, or several times a turn), or a torque that goes with the position"
+        " (cogging, gravity, a cable). The stiffness may be off by several times as much, and by more than its standard"
+        " deviation says.",
+        "'vsalog diagnose' finds more.",
+    ),
+}
+add_texts(TEXTS)

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from vsalog.checks.samples import FEWEST_LEVELS, SAME_MOTION, is_fine, is_noisy, levels, runs, unlikely_run
-from vsalog.core.finding import Finding
+from vsalog.core.finding import Finding, Text
+from vsalog.core.finding_texts import add_texts
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 
@@ -68,3 +69,18 @@ def _repeated(signals: JointSignals, role: str) -> Iterator[Finding]:
             limit=float(SAMPLES_PER_VALUE),
             evidence={"rate": 1.0 / (each * signals.period)},
         )
+
+
+TEXTS = {
+    "sensor.saturated": Text(
+        "{part} rests at its {end} value {at:.6g} for {value:.1%} of the samples (first at {begin:.4g} s) and moves noisily"
+        " elsewhere: it is saturated.",
+        "The stiffness is wrong wherever it is; choose a larger range, or leave these stretches out (--start, --end).",
+    ),
+    "sensor.repeated": Text(
+        "{part} changes at every {value:.0f}th sample only, {rate:.4g} times a second: where it is a slower sensor's, repeated,"
+        " and no command that a drive holds so long, it is late by half of that on average, which biases the stiffness.",
+        "Record the others as slowly, or leave the repeats empty.",
+    ),
+}
+add_texts(TEXTS)

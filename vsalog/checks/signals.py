@@ -12,7 +12,8 @@ from vsalog.checks import encoder, sensor, torque
 from vsalog.checks.check import Context, OfSignals
 from vsalog.checks.torque_independence import COMPUTED_RESIDUAL, multiple_of
 from vsalog.core.errors import EstimatorError
-from vsalog.core.finding import Evidence, Finding
+from vsalog.core.finding import Evidence, Finding, Text
+from vsalog.core.finding_texts import add_texts
 from vsalog.core.resolution import ENOUGH
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, deflection_of, has_deflection
@@ -128,3 +129,12 @@ def whole_windows(signals: JointSignals, window: int) -> float:
         return 1.0
     before = np.append(0, np.cumsum(missing))
     return float(np.mean(before[window:] == before[:-window]))
+
+
+TEXTS = {
+    "deflection.still": Text(
+        "the deflection of transmission {part} never changes; its stiffness cannot be estimated.",
+        "Move the joint under load.",
+    ),
+}
+add_texts(TEXTS)

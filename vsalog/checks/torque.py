@@ -20,7 +20,8 @@ from vsalog.checks.samples import (
     runs,
     span,
 )
-from vsalog.core.finding import Finding
+from vsalog.core.finding import Finding, Text
+from vsalog.core.finding_texts import add_texts
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, deflection_of, has_deflection
 
@@ -117,3 +118,27 @@ def _dropouts(signals: JointSignals, role: str) -> Iterator[Finding]:
             limit=1.0,
             evidence={"begin": float(signals.time[first[lost][0]])},
         )
+
+
+TEXTS = {
+    "torque.stuck": Text(
+        "{part} does not change by a single step from {begin:.4g} s to {end:.4g} s and is noisy elsewhere: its sensor or its"
+        " driver was stuck.",
+        "Leave that stretch out (--start, --end).",
+    ),
+    "torque.stuck_while_moving": Text(
+        "{part} does not change by a single step from {begin:.4g} s to {end:.4g} s, while the deflection changes by {value:.3g}"
+        " rad; elsewhere they change together: the sensor was stuck.",
+        "Leave that stretch out (--start, --end).",
+    ),
+    "torque.coarse": Text(
+        "{part} takes {value:.0f} values only, {step:.3g} N·m apart and more: too coarse for a stiffness.",
+        "Choose a smaller range, or record it before it is rounded.",
+    ),
+    "torque.dropouts": Text(
+        "{part} reads exactly 0 at {value:.0f} samples here and there (first at {begin:.4g} s) amid values that go on"
+        " undisturbed: lost packets, or a driver that left out a value.",
+        "They bias the fit; have them left empty in the log.",
+    ),
+}
+add_texts(TEXTS)

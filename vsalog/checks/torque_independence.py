@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.checks.samples import FEWEST_LEVELS, MOVED_SHARE, SAME_MOTION, moved, runs, unlikely_run
-from vsalog.core.finding import Evidence, Finding
+from vsalog.core.finding import Evidence, Finding, Text
+from vsalog.core.finding_texts import add_texts
 from vsalog.core.precision import ROUNDING
 from vsalog.core.resolution import spread_over
 
@@ -175,3 +176,17 @@ def _is_told(F: Array, y: Array, share: float) -> bool:
             break
         least = squares
     return float(np.quantile(np.abs(y[1::2] - judge @ solution), share)) <= COMPUTED_RESIDUAL * float(np.std(y))
+
+
+TEXTS = {
+    "torque.function": Text(
+        "{part} is a function of {source}, without any noise of its own: it was computed from it, not measured.",
+        "It validates nothing: a model that agrees with such a channel agrees with whoever computed it.",
+    ),
+    "torque.filtered_function": Text(
+        "{part} follows from {source} and its neighbours in time, late, averaged or held, without any noise of its own: it was"
+        " computed from it, not measured.",
+        "It validates nothing: a model that agrees with such a channel agrees with whoever computed it.",
+    ),
+}
+add_texts(TEXTS)

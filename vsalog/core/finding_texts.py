@@ -1,13 +1,14 @@
-"""The catalogue of findings: what each code says, and what to do about it. docs/findings.md is made of it."""
+"""The catalogue of findings: what each code says, and what to do about it. docs/findings.md is made of it.
+
+Texts of codes that a check alone gives stand in its file.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from functools import cache
 from string import Formatter
 from typing import Any
 
-from vsalog.core.extensions import extensions
 from vsalog.core.finding import Finding, Severity, Text
 from vsalog.core.finding_texts_log import LOG_TEXTS
 from vsalog.core.printable import plural
@@ -15,77 +16,21 @@ from vsalog.core.printable import plural
 # Texts name what an error depends on; which parameter of the rig makes it, a simulation of the rig tells.
 DIAGNOSE = "'vsalog diagnose LOG' looks for the cause and extends the rig by it."
 
-TEXTS: Mapping[str, Text] = {
+TEXTS: dict[str, Text] = {
     **LOG_TEXTS,
-    "encoder.zero": Text(
-        "the deflection ({part}) lies around {value:.4g} rad and moves by ±{half_range:.3g} rad only: is an encoder's zero off?",
-        "Give it as 'offset' of one of these roles in the rig; the stiffness over the deflection is wrong if so.",
-    ),
-    "encoder.sign": Text(
-        "{part} move against one another (correlation {value:.2f}, by {first_span:.3g} and {second_span:.3g} rad): does one of"
-        " them count the other way round?",
-        "Say 'sign = -1' of it in the rig; the deflection is their sum instead of their difference if so.",
-    ),
-    "encoder.deflection_unit": Text(
-        "the deflection ({part}) spans {value:.4g} rad, more than a turn: is one of these roles in degrees, or on the motor's"
-        " side of the gear?",
-        "Say 'unit = \"deg\"' of it in the rig, or 'side = \"rotor\"' with the motor's gear_ratio.",
-    ),
-    "encoder.unit": Text(
-        "{part} spans {value:.4g} rad, {turns:.0f} turns of the joint: is it in degrees, or on the motor's side of the gear?",
-        "Say 'unit = \"deg\"' of it in the rig, or of a motor's position 'side = \"rotor\"' with the motor's gear_ratio.",
-    ),
     "encoder.other_turn": Text("{part} was on another turn than link_position.", "It is turned to it."),
-    "encoder.stuck": Text(
-        "{part} does not change by a single step from {begin:.4g} s to {end:.4g} s, while {other} moves by {value:.3g} rad;"
-        " the spring that the rest of the log shows does not allow it: its encoder was stuck.",
-        "Leave that stretch out (--start, --end); so also where a brake or a stop held the joint.",
-    ),
-    "torque.stuck": Text(
-        "{part} does not change by a single step from {begin:.4g} s to {end:.4g} s and is noisy elsewhere: its sensor or its"
-        " driver was stuck.",
-        "Leave that stretch out (--start, --end).",
-    ),
-    "torque.stuck_while_moving": Text(
-        "{part} does not change by a single step from {begin:.4g} s to {end:.4g} s, while the deflection changes by {value:.3g}"
-        " rad; elsewhere they change together: the sensor was stuck.",
-        "Leave that stretch out (--start, --end).",
-    ),
     "torque.drive_model": Text(
         "{part} is the drive model of the rig's motor: what was recorded, {made}.",
         "Change the motor in the rig if it does not.",
-    ),
-    "torque.coarse": Text(
-        "{part} takes {value:.0f} values only, {step:.3g} N·m apart and more: too coarse for a stiffness.",
-        "Choose a smaller range, or record it before it is rounded.",
-    ),
-    "torque.dropouts": Text(
-        "{part} reads exactly 0 at {value:.0f} samples here and there (first at {begin:.4g} s) amid values that go on"
-        " undisturbed: lost packets, or a driver that left out a value.",
-        "They bias the fit; have them left empty in the log.",
     ),
     "torque.computed": Text(
         "{part} is exactly {factor:.6g} times {source}: it was computed from it, not measured.",
         "The stiffness is the constant someone put into that computation; it validates nothing.",
     ),
-    "torque.function": Text(
-        "{part} is a function of {source}, without any noise of its own: it was computed from it, not measured.",
-        "It validates nothing: a model that agrees with such a channel agrees with whoever computed it.",
-    ),
-    "torque.filtered_function": Text(
-        "{part} follows from {source} and its neighbours in time, late, averaged or held, without any noise of its own: it was"
-        " computed from it, not measured.",
-        "It validates nothing: a model that agrees with such a channel agrees with whoever computed it.",
-    ),
     "torque.offset_as_ramp": Text(
         "transmission {part}: the motor's torque seems to be off by {value:+.3g} N·m all along, which an integrated"
         " equation takes for the spring's: nothing counts as excited.",
         "Set torque_offset of the motor in the rig, or offset of its signal, or use --estimator residual-rls.",
-    ),
-    "sensor.saturated": Text(
-        "{part} rests at its {end} value {at:.6g} for {value:.1%} of the samples (first at {begin:.4g} s) and moves noisily"
-        " elsewhere: it is saturated.",
-        "The stiffness is wrong wherever it is; choose a larger range, or leave these stretches out (--start, --end).",
     ),
     "sensor.stuck": Text(
         "{part} was stuck at {value:.0f} of {samples} samples (first at {first:.6g} s): it stood still amid a motion and then"
@@ -93,24 +38,9 @@ TEXTS: Mapping[str, Text] = {
         "They are left out.",
     ),
     "sensor.constant": Text("{part} never changes.", "Check the channel in the rig if it should."),
-    "sensor.repeated": Text(
-        "{part} changes at every {value:.0f}th sample only, {rate:.4g} times a second: where it is a slower sensor's, repeated,"
-        " and no command that a drive holds so long, it is late by half of that on average, which biases the stiffness.",
-        "Record the others as slowly, or leave the repeats empty.",
-    ),
-    "deflection.still": Text(
-        "the deflection of transmission {part} never changes; its stiffness cannot be estimated.",
-        "Move the joint under load.",
-    ),
     "deflection.too_small": Text(
         "transmission {part}: the deflection spans {value:.1f} steps of its encoders, too few for a stiffness.",
         "Move the joint more.",
-    ),
-    "deflection.hides_shape": Text(
-        "transmission {part}: the deflection spans only {value:.0f} of its encoders' steps: nothing shows whether the spring"
-        " has backlash, a stop or a knee within two of them, and the stiffness would then be off by more than its standard"
-        " deviation says.",
-        "Move the joint more, or take encoders of finer resolution.",
     ),
     "deflection.below_noise": Text(
         "the motor's encoder leaves a noise of {value:.2g} rad in the deflection, which the motor's torque never makes"
@@ -153,30 +83,12 @@ TEXTS: Mapping[str, Text] = {
         " order).",
         "The stiffness may be further off than its standard deviation says.",
     ),
-    "residual.shape_over_deflection": Text(
-        "transmission {part}: the residual has a shape over the deflection: the stiffness is at least {value:.0%} off on"
-        " average, at {deflection:.3g} rad the spring's differs by {stiffness_change:+.0%} from the estimate. The basis"
-        " cannot follow the spring, as where there is backlash, a stop or a term too few.",
-        "[joint.{joint}.basis] in the rig takes more terms, 'vsalog diagnose' finds which it is.",
-    ),
-    "residual.shape_over_position": Text(
-        "transmission {part}: the residual has a shape over {position}, {value:.1%} of the torque: an encoder that reads"
-        " nonlinearly over its turn (off its centre, or several times a turn), or a torque that goes with the position"
-        " (cogging, gravity, a cable). The stiffness may be off by several times as much, and by more than its standard"
-        " deviation says.",
-        "'vsalog diagnose' finds more.",
-    ),
     "prior.holds_back": Text(
         "transmission {part}: in {value:.0%} of what the fit is sure of, the prior holds the stiffness back where the log"
         " would determine it: with a weaker prior it differs by {stiffness_change:.0%} (rms), which its standard deviation"
         " includes.",
         "Springs are seldom so: check that the signs, units and zeros of the positions, and of the set-point where there is"
         " one, are what the rig says; if they are, --tune p0={p0:.2g} lets the log decide.",
-    ),
-    "stiffness.scale": Text(
-        "transmission {part}: the stiffness is {value:.3g} times that of the rig's spring ({rig:.3g} N·m/rad).",
-        "A torque's unit or scale is wrong, or a gear ratio, or the spring in the rig: check the units under"
-        " [joint.{joint}.signals].",
     ),
     "stiffness.drifts": Text(
         "transmission {part}: the stiffness changes by {value:.1%} over the log, more than {limit:.1%}, the noise floor; the"
@@ -272,32 +184,6 @@ TEXTS: Mapping[str, Text] = {
     "link.friction_left_in": Text(
         "the link's dry friction is not taken off.",
         "It goes into the stiffness.",
-    ),
-    "link.inertia_differs": Text(
-        "the link's inertia is estimated as {inertia:.3g} kg·m², {ratio:.3g} times the rig's {rig:.3g}.",
-        "The torque sensor's scale or unit, or the angles' unit, would explain it, and the stiffness would be as far off; or"
-        " the rig has another link's inertia.",
-    ),
-    "cross_check.torque_scale": Text(
-        "{reference}, which {estimator} does not read, differs: where the estimated torque of {of} changes by 1 N·m, that"
-        " changes by {value:.3g} N·m. The stiffness may be off by as much, or {other_cause}.",
-        "'vsalog compare' runs the other estimators on this log.",
-    ),
-    "cross_check.torque_unrelated": Text(
-        "{reference}, which {estimator} does not read, differs: of the power of its torque {value:.0%} is in the estimated"
-        " torque of {of} too.",
-        "Check the signs, the units and the channels of both in the rig: one of them may be another one than the rig says.",
-    ),
-    "cross_check.angle": Text(
-        "{reference}, which {estimator} does not read, differs: the estimated angle of {of} is {value:.2g} {unit} off,"
-        " {share_of_range:.0%} of its range, where {claimed:.1g} {unit} are claimed.",
-        "The stiffness may be off too.",
-    ),
-    "cross_check.none": Text(
-        "neither the joint's angle nor its torque is in the log, so there is no reference for what {estimator} makes of the"
-        " pressures: a pressure that is not absolute, a sensor's wrong gain, or muscles that are not the rig's would make a"
-        " stiffness as plausible, off by 5 to 20 % and more, which its standard deviation does not include.",
-        "Record one of them once, link_position or torque_sensor.",
     ),
     "external_torque.missing": Text(
         "there is no external_torque, and the link is taken to be driven by its transmission alone.",
@@ -550,11 +436,21 @@ TEXTS: Mapping[str, Text] = {
 }
 
 
-@cache
-def texts() -> Mapping[str, Text]:
-    """Return the catalogue, with that of third parties: mappings named by entry points in the group ``vsalog.findings``."""
-    others = {code: text for _, own in extensions("vsalog.findings") for code, text in own.items()}
-    return {**others, **TEXTS}
+def add_texts(own: Mapping[str, Text]) -> None:
+    """Add texts to the catalogue, when the module is imported that makes findings of these codes.
+
+    Parameters
+    ----------
+    own : code → text
+
+    Raises
+    ------
+    ValueError
+        The catalogue has one of the codes.
+    """
+    if twice := own.keys() & TEXTS.keys():
+        raise ValueError(f"the catalogue of findings has {', '.join(sorted(twice))} already")
+    TEXTS.update(own)
 
 
 class _Counting(Formatter):
@@ -568,12 +464,12 @@ class _Counting(Formatter):
 
 def says(finding: Finding) -> str:
     """Return what was found, without the advice."""
-    return _filled(texts()[finding.code].says, finding)
+    return _filled(TEXTS[finding.code].says, finding)
 
 
 def sentence(finding: Finding, joint: bool = True) -> str:
     """Return what a finding says, and what to do about it; with the joint's name where that is asked for."""
-    text = texts()[finding.code]
+    text = TEXTS[finding.code]
     words = _filled(f"{text.says} {text.advice}".strip(), finding)
     name = f"joint '{finding.joint}'" if finding.joint and joint else ""
     return ": ".join(filter(None, (finding.log, name, words)))
