@@ -5,8 +5,10 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from command_line import vsalog_run
+from scipy.integrate import solve_ivp
 
 EFFECT = """
 from vsalog.effects.base import Effect, OneNumber
@@ -20,6 +22,53 @@ EFFECT = Effect(causes=(OneNumber(
     signature="link equation: cos(q - q0)",
 ),))
 """
+DRAG = '''
+from typing import Annotated
+
+from msgspec.structs import replace
+
+from vsalog.core.quantities import quantity
+from vsalog.effects.base import BodyTorque, Default, Effect, Key, OneNumber
+
+Coefficient = Annotated[float, quantity("N*m*s^2/rad^2", "torque per velocity squared", ge=0.0)]
+SPEED = 10.0  # that a link's drag is followed to [rad/s]
+
+
+class Drag(BodyTorque, frozen=True):
+    """Drag of air or water.
+
+    Attributes
+    ----------
+    coefficient : torque per velocity squared [N·m·s²/rad²]
+    """
+
+    coefficient: Coefficient = 0.0
+
+    @staticmethod
+    def formula(x, v, t, p, at):
+        return -p[at] * v * abs(v)
+
+    def numbers(self, ratio):
+        return (self.coefficient,)
+
+    def slopes(self, ratio):
+        return 0.0, 2.0 * self.coefficient * SPEED
+
+    def geared(self, ratio):
+        return replace(self, coefficient=self.coefficient * ratio**3)
+
+
+EFFECT = Effect(
+    keys=(Key("link", "drag", Drag, "drag of air or water"), Key("motor", "fan", Drag, "drag of a fan")),
+    tolerances=(Default(("drag.coefficient",), "nobody has measured it", share=0.5, share_of_scale=0.1),),
+    causes=(OneNumber(
+        name="link.drag", place="link", key="drag.coefficient", number="coefficient", unit="N*m*s^2/rad^2", low=0.0,
+        step=lambda s: 1e-3 * s.torque / s.speed**2, scale=lambda s: s.torque / s.speed**2,
+        title="The {part} is slowed by air or water", says="the link's equation is off by the square of its velocity",
+        confirm="Take the paddle off.", reference="any book on fluids", signature="link equation: v |v|",
+    ),),
+)
+'''
 CAUSE = '''
 from vsalog.diagnosis.causes.base import Cause
 
@@ -69,6 +118,7 @@ def build(device, signals, tuning):
 POINTS = """
 [vsalog.effects]
 hanging = hanging
+drag = drag
 [vsalog.causes]
 magnet = magnet
 [vsalog.checks]
@@ -87,7 +137,13 @@ def installed(tmp_path_factory):
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: bench\nVersion: 1.0\n", encoding="utf-8")
     (info / "entry_points.txt").write_text(POINTS, encoding="utf-8")
-    for name, source in {"hanging": EFFECT, "magnet": CAUSE, "humidity": CHECK, "parabola": ESTIMATOR}.items():
+    for name, source in {
+        "hanging": EFFECT,
+        "magnet": CAUSE,
+        "humidity": CHECK,
+        "parabola": ESTIMATOR,
+        "drag": DRAG,
+    }.items():
         (folder / f"{name}.py").write_text(source, encoding="utf-8")
     path = os.pathsep.join([str(folder), *filter(None, sys.path)])
 
@@ -106,6 +162,50 @@ def bench_log(tmp_path_factory):
     folder = tmp_path_factory.mktemp("log")
     done = vsalog_run("simulate", "sea", "--duration", "3 s", "-o", "log.csv", cwd=folder)
     assert done.returncode == 0, done.stderr
+    return folder / "log.csv"
+
+
+@pytest.fixture(scope="module")
+def paddle_log(tmp_path_factory):
+    """A link with a paddle under water on a spring, by equations of its own; nothing is rounded but what encoders count."""
+    inertia, damping, spring, link, bearing, drag, fan = 0.05, 0.1, 30.0, 0.04, 0.05, 0.02, 0.01
+    seconds = np.arange(0.0, 8.0, 2e-3)
+
+    def driven(t):
+        return 3.0 * np.sin(2.0 * np.pi * 0.9 * t) + 2.0 * np.sin(2.0 * np.pi * 2.3 * t + 1.0)
+
+    def rate(t, s):
+        theta, q, dtheta, dq = s
+        torque = spring * (q - theta)
+        ddtheta = (driven(t) + torque - damping * dtheta - fan * dtheta * abs(dtheta)) / inertia
+        return [dtheta, dq, ddtheta, (-torque - bearing * dq - drag * dq * abs(dq)) / link]
+
+    theta, q = solve_ivp(rate, (0.0, 8.0), [0.0] * 4, "DOP853", seconds, rtol=1e-10, atol=1e-12).y[:2]
+    noise = np.random.default_rng(5).normal(0.0, 0.01, (2, seconds.size))
+    step = 2.0 * np.pi / 2**17
+    columns = {
+        "time": seconds, "motor": np.round(theta / step) * step, "link": np.round(q / step) * step,
+        "torque": driven(seconds) + noise[0], "sensor": spring * (q - theta) + noise[1],
+    }  # fmt: skip
+    folder = tmp_path_factory.mktemp("paddle")
+    np.savetxt(
+        folder / "log.csv", np.stack([*columns.values()], axis=1), "%.9g", ",", header=",".join(columns), comments=""
+    )
+    (folder / "rig.toml").write_text(
+        f"""
+        [joint.paddle]
+        kind = "elastic"
+        motor = {{ inertia = {inertia}, damping = {damping}, fan.coefficient = {fan} }}
+        transmission = {{ type = "linear", stiffness = {spring} }}
+        link = {{ inertia = {link}, damping = {bearing} }}
+        [joint.paddle.signals]
+        motor_position = {{ channel = "motor", resolution = {step} }}
+        link_position = {{ channel = "link", resolution = {step} }}
+        motor_torque = {{ channel = "torque", noise = 0.01 }}
+        torque_sensor = {{ channel = "sensor", noise = 0.01 }}
+        """,
+        encoding="utf-8",
+    )
     return folder / "log.csv"
 
 
@@ -164,6 +264,47 @@ def test_a_diagnosis_names_the_effect_s_cause_with_its_number(installed, bench_l
     angle = cause["parameters"]["angle"]
     assert abs(angle["value"]) < 3.0 * angle["std"] < 0.05
     assert angle["rig"] == pytest.approx(0.1)
+
+
+def test_a_diagnosis_finds_the_effect_that_one_file_adds(installed, paddle_log, tmp_path):
+    command = ("-m", "vsalog", "diagnose", paddle_log, "--rig", paddle_log.with_name("rig.toml"))
+    installed(*command, cwd=tmp_path)
+    (cause,) = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))["causes"]
+    assert (cause["cause"], cause["part"]) == ("link.drag", "link")
+    coefficient = cause["parameters"]["coefficient"]
+    assert coefficient["value"] == pytest.approx(0.02, abs=3.0 * coefficient["std"])
+    assert 0.0 < coefficient["std"] < 0.001
+    # The extended rig has it; simulated with it, the log is explained.
+    extended = (tmp_path / "extended.rig.toml").read_text(encoding="utf-8")
+    assert "[joint.paddle.link.drag]" in extended
+
+
+def test_a_simulation_has_the_effect_that_one_file_adds(installed, paddle_log, tmp_path):
+    rig = ("--rig", paddle_log.with_name("rig.toml"), "--set", "joint.paddle.link.drag.coefficient=0.02")
+    installed("-m", "vsalog", "diagnose", paddle_log, *rig, cwd=tmp_path)
+    found = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
+    assert found["causes"] == []
+
+
+def test_an_estimate_subtracts_the_motor_s_effect(installed, paddle_log, tmp_path):
+    """The spring is told from the motor's side, which the fan is part of."""
+    command = ("-m", "vsalog", "estimate", paddle_log, "--rig", paddle_log.with_name("rig.toml"), "--json")
+    told = ("-e", "residual-rls", "--tune", "modality=RESIDUAL")
+
+    def off(*setting):
+        (joint,) = json.loads(installed(*command, *told, *setting, cwd=tmp_path))["joints"]
+        (one, _) = joint["summary"]["transmissions"]
+        return max(abs(one[key] / 30.0 - 1.0) for key in ("stiffness_low", "stiffness_high"))
+
+    assert off() < 0.01
+    assert off("--set", "joint.paddle.motor.fan.coefficient=0") > 0.02
+
+
+def test_the_rig_s_schema_has_the_effect_s_keys(installed):
+    schema = json.loads(installed("-m", "vsalog.rig.schema_file"))["$defs"]
+    assert schema["Link"]["properties"]["drag"]["description"] == "drag of air or water"
+    assert schema["Motor"]["properties"]["fan"]["description"] == "drag of a fan"
+    assert "| `drag.coefficient` | ± 50 %, at least 10 % of scale" in installed("-m", "vsalog.rig.tolerance")
 
 
 def test_a_package_that_cannot_be_loaded_is_named_and_nothing_else_is_done(bench_log, tmp_path):

@@ -6,8 +6,10 @@ from scipy.integrate import solve_ivp
 from written_out import ELASTIC, Truth, derived, elastic, joint_of
 
 from vsalog.diagnosis.causes.base import with_part
+from vsalog.effects.cogging import Cogging
+from vsalog.effects.contact import Contact
 from vsalog.residuals.balance import balance, motion_of
-from vsalog.rig.schema import BoucWen, Cogging, Contact, Payload
+from vsalog.rig.schema import BoucWen, Payload
 
 TIME = np.arange(3000) * 1e-3
 INSIDE = slice(20, -20)

@@ -11,13 +11,14 @@ from written_out import derived, signals
 from vsalog.core.errors import DiagnosisError, SimulationError
 from vsalog.diagnosis.causes.base import with_part
 from vsalog.diagnosis.run import Options, diagnose
+from vsalog.effects.cogging import Cogging
 from vsalog.mechanics.rigid_joint import as_one
 from vsalog.report.diagnosis_account import worded
 from vsalog.residuals.balance_rigid import balance_rigid
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.windows import player_of, shoot, windows_of
 from vsalog.rig import Rig
-from vsalog.rig.schema import Cogging, Friction, Link, Motor
+from vsalog.rig.schema import Friction, Link, Motor
 from vsalog.simulation.machine import build
 from vsalog.simulation.play import play
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from vsalog.core.signals import JointSignals
-from vsalog.effects.cogging import Cogging, steepness
+from vsalog.effects.cogging import Cogging
 from vsalog.estimators.friction_compensation import FrictionCompensation
-from vsalog.residuals.balance import cogged
+from vsalog.residuals.balance import less_torques
 from vsalog.rig.schema import ElasticJoint, LinearTransmission, Link, Motor
 from vsalog.simulation import _dynamics as d
 from vsalog.simulation.machine import build
@@ -29,8 +29,10 @@ def test_the_plant_feels_it():
 
 
 def test_the_balance_has_it_on_the_side_of_what_resists():
-    np.testing.assert_allclose(cogged(MOTOR, np.stack([THETA] * 3), 0.0), -EXPECTED, atol=1e-12)
-    assert cogged(Motor(), np.stack([THETA] * 3), 0.5) == 0.5
+    moved = np.stack([THETA] * 3)
+    found = less_torques(MOTOR.reflected.torques, RATIO, moved, np.zeros(THETA.size), 0.5)
+    np.testing.assert_allclose(found, 0.5 - EXPECTED, atol=1e-12)
+    assert less_torques((), RATIO, moved, np.zeros(THETA.size), 0.5) == 0.5
 
 
 class View:
@@ -50,7 +52,7 @@ def test_estimators_add_it_to_the_motors_torque():
 
 
 def test_its_steepness_is_its_largest_slope():
-    waves = (MOTOR.reflected.cogging[0],)
+    (wave, _) = MOTOR.reflected.torques
     theta = np.linspace(0.0, 2.0 * np.pi / 60.0, 2001)
     slope = np.gradient(0.2 * np.sin(60.0 * theta + 0.4), theta)
-    assert steepness(waves, RATIO) == pytest.approx(np.max(slope), rel=1e-4)
+    assert wave.slopes(RATIO) == (pytest.approx(np.max(slope), rel=1e-4), 0.0)

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsalog.effects.backlash import beyond_gap, engaged
+from vsalog.effects.base import body_torque
 from vsalog.effects.calibration import reading, zeroed
 from vsalog.effects.contact import Contact
 from vsalog.effects.delay import EFFECT as DELAYS
@@ -124,7 +125,9 @@ def test_a_payload_is_known_by_inertia_and_weight(mass, distance):
 
 def test_a_push_swells_and_fades():
     push = Contact(start=0.5, duration=0.2, torque=-3.0)
-    np.testing.assert_allclose(push.at(np.array([0.4, 0.5, 0.55, 0.6, 0.7, 0.8])), [0, 0, -1.5, -3, 0, 0], atol=1e-12)
+    time = np.array([0.4, 0.5, 0.55, 0.6, 0.7, 0.8])
+    torque = body_torque((push,), 1.0, np.zeros(6), np.zeros(6), time)
+    np.testing.assert_allclose(torque, [0, 0, -1.5, -3, 0, 0], atol=1e-12)
 
 
 def test_a_seconds_pendulum_is_a_metre_long():

@@ -13,13 +13,14 @@ from vsalog.binding.joint import bind, offered_roles
 from vsalog.cli import cli
 from vsalog.core.errors import EstimatorError
 from vsalog.core.trace import Trace
+from vsalog.effects.cogging import Cogging
 from vsalog.estimation.joint import choose, estimate_joint
 from vsalog.estimators.device import device_of
 from vsalog.estimators.registry import method
 from vsalog.estimators.torque import residual_block
 from vsalog.estimators.tuning import read_tuning
 from vsalog.rig import Rig
-from vsalog.rig.schema import BoucWen, Cogging, Friction, SlipElement
+from vsalog.rig.schema import BoucWen, Friction, SlipElement
 from vsalog.simulation import simulate, sine, sum_of
 
 pytestmark = pytest.mark.share(2)

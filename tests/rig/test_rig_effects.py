@@ -5,11 +5,11 @@ import math
 import pytest
 
 from vsalog.core.errors import RigError
+from vsalog.effects.cogging import Cogging
+from vsalog.effects.contact import Contact
 from vsalog.rig import Rig
 from vsalog.rig.schema import (
     BoucWen,
-    Cogging,
-    Contact,
     Eccentricity,
     ElasticJoint,
     ExponentialTransmission,

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from vsalog.core.quantities import Angle, Base, Order, Torque
-from vsalog.effects.base import Default, Effect
+from vsalog.core.quantities import Angle, Order, Torque
+from vsalog.effects.base import BodyTorque, Default, Effect, Key
 
 Array = NDArray[np.float64]
 
 
-class Cogging(Base, frozen=True):
+class Cogging(BodyTorque, frozen=True):
     """A torque that repeats over the rotor's turn: torque · sin(order · θ_rotor + phase), acting along with the motor's torque.
 
     Attributes
@@ -28,47 +28,30 @@ class Cogging(Base, frozen=True):
     order: Order
     phase: Angle = 0.0
 
-    def geared(self, ratio: float) -> Cogging:
-        """Return it as the joint feels it through a gear of that ratio; `order` still counts turns of the rotor."""
-        return replace(self, torque=self.torque * ratio)
+    @staticmethod
+    def formula(x: Any, v: Any, t: Any, p: Array, at: int) -> Any:
+        """Return the wave."""
+        return p[at] * np.sin(p[at + 1] * x + p[at + 2])
 
-    def ungeared(self, ratio: float) -> Cogging:
-        """Return it as the rotor feels it, before a gear of that ratio."""
-        return replace(self, torque=self.torque / ratio)
-
-    def row(self, ratio: float) -> tuple[float, float, float]:
-        """Return amplitude [N·m], periods per turn of the joint and phase [rad], as `wave` takes them."""
+    def numbers(self, ratio: float) -> tuple[float, ...]:
+        """Return amplitude [N·m], periods per turn of the joint, and phase [rad]."""
         return self.torque, self.order * ratio, self.phase
 
+    def slopes(self, ratio: float) -> tuple[float, float]:
+        """Return the steepest of the wave."""
+        return abs(self.torque) * self.order * ratio, 0.0
 
-def wave(torque: float, order: float, phase: float, theta: Array) -> Array:
-    """Return torque · sin(order · θ + phase) [N·m]; `theta` [rad] may be a number."""
-    return torque * np.sin(order * theta + phase)
-
-
-def cogging_torque(waves: Sequence[Cogging], ratio: float, theta: Array) -> Array:
-    """Return what all waves add to the motor's torque [N·m], shape of `theta`.
-
-    Parameters
-    ----------
-    waves : as the joint feels them
-    ratio : of the gear
-    theta : position on the joint's side [rad]
-    """
-    total = np.zeros_like(theta)
-    for c in waves:
-        total += wave(*c.row(ratio), theta)
-    return total
-
-
-def steepness(waves: Sequence[Cogging], ratio: float) -> float:
-    """Return the largest slope of the torque over the joint's position [N·m/rad]."""
-    return sum(c.torque * c.order * ratio for c in waves)
+    def geared(self, ratio: float) -> Cogging:
+        """Return it with its torque behind a gear; `order` still counts turns of the rotor."""
+        return replace(self, torque=self.torque * ratio)
 
 
 EFFECT = Effect(
     tolerances=(
         Default(("cogging.torque",), "varies from motor to motor", share=0.5, share_of_scale=0.02),
         Default(("cogging.phase",), "nothing is known before it is measured", least="180 deg"),
+    ),
+    keys=(
+        Key("motor", "cogging", Cogging, "torques that repeat over the rotor's turn, [[…motor.cogging]]", many=True),
     ),
 )

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.core.quantities import Base, Duration, TimeSpan, Torque
-from vsalog.effects.base import Effect
+from vsalog.core.quantities import Duration, TimeSpan, Torque
+from vsalog.effects.base import BodyTorque, Effect, Key
 
 Array = NDArray[np.float64]
 
 
-class Contact(Base, frozen=True):
+class Contact(BodyTorque, frozen=True):
     """A push from outside: a torque on the link that swells and fades, torque · sin²(π (t − start) / duration).
 
     Attributes
@@ -25,10 +27,19 @@ class Contact(Base, frozen=True):
     duration: Duration
     torque: Torque
 
-    def at(self, time: Array) -> Array:
-        """Return the torque on the link [N·m], shape of `time` [s]."""
-        u = (time - self.start) / self.duration
-        return np.where((u > 0.0) & (u < 1.0), self.torque * np.sin(np.pi * u) ** 2, 0.0)
+    @staticmethod
+    def formula(x: Any, v: Any, t: Any, p: Array, at: int) -> Any:
+        """Return the push, which is zero before and after."""
+        passed = np.minimum(np.maximum((t - p[at]) / p[at + 1], 0.0), 1.0)
+        return p[at + 2] * np.sin(np.pi * passed) ** 2
+
+    def numbers(self, ratio: float) -> tuple[float, ...]:
+        """Return start and duration [s], and torque [N·m]."""
+        return self.start, self.duration, self.torque
+
+    def slopes(self, ratio: float) -> tuple[float, float]:
+        """Return zero: it follows from the time alone."""
+        return 0.0, 0.0
 
 
-EFFECT = Effect()
+EFFECT = Effect(keys=(Key("link", "contact", Contact, "pushes from outside, [[…link.contact]]", many=True),))

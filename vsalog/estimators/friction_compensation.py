@@ -1,4 +1,4 @@
-"""What moves a rotor beside its transmission: motor torque and cogging less dry friction, before anything is filtered.
+"""What moves a rotor beside its transmission: motor torque and torques of effects less dry friction, before anything is filtered.
 
 Dry friction jumps where the velocity changes its sign. Were it told from filtered signals and taken off a filtered torque, the
 jump would be sharp on one side and smeared on the other; so it is taken off first, and all is filtered alike.
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import DETECTED
-from vsalog.effects.cogging import cogging_torque
+from vsalog.effects.base import body_torque
 from vsalog.estimators.device import TransmissionView
 from vsalog.filters.conditioning import FilterName
 from vsalog.filters.kinematic import PAPER_TRACKING_INDEX, KinematicSettings, kinematic_filter
@@ -32,8 +32,8 @@ REVERSAL_REACH = 2.0
 
 
 def extended(motor: Motor) -> bool:
-    """Tell whether the rig gives a motor dry friction or cogging."""
-    return motor.friction.rubs or bool(motor.cogging)
+    """Tell whether the rig gives a motor dry friction, or a torque of an effect such as cogging."""
+    return motor.friction.rubs or bool(motor.torques)
 
 
 def way_role(view: TransmissionView) -> str:
@@ -57,14 +57,14 @@ class FrictionCompensationState:
 
 
 class FrictionCompensation:
-    """Put in the place of each motor torque what is left of it once friction and cogging are accounted for.
+    """Put in the place of each motor torque what is left of it once friction and effects such as cogging are accounted for.
 
     With a causal filter the velocity is the kinematic Kalman filter's; else that of a cubic fitted around each sample, which
     holds samples back by half its window.
 
     Parameters
     ----------
-    views : transmissions whose motors have friction or cogging
+    views : transmissions whose motors are `extended`
     signals : a block or the whole, for its period and the encoders' resolutions
     kind : of the filter that follows
     shape : α of the MKKF
@@ -142,8 +142,10 @@ class FrictionCompensation:
         roles = dict(rows.roles)
         for v in self.views:
             motor, tau = self.motors[v.name], rows.roles[v.motor_torque]
-            theta = rows.roles[v.motor_position]
-            net = tau + cogging_torque(motor.cogging, motor.gear_ratio, theta) if motor.cogging else tau
+            net = tau
+            if motor.torques:
+                moved = rows.roles[v.motor_position], velocities[v.name], rows.time
+                net = tau + body_torque(motor.torques, motor.gear_ratio, *moved)
             if motor.friction.rubs:
                 before = frictions.get(v.name)
                 # The transmitted torque is about the motor's own; the estimator puts in what it finds for it.

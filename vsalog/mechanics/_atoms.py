@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.compiled import compiled, inlined
 from vsalog.core.source_stamp import source_stamp
-from vsalog.effects import backlash, cogging, friction, gravity, hysteresis, quantisation
+from vsalog.effects import backlash, effects, friction, gravity, hysteresis, quantisation
 from vsalog.effects import spring as shape
 
 Array = NDArray[np.float64]
@@ -42,8 +42,9 @@ class Friction(IntEnum):
 
 
 # Formulas of effects, which stand as plain functions in `vsalog.effects`.
-STAMP = source_stamp(sys.modules[__name__], backlash, cogging, friction, gravity, hysteresis, quantisation, shape)
-wave = inlined(cogging.wave)
+TORQUES = tuple(key.table for effect in effects().values() for key in effect.keys)
+_MODULES = dict.fromkeys(sys.modules[table.formula.__module__] for table in TORQUES)
+STAMP = source_stamp(sys.modules[__name__], backlash, friction, gravity, hysteresis, quantisation, shape, *_MODULES)
 stribeck = inlined(friction.stribeck)
 bristle_rate = inlined(friction.bristle_rate)
 bristles_after = inlined(friction.bristles_after)
@@ -53,6 +54,28 @@ stiffened = inlined(shape.stiffened)
 beyond_gap = inlined(backlash.beyond_gap)
 rounded = inlined(quantisation.rounded)
 holding_torque = inlined(gravity.holding_torque)
+
+
+def _of_kind(kind: int, formula: Callable[..., float], others: Callable[..., float]) -> Callable[..., float]:
+    """Return what calls a formula where it is meant, and others where it is not."""
+
+    @inlined
+    def torque(which: int, x: float, v: float, t: float, p: Array, at: int) -> float:
+        if which == kind:
+            return formula(x, v, t, p, at)
+        return others(which, x, v, t, p, at)
+
+    return torque
+
+
+@inlined
+def body_torque(which: int, x: float, v: float, t: float, p: Array, at: int) -> float:
+    """Return the torque of the effect whose table has that number in `TORQUES`; its numbers begin in `p` at `at`."""
+    return 0.0
+
+
+for _kind, _table in enumerate(TORQUES):
+    body_torque = _of_kind(_kind, inlined(_table.formula), body_torque)
 
 
 @inlined

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from vsalog.binding.joint import offered_roles
 from vsalog.core.significance import DETECTED
 from vsalog.effects.backlash import engaged
-from vsalog.effects.cogging import wave
+from vsalog.effects.base import BodyTorque, body_torque
 from vsalog.effects.friction import stribeck
 from vsalog.effects.gravity import holding_torque
 from vsalog.mechanics import flexibility_torque, reaction_torque
@@ -35,7 +35,6 @@ from vsalog.residuals.sensing import known
 from vsalog.rig.schema import (
     AntagonisticJoint,
     AwasTransmission,
-    Contact,
     ElasticJoint,
     Friction,
     KnownTransmission,
@@ -126,7 +125,7 @@ def balance(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread: 
             theta, torque = motion.motors[suffix], motion.torques[suffix]
             residual = remembered(turned, motor, theta, torque, roles[role])
             load = torque if motor.friction.load else None
-            shaped = remembered(_resisted, motor, theta, load, motion.slacks[suffix])
+            shaped = remembered(_resisted, motor, theta, load, motion.slacks[suffix], time)
             equations.append(recorded(Equation(f"motor{suffix}", "motor", "N*m", residual, shaped, theta[1]), motor))
     if isinstance(joint, SerialJoint):
         equations += _secondary(joint, motion, time)
@@ -137,8 +136,7 @@ def balance(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread: 
         residual = remembered(driven, joint.link, motion.link, total, roles.get("external_torque"))
         load = total if joint.link.friction.load else None
         shaped = remembered(rubbing, joint.link.friction, motion.link, load, motion.slacks["link"])
-        if joint.link.contact:
-            shaped = remembered(np.subtract, shaped, remembered(pushed, joint.link.contact, time))
+        shaped = less_torques(joint.link.torques, 1.0, motion.link, time, shaped)
         equation = Equation("link", "link", "N*m", residual, shaped, motion.link[1])
         equations.append(scaled(equation, torque_unit(joint, roles)))
         if "link_acceleration" in roles and "link_position" in roles:
@@ -203,7 +201,7 @@ def motion_of(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread
             slack = DETECTED * float(np.hypot.reduce([spread.get(r, 0.0) for r in sensed]))
             deflections[s], torques[s] = phi, remembered(transmitted, transmission, phi, lever, time, slack)
             continue
-        felt = _felt(joint, s, roles, motors)
+        felt = _felt(joint, s, roles, motors, time)
         if felt is None or s not in motors:
             continue
         slack = DETECTED * spread.get(f"torque_sensor{s}", spread.get(f"motor_torque{s}", 0.0))
@@ -236,19 +234,21 @@ def transmitted(
     return torque
 
 
-def _felt(joint: Mechanical, suffix: str, roles: Mapping[str, Array], motors: Mapping[str, Array]) -> Array | None:
+def _felt(
+    joint: Mechanical, suffix: str, roles: Mapping[str, Array], motors: Mapping[str, Array], time: Array
+) -> Array | None:
     """Return τ_T as the torque sensor says it, else as the motor equation does."""
     if f"torque_sensor{suffix}" in roles:
         return remembered(_value, roles[f"torque_sensor{suffix}"])
     motor = _motors(joint)[suffix]
     if f"motor_torque{suffix}" in roles and suffix in motors and motor.inertia is not None:
-        return remembered(_transferred, motor, motors[suffix], roles[f"motor_torque{suffix}"])
+        return remembered(_transferred, motor, motors[suffix], roles[f"motor_torque{suffix}"], time)
     return None
 
 
-def _transferred(motor: Motor, theta: Array, recorded: Array) -> Array:
+def _transferred(motor: Motor, theta: Array, recorded: Array, time: Array) -> Array:
     """Return what a motor's torque leaves for its transmission."""
-    return np.asarray(_moved(motor, theta) + _resisted(motor, theta, None, 0.0) - recorded[0])
+    return np.asarray(_moved(motor, theta) + _resisted(motor, theta, None, 0.0, time) - recorded[0])
 
 
 def _value(x: Array) -> Array:
@@ -302,18 +302,32 @@ def _moved(motor: Motor, theta: Array) -> Array:
     return np.asarray(motor.inertia * theta[2] + motor.damping * theta[1])
 
 
-def _resisted(motor: Motor, theta: Array, load: Array | None, slack: float) -> Array | float:
-    """Return dry friction less cogging."""
+def _resisted(motor: Motor, theta: Array, load: Array | None, slack: float, time: Array) -> Array | float:
+    """Return dry friction less what effects add."""
     motor = motor.reflected
-    return cogged(motor, theta, rubbing(motor.friction, theta, load, slack))
+    return less_torques(motor.torques, motor.gear_ratio, theta, time, rubbing(motor.friction, theta, load, slack))
 
 
-def cogged(motor: Motor, theta: Array, torque: Array | float) -> Array | float:
-    """Return a torque that a motor has to overcome, less its cogging."""
-    motor = motor.reflected
-    for c in motor.cogging:
-        torque = torque - wave(*c.row(motor.gear_ratio), theta[0])
-    return torque
+def less_torques(
+    torques: tuple[BodyTorque, ...], ratio: float, x: Array, time: Array, resisting: Array | float
+) -> Array | float:
+    """Return a torque that a motor or a link has to overcome, less what effects add, such as cogging or a push.
+
+    Parameters
+    ----------
+    torques : of effects, as the joint feels them
+    ratio : of the gear that they are behind
+    x : motion of the body, shape (3, N)
+    time : shape (N,) [s]
+    resisting : shape (N,), or 0
+    """
+    if not torques:
+        return resisting
+    return np.asarray(np.subtract(resisting, remembered(_added, torques, ratio, x, time)))
+
+
+def _added(torques: tuple[BodyTorque, ...], ratio: float, x: Array, time: Array) -> Array:
+    return body_torque(torques, ratio, x[0], x[1], time)
 
 
 def rubbing(friction: Friction, x: Array, load: Array | None, slack: float) -> Array | float:
@@ -337,14 +351,6 @@ def driven(link: Link, q: Array, torque: Array, external: Array | None) -> Array
     return np.asarray(carried if external is None else carried - external[0])
 
 
-def pushed(contacts: tuple[Contact, ...], time: Array) -> Array:
-    """Return what pushes the link from outside."""
-    torque = np.zeros(time.size)
-    for push in contacts:
-        torque = torque + push.at(time)
-    return torque
-
-
 def lever_angle(lever: Lever, arm: Array) -> Array:
     """Return the secondary motor's angle of a lever arm, both of shape (3, N)."""
     return np.asarray(np.stack([lever.start - arm[0], -arm[1], -arm[2]]) / lever.travel)
@@ -362,7 +368,7 @@ def _secondary(joint: SerialJoint, motion: Motion, time: Array) -> list[Equation
     )  # fmt: skip
     reaction = remembered(reaction_torque, joint.transmission, phi, length, lever.travel, time)
     residual = remembered(turned, motor, theta, remembered(np.negative, reaction), roles["secondary_torque"])
-    shaped = remembered(_resisted, motor, theta, reaction, 0.0)
+    shaped = remembered(_resisted, motor, theta, reaction, 0.0, time)
     return [recorded(Equation("secondary_motor", "motor", "N*m", residual, shaped, theta[1]), motor)]
 
 

@@ -22,9 +22,8 @@ from vsalog.mechanics.rigid_joint import as_one
 from vsalog.residuals.balance import (
     Equation,
     Motion,
-    cogged,
     driven,
-    pushed,
+    less_torques,
     recorded,
     rubbing,
     scaled,
@@ -49,18 +48,19 @@ def balance_rigid(
     external, sensor = roles.get("external_torque"), motion.torques.get("")
     if "motor_torque" in roles and sensor is not None and motor.inertia is not None:
         residual = remembered(turned, motor, q, sensor, roles["motor_torque"])
-        shaped = _resisted(motor, motor.reflected.friction, q, sensor if motor.friction.load else None, slack)
+        shaped = _resisted(motor, motor.reflected.friction, q, sensor if motor.friction.load else None, slack, time)
         equations.append(recorded(Equation("motor", "motor", "N*m", residual, shaped, q[1]), motor))
     elif "motor_torque" in roles and sensor is None and (motor.inertia is not None or link is not None):
         one = as_one(motor, link)
         residual = remembered(driven, one, q, remembered(_against, roles["motor_torque"]), external)
-        shaped = _resisted(motor, one.friction, q, remembered(_weight, one, q) if one.friction.load else None, slack)
-        shaped = _less_pushes(one, shaped, time)
+        load = remembered(_weight, one, q) if one.friction.load else None
+        shaped = less_torques(one.torques, 1.0, q, time, _resisted(motor, one.friction, q, load, slack, time))
         equations.append(recorded(Equation("motor", "motor", "N*m", residual, shaped, q[1]), motor))
     if link is not None and sensor is not None:
         residual = remembered(driven, link, q, sensor, external)
         shaped = remembered(rubbing, link.friction, q, sensor if link.friction.load else None, slack)
-        equation = Equation("link", "link", "N*m", residual, _less_pushes(link, shaped, time), q[1])
+        shaped = less_torques(link.torques, 1.0, q, time, shaped)
+        equation = Equation("link", "link", "N*m", residual, shaped, q[1])
         equations.append(scaled(equation, torque_unit(joint, roles)))
     if "motor_position" in roles and "link_position" in roles:
         off = roles["motor_position"][0] - roles["link_position"][0]
@@ -80,13 +80,11 @@ def rigid_motion(joint: RigidJoint, roles: Mapping[str, Array], time: Array, spr
     return Motion(roles, motors, q, {}, torques, frozenset(), frozenset(), {"": slack, "link": slack})
 
 
-def _resisted(motor: Motor, friction: Friction, q: Array, load: Array | None, slack: float) -> Array | float:
+def _resisted(
+    motor: Motor, friction: Friction, q: Array, load: Array | None, slack: float, time: Array
+) -> Array | float:
     torque = remembered(rubbing, friction, q, load, slack)
-    return remembered(cogged, motor, q, torque) if motor.cogging else torque
-
-
-def _less_pushes(link: Link, shaped: Array | float, time: Array) -> Array | float:
-    return remembered(np.subtract, shaped, remembered(pushed, link.contact, time)) if link.contact else shaped
+    return less_torques(motor.reflected.torques, motor.gear_ratio, q, time, torque)
 
 
 def _against(torque: Array) -> Array:

@@ -117,7 +117,7 @@ def as_written(motor: Motor, original: Motor) -> Motor:
         inertia=None if motor.inertia is None else motor.inertia / ratio**2,
         damping=motor.damping / ratio**2,
         friction=motor.friction.geared(1.0 / ratio),
-        cogging=tuple(c.ungeared(ratio) for c in motor.cogging),
+        **motor.geared_torques(1.0 / ratio),
         torque_offset=motor.torque_offset / ratio,
         torque_step=motor.torque_step / ratio,
     )

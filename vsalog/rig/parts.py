@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import inspect
+from types import GenericAlias
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeAlias, TypeVar
 
-from msgspec import Meta
+from msgspec import Meta, Struct, defstruct
 from msgspec.structs import replace
 
 from vsalog.core.quantities import (
@@ -29,17 +31,55 @@ from vsalog.core.quantities import (
     TorqueConstant,
     TorqueLevel,
 )
-from vsalog.effects.cogging import Cogging
-from vsalog.effects.contact import Contact
+from vsalog.effects import effects
+from vsalog.effects.base import BodyTorque, Key
 from vsalog.effects.friction import Friction
 from vsalog.effects.gravity import Payload
 from vsalog.effects.hysteresis import BoucWen, SlipElement
 
+T = TypeVar("T", bound=BodyTorque)
 
-class Motor(Base, frozen=True):
+
+class Body(Base, frozen=True):
+    """What motors and links have in common: the torques that effects add, each in a table of its own."""
+
+    KEYS: ClassVar[tuple[Key, ...]] = ()
+
+    @property
+    def torques(self) -> tuple[BodyTorque, ...]:
+        """What effects add, but for what does nothing."""
+        return tuple(t for key in self.KEYS for t in self._tables(key) if key.many or t != key.table())
+
+    def of_kind(self, table: type[T]) -> tuple[T, ...]:
+        """Return the tables of one kind."""
+        return tuple(t for key in self.KEYS for t in self._tables(key) if isinstance(t, table))
+
+    def geared_torques(self, ratio: float) -> dict[str, Any]:
+        """Return key → what effects add, as it is felt behind a gear of that ratio."""
+        geared = {key: tuple(t.geared(ratio) for t in self._tables(key)) for key in self.KEYS}
+        return {key.name: tables if key.many else tables[0] for key, tables in geared.items()}
+
+    def _tables(self, key: Key) -> tuple[BodyTorque, ...]:
+        there = getattr(self, key.name)
+        return there if key.many else (there,)
+
+
+def _composed(core: type[Body], part: str) -> type[Struct]:
+    """Return a part of the rig with the keys that effects add to it."""
+    keys = tuple(key for effect in effects().values() for key in effect.keys if key.part == part)
+    fields: list[tuple[str, Any, Any]] = [
+        (k.name, GenericAlias(tuple, (k.table, ...)), ()) if k.many else (k.name, k.table, k.table()) for k in keys
+    ]
+    words = inspect.cleandoc(core.__doc__ or "") + "".join(f"\n{key.name} : {key.says}" for key in keys)
+    names = {"__doc__": words, "__module__": __name__, "KEYS": keys}
+    return defstruct(core.__name__.removesuffix("Core"), fields, bases=(core,), namespace=names, frozen=True)
+
+
+class MotorCore(Body, frozen=True):
     """A motor and its gear (Flacco 2012 eq. 4). Everything is as the joint feels it unless `side` says otherwise.
 
-    The torque that acts is torque_gain · τ(t − torque_delay) + torque_offset + cogging − friction, where τ is what is recorded.
+    The torque that acts is torque_gain · τ(t − torque_delay) + torque_offset + what effects add − friction, where τ is what is
+    recorded.
 
     Attributes
     ----------
@@ -49,7 +89,6 @@ class Motor(Base, frozen=True):
     torque_constant : rotor torque per current [N·m/A]; needed when the motor torque is recorded as a current
     side : ``joint`` when all values are as the joint feels them (B = B_m γ²), ``rotor`` when they are the rotor's own
     friction : dry friction
-    cogging : torques that repeat over the rotor's turn, [[…motor.cogging]]
     torque_gain : torque made per torque recorded
     torque_offset : torque made when none is recorded [N·m]
     torque_delay : how long after its recording a torque acts [s]
@@ -62,14 +101,13 @@ class Motor(Base, frozen=True):
     torque_constant: TorqueConstant | None = None
     side: Literal["joint", "rotor"] = "joint"
     friction: Friction = Friction()
-    cogging: tuple[Cogging, ...] = ()
     torque_gain: Ratio = 1.0
     torque_offset: Torque = 0.0
     torque_delay: TimeSpan = 0.0
     torque_step: TorqueLevel = 0.0
 
     @property
-    def reflected(self) -> Motor:
+    def reflected(self) -> Self:
         """The motor with all values as the joint feels them (Flacco 2012 §2.1: B = B_m γ²); itself if it is given so."""
         if self.side == "joint":
             return self
@@ -80,7 +118,7 @@ class Motor(Base, frozen=True):
             inertia=None if self.inertia is None else self.inertia * ratio**2,
             damping=self.damping * ratio**2,
             friction=self.friction.geared(ratio),
-            cogging=tuple(c.geared(ratio) for c in self.cogging),
+            **self.geared_torques(ratio),
             torque_offset=self.torque_offset * ratio,
             torque_step=self.torque_step * ratio,
         )
@@ -185,7 +223,7 @@ KnownTransmission = (
 Transmission = KnownTransmission | UnknownTransmission
 
 
-class Link(Base, frozen=True):
+class LinkCore(Body, frozen=True):
     """The driven link (Flacco 2012 eq. 3), for the simulation; the estimators work on the motor side.
 
     Attributes
@@ -196,7 +234,6 @@ class Link(Base, frozen=True):
     gravity_angle : position q at which the link hangs [rad]
     friction : dry friction
     payload : a mass on the link
-    contact : pushes from outside, [[…link.contact]]
     """
 
     inertia: Inertia
@@ -205,7 +242,13 @@ class Link(Base, frozen=True):
     gravity_angle: Angle = 0.0
     friction: Friction = Friction()
     payload: Payload | None = None
-    contact: tuple[Contact, ...] = ()
+
+
+if TYPE_CHECKING:
+    Motor: TypeAlias = MotorCore
+    Link: TypeAlias = LinkCore
+else:
+    Motor, Link = _composed(MotorCore, "motor"), _composed(LinkCore, "link")
 
 
 class Lever(Base, frozen=True):

@@ -11,8 +11,6 @@ from typing import Annotated
 from msgspec import Meta, field
 
 from vsalog.core.quantities import Base, DeflectionScale, SetpointScale
-from vsalog.effects.cogging import Cogging
-from vsalog.effects.contact import Contact
 from vsalog.effects.eccentricity import Eccentricity
 from vsalog.effects.friction import Friction
 from vsalog.effects.gravity import Payload
@@ -71,8 +69,6 @@ __all__ = [
     "BraidForce",
     "Chain",
     "ChainLink",
-    "Cogging",
-    "Contact",
     "Coupling",
     "CubicTransmission",
     "Eccentricity",

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from vsalog.mechanics._atoms import (
     Element,
     Friction,
+    body_torque,
     bristle_rate,
     friction_level,
     holding_torque,
@@ -29,7 +30,6 @@ from vsalog.mechanics._atoms import (
     nominal_spring,
     spring,
     stiffened,
-    wave,
 )
 from vsalog.mechanics._rigid_body import Row, inverse_dynamics
 
@@ -51,14 +51,15 @@ class At(IntEnum):
     """
 
     # Counts and flags.
-    DOFS, LINKS, TRANSMISSIONS, SLIPS, COGGINGS, CHAIN, WIDTH, GUARDED, FIRST_SLIP = range(9)
-    # Where the tables of numbers begin: (n,) inertia, 0 in a chain; (n, 7) friction; (LINKS, 2) m g l and angle; (·, 4)
-    # degree of freedom, amplitude, order, phase; (·, WIDTH) transmissions; (·, 2) levers; (·, 3) transmission, stiffness,
-    # limit; (·, 18) links of the chain; (3,) gravity; (n, n) S and its transpose.
-    INERTIA, FRICTION, GRAVITY, COGGING, ROWS, LEVERS, ELEMENTS, BODIES, FIELD, COUPLING = range(9, 19)
+    DOFS, LINKS, TRANSMISSIONS, SLIPS, TORQUES, CHAIN, WIDTH, GUARDED, FIRST_SLIP = range(9)
+    # Where the tables of numbers begin: (n,) inertia, 0 in a chain; (n, 7) friction; (LINKS, 2) m g l and angle; numbers of
+    # the effects' torques; (·, WIDTH) transmissions; (·, 2) levers; (·, 3) transmission, stiffness, limit; (·, 18) links of
+    # the chain; (3,) gravity; (n, n) S and its transpose.
+    INERTIA, FRICTION, GRAVITY, TORQUE_NUMBERS, ROWS, LEVERS, ELEMENTS, BODIES, FIELD, COUPLING = range(9, 19)
     # Where the tables of integers begin in `at` itself: (·, 3) link, motor, secondary motor or −1; state of each bristle
-    # and each loop or −1; whether ideal friction acts; whether the motion is prescribed. They follow from END on.
-    ENDS, BRISTLES, LOOPS, DRY, FIXED, END = range(19, 25)
+    # and each loop or −1; whether ideal friction acts; whether the motion is prescribed; (·, 3) degree of freedom of an
+    # effect's torque, which effect, first of its numbers. They follow from END on.
+    ENDS, BRISTLES, LOOPS, DRY, FIXED, TORQUE, END = range(19, 26)
 
 
 class Work(IntEnum):
@@ -227,10 +228,10 @@ def derivative(p: Array, at: Integers, t: float, x: Array, tau: Array, modes: In
             w[Work.FORCE, j] -= carried
             if at[At.TRANSMISSIONS] == 0:  # motor and link are one, and the gear transmits what holds the link
                 w[Work.TRANSMITTED, j] = abs(carried)
-    for c in range(at[At.COGGINGS]):
-        row = at[At.COGGING] + 4 * c
-        i = int(p[row])
-        w[Work.FORCE, i] += wave(p[row + 1], p[row + 2], p[row + 3], x[i])
+    for c in range(at[At.TORQUES]):
+        row = at[At.TORQUE] + 3 * c
+        i = at[row]
+        w[Work.FORCE, i] += body_torque(at[row + 1], x[i], x[n + i], t, p, at[At.TORQUE_NUMBERS] + at[row + 2])
     _transmit(p, at, t, x, modes, w)
     _rub(p, at, x, modes, w)
     for i in range(n):

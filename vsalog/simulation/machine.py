@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
 
@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.errors import SimulationError
-from vsalog.effects.cogging import steepness
+from vsalog.effects.base import BodyTorque
+from vsalog.mechanics._atoms import TORQUES
 from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.mechanics.rigid_body import bodies, mass_matrix
 from vsalog.mechanics.rigid_joint import as_one
@@ -174,8 +175,10 @@ class Machine:
         for j, joint in enumerate(self.joints.values()):
             # A chain's weight grows with its inertia.
             load[j] += 0.0 if self.chained or joint.link is None else abs(_gravity(joint.link)[0])
-        for m in self.motors:
-            load[m.index] += steepness(m.motor.cogging, m.motor.gear_ratio)
+        for index, torque, ratio in _torques([j.link for j in self.joints.values()], self.motors):
+            over_position, over_velocity = torque.slopes(ratio)
+            load[index] += over_position
+            rates.append(over_velocity / inertia[index])
         friction = self.numbers[self.at[d.At.FRICTION] :][: 7 * n].reshape(n, 7)
         viscous, static, bristle, bristle_damping = friction[:, [0, 2, 5, 6]].T
         load += bristle
@@ -263,14 +266,16 @@ def _coded(
     payloads = {name: link.payload for name, link in zip(names, links, strict=True) if link.payload is not None}
     rows = [coded(s.transmission) for s in slots]
     width = max((row.size for row in rows), default=0)
-    cogging = [(float(m.index), *c.row(m.motor.gear_ratio)) for m in motors for c in m.motor.cogging]
+    torques = list(_torques(links, motors))
+    rows_of_torques = [torque.numbers(ratio) for _, torque, ratio in torques]
+    first_of_torques = np.cumsum([0, *map(len, rows_of_torques)])[:-1]
     tables: list[Array] = [  # in the order of `_dynamics`
         np.array(
             [*(link_inertia(k) if chain is None else 0.0 for k in links), *(m.motor.inertia or 0.0 for m in moving)]
         ),
         np.array([_friction(c, f) for c, f in zip(damping, frictions, strict=True)]),
         np.array([_gravity(k) if chain is None else (0.0, 0.0) for k in links]),
-        np.array(cogging),
+        np.concatenate([np.zeros(0), *map(np.array, rows_of_torques)]),
         np.array([np.pad(row, (0, width - row.size)) for row in rows]),
         np.array(levers),
         np.array(slips),
@@ -285,14 +290,28 @@ def _coded(
         _numbered(looped, bristles + int(bristled.sum())),
         dry.astype(np.int64),
         np.zeros(n, dtype=np.int64),
+        np.array(
+            [(i, TORQUES.index(type(t)), k) for (i, t, _), k in zip(torques, first_of_torques, strict=True)],
+            dtype=np.int64,
+        ).ravel(),
     ]
     guarded = bool(dry.any() or bristled.any() or looped.any() or slips or split)
-    counts = [n, len(links), len(slots), len(slips), len(cogging), 0 if chain is None else len(links), width, guarded]
+    counts = [n, len(links), len(slots), len(slips), len(torques), 0 if chain is None else len(links), width, guarded]
     first_numbers = np.cumsum([0, *(t.size for t in tables)])
     first_integers = d.At.END + np.cumsum([0, *(t.size for t in integers)])
     header = [*counts, first_slip, *first_numbers[:-1], *first_integers[:-1]]
     at = np.concatenate([np.array(header, dtype=np.int64), *integers])
     return np.concatenate([t.ravel() for t in tables]), at, first_slip + len(slips)
+
+
+def _torques(links: Sequence[Link | None], motors: Sequence[MotorSlot]) -> Iterator[tuple[int, BodyTorque, float]]:
+    """Yield the torques of effects: the degree of freedom each acts on, itself, and the gear ratio it is behind."""
+    for j, link in enumerate(links):
+        for torque in () if link is None else link.torques:
+            yield j, torque, 1.0
+    for m in motors:
+        for torque in m.motor.torques:
+            yield m.index, torque, m.motor.gear_ratio
 
 
 def _numbered(flags: NDArray[np.bool_], first: int) -> NDArray[np.int64]:

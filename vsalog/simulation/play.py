@@ -16,7 +16,7 @@ from vsalog.effects.drive import delivered
 from vsalog.effects.quantisation import rounded
 from vsalog.mechanics import flexibility_torque, reaction_torque, stiffness
 from vsalog.readers.limits import BLOCK_ROWS
-from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Contact, SerialJoint
+from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, SerialJoint
 from vsalog.simulation._integrate import integrate
 from vsalog.simulation.inputs import Input, Motion, Servo, TorqueInput, at_samples
 from vsalog.simulation.machine import BRISTLE_SPEED, DEFLECTING, Machine, MotorSlot, TransmissionSlot
@@ -117,11 +117,7 @@ class _Drives:
         self.machine, self.time, self.steps = machine, time, steps
         self.period = float(time[1] - time[0])
         self.external: list[TorqueInput] = [
-            _with_contacts(
-                _torque(name, inputs.get(name, {}).get("external_torque", 0.0)),
-                joint.link.contact if joint.link else (),
-            )
-            for name, joint in machine.joints.items()
+            _torque(name, inputs.get(name, {}).get("external_torque", 0.0)) for name in machine.joints
         ]
         self.torques: dict[int, TorqueInput] = {}
         self.splines: dict[int, CubicSpline] = {}
@@ -207,22 +203,6 @@ def _motion(name: str, given: Input) -> Motion:
     if not isinstance(given, Motion):
         raise SimulationError(f"joint '{name}': link_position is a motion")
     return given
-
-
-def _with_contacts(torque: TorqueInput, contacts: tuple[Contact, ...]) -> TorqueInput:
-    """Add the pushes that the rig describes; held samples stay held."""
-    if not contacts:
-        return torque
-
-    def pushed(t: Array) -> Array:
-        total = np.asarray(torque(t) if callable(torque) else torque, dtype=np.float64) + np.zeros_like(t)
-        for c in contacts:
-            total = total + c.at(t)
-        return total
-
-    if not callable(torque) and np.ndim(torque) > 0:
-        raise SimulationError("pushes of the rig and samples of an external torque cannot be combined; give a function")
-    return pushed
 
 
 def _over(torque: TorqueInput, grid: Array, time: Array, delay: float) -> Array:

@@ -22,8 +22,8 @@ from vsalog.diagnosis.causes.base import (
 )
 from vsalog.diagnosis.causes.motor_friction import with_bristles, with_level
 from vsalog.effects.base import Exactness
+from vsalog.effects.contact import Contact
 from vsalog.effects.gravity import Payload
-from vsalog.rig.schema import Contact
 
 Array = NDArray[np.float64]
 

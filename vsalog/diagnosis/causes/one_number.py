@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from operator import attrgetter
 from typing import Any, NamedTuple
+
+from msgspec.structs import replace
 
 from vsalog.diagnosis.causes.base import (
     Cause,
@@ -19,7 +22,6 @@ from vsalog.diagnosis.causes.base import (
     scale_of,
     suffix_of,
     transmissions_of,
-    with_part,
     with_signal,
 )
 from vsalog.diagnosis.causes.pneumatic import TWINS, filled, pulls
@@ -58,7 +60,7 @@ class OneNumberCause(Cause):
             suffix = suffix_of(part)
             seen = {f"deflection{suffix}", "link_position"} & set(setting.roles)
             sizes = Sizes(
-                getattr(there, self.row.key), torque, speed, deflection, span, setting.period, setting.duration,
+                attrgetter(self.row.key)(there), torque, speed, deflection, span, setting.period, setting.duration,
                 one_clock=one_clock(setting),
                 one_body=link_equation(setting) == "motor",
                 rotor=is_rigid(setting.joint) and setting.joint.motor.inertia is not None,
@@ -79,13 +81,20 @@ class OneNumberCause(Cause):
         def apply(joint: Any, values: Sequence[float]) -> Any:
             if row.place in SENSORS:
                 return with_signal(joint, part, **{row.key: float(values[0])})
-            return with_part(joint, part, **{row.key: max(float(values[0]), low)})
+            changed = with_number(getattr(joint, part), row.key, max(float(values[0]), low))
+            return replace(joint, **{part: changed})
 
         def starts(_: Remainder) -> list[tuple[float, ...]]:
             return [(valued(rule, sizes),) for rule in row.starts]
 
         doubles = row.doubles if row.doubled(sizes) else ()
         return Site(row.name, part, (parameter,), apply, starts if row.starts else None, doubles=doubles)
+
+
+def with_number(part: Any, key: str, number: float) -> Any:
+    """Return a part of a rig with a number changed, which may be in a table of it, as ``drag.coefficient``."""
+    name, _, rest = key.partition(".")
+    return replace(part, **{name: with_number(getattr(part, name), rest, number) if rest else number})
 
 
 def _motors(setting: Setting) -> Iterator[Found]:
@@ -122,11 +131,13 @@ def _clocks(setting: Setting) -> Iterator[Found]:
 
 
 def _has_places(setting: Setting) -> bool:
-    """Tell whether a joint is elsewhere another one: a rigid one is where neither weight nor cogging nor a second encoder is."""
+    """Tell whether a joint is elsewhere another one: a rigid one is not, without a second encoder or a torque over position."""
     joint = setting.joint
     if not is_rigid(joint) or "encoders" in setting.equations:
         return True
-    return bool(joint.motor.cogging) or (joint.link is not None and link_weight(joint.link) != 0.0)
+    bodies = [(joint.motor, joint.motor.gear_ratio), *([] if joint.link is None else [(joint.link, 1.0)])]
+    over_position = any(torque.slopes(ratio)[0] for body, ratio in bodies for torque in body.torques)
+    return over_position or (joint.link is not None and link_weight(joint.link) != 0.0)
 
 
 def _valves(setting: Setting) -> Iterator[Found]:
