@@ -69,6 +69,59 @@ EFFECT = Effect(
     ),),
 )
 '''
+RIPPLE = '''
+from typing import Annotated, ClassVar
+
+import numpy as np
+from msgspec.structs import replace
+
+from vsalog.core.quantities import AngleWidth
+from vsalog.effects.base import Default, Effect, Key, OneNumber
+from vsalog.effects.reading_error import ReadingError
+
+CYCLES = 16.0  # per turn
+
+
+class Ripple(ReadingError, frozen=True):
+    """An encoder whose sine and cosine are of unequal size.
+
+    Attributes
+    ----------
+    amplitude : [rad]
+    """
+
+    UNIT: ClassVar[str] = "rad"
+
+    amplitude: AngleWidth = 0.0
+
+    def error(self, x):
+        return self.amplitude * np.sin(CYCLES * x)
+
+    def slope(self, x):
+        return CYCLES * self.amplitude * np.cos(CYCLES * x)
+
+    def curvature(self, x):
+        return -(CYCLES**2) * self.error(x)
+
+    @property
+    def largest(self):
+        return self.amplitude, CYCLES * self.amplitude
+
+    def scaled(self, factor):
+        return replace(self, amplitude=self.amplitude * factor)
+
+
+EFFECT = Effect(
+    keys=(Key("signal", "ripple", Ripple, "of an encoder that interpolates"),),
+    tolerances=(Default(("ripple.amplitude",), "its data sheet", least="0.2 deg"),),
+    causes=(OneNumber(
+        name="sensor.ripple", place="encoder", key="ripple.amplitude", number="amplitude", unit="rad", low=0.0,
+        step=1e-5, scale=lambda s: s.deflection,
+        title="The {part} encoder interpolates unevenly", says="the deflection is off by a short wave of the position",
+        confirm="Turn it slowly.", reference="its data sheet", signature="all equations with the deflection: sin(16 x)",
+    ),),
+)
+'''
 CAUSE = '''
 from vsalog.diagnosis.causes.base import Cause
 
@@ -119,6 +172,7 @@ POINTS = """
 [vsalog.effects]
 hanging = hanging
 drag = drag
+ripple = ripple
 [vsalog.causes]
 magnet = magnet
 [vsalog.checks]
@@ -143,6 +197,7 @@ def installed(tmp_path_factory):
         "humidity": CHECK,
         "parabola": ESTIMATOR,
         "drag": DRAG,
+        "ripple": RIPPLE,
     }.items():
         (folder / f"{name}.py").write_text(source, encoding="utf-8")
     path = os.pathsep.join([str(folder), *filter(None, sys.path)])
@@ -167,8 +222,8 @@ def bench_log(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def paddle_log(tmp_path_factory):
-    """A link with a paddle under water on a spring, by equations of its own; nothing is rounded but what encoders count."""
-    inertia, damping, spring, link, bearing, drag, fan = 0.05, 0.1, 30.0, 0.04, 0.05, 0.02, 0.01
+    """A paddle under water on a spring, a fan on the motor, and an encoder with a ripple, by equations of their own."""
+    inertia, damping, spring, link, bearing, drag, fan, ripple = 0.05, 0.1, 30.0, 0.04, 0.05, 0.02, 0.01, 2e-3
     seconds = np.arange(0.0, 8.0, 2e-3)
 
     def driven(t):
@@ -183,8 +238,12 @@ def paddle_log(tmp_path_factory):
     theta, q = solve_ivp(rate, (0.0, 8.0), [0.0] * 4, "DOP853", seconds, rtol=1e-10, atol=1e-12).y[:2]
     noise = np.random.default_rng(5).normal(0.0, 0.01, (2, seconds.size))
     step = 2.0 * np.pi / 2**17
+
+    def counted(angle):
+        return np.round(angle / step) * step
+
     columns = {
-        "time": seconds, "motor": np.round(theta / step) * step, "link": np.round(q / step) * step,
+        "time": seconds, "motor": counted(theta + ripple * np.sin(16.0 * theta)), "link": counted(q),
         "torque": driven(seconds) + noise[0], "sensor": spring * (q - theta) + noise[1],
     }  # fmt: skip
     folder = tmp_path_factory.mktemp("paddle")
@@ -199,7 +258,7 @@ def paddle_log(tmp_path_factory):
         transmission = {{ type = "linear", stiffness = {spring} }}
         link = {{ inertia = {link}, damping = {bearing} }}
         [joint.paddle.signals]
-        motor_position = {{ channel = "motor", resolution = {step} }}
+        motor_position = {{ channel = "motor", resolution = {step}, ripple.amplitude = {ripple} }}
         link_position = {{ channel = "link", resolution = {step} }}
         motor_torque = {{ channel = "torque", noise = 0.01 }}
         torque_sensor = {{ channel = "sensor", noise = 0.01 }}
@@ -266,17 +325,21 @@ def test_a_diagnosis_names_the_effect_s_cause_with_its_number(installed, bench_l
     assert angle["rig"] == pytest.approx(0.1)
 
 
-def test_a_diagnosis_finds_the_effect_that_one_file_adds(installed, paddle_log, tmp_path):
-    command = ("-m", "vsalog", "diagnose", paddle_log, "--rig", paddle_log.with_name("rig.toml"))
-    installed(*command, cwd=tmp_path)
-    (cause,) = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))["causes"]
-    assert (cause["cause"], cause["part"]) == ("link.drag", "link")
-    coefficient = cause["parameters"]["coefficient"]
+def test_a_diagnosis_finds_the_effects_that_one_file_each_adds(installed, paddle_log, tmp_path):
+    rig = ("--rig", paddle_log.with_name("rig.toml"), "--set", "joint.paddle.signals.motor_position.ripple.amplitude=0")
+    installed("-m", "vsalog", "diagnose", paddle_log, *rig, cwd=tmp_path)
+    causes = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))["causes"]
+    found = {(cause["cause"], cause["part"]): cause["parameters"] for cause in causes}
+    assert found.keys() == {("link.drag", "link"), ("sensor.ripple", "motor_position")}
+    coefficient = found["link.drag", "link"]["coefficient"]
     assert coefficient["value"] == pytest.approx(0.02, abs=3.0 * coefficient["std"])
     assert 0.0 < coefficient["std"] < 0.001
-    # The extended rig has it; simulated with it, the log is explained.
+    amplitude = found["sensor.ripple", "motor_position"]["amplitude"]
+    assert amplitude["value"] == pytest.approx(2e-3, abs=3.0 * amplitude["std"])
+    assert 0.0 < amplitude["std"] < 2e-4
     extended = (tmp_path / "extended.rig.toml").read_text(encoding="utf-8")
     assert "[joint.paddle.link.drag]" in extended
+    assert "[joint.paddle.signals.motor_position.ripple]" in extended
 
 
 def test_a_simulation_has_the_effect_that_one_file_adds(installed, paddle_log, tmp_path):
@@ -304,6 +367,7 @@ def test_the_rig_s_schema_has_the_effect_s_keys(installed):
     schema = json.loads(installed("-m", "vsalog.rig.schema_file"))["$defs"]
     assert schema["Link"]["properties"]["drag"]["description"] == "drag of air or water"
     assert schema["Motor"]["properties"]["fan"]["description"] == "drag of a fan"
+    assert schema["Signal"]["properties"]["ripple"]["description"] == "of an encoder that interpolates"
     assert "| `drag.coefficient` | ± 50 %, at least 10 % of scale" in installed("-m", "vsalog.rig.tolerance")
 
 

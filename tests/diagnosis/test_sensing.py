@@ -8,10 +8,10 @@ from written_out import ELASTIC, joint_of, signals
 
 from vsalog.diagnosis.causes.base import with_part, with_signal
 from vsalog.effects.delay import shifted
+from vsalog.effects.eccentricity import Eccentricity
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.sensing import at_joint, bare, motors_of, said, sensors_as_written, true_roles, whole_delays
 from vsalog.rig import Rig
-from vsalog.rig.schema import Eccentricity
 
 PERIOD = 2e-3
 TIME = np.arange(1500) * PERIOD

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsalog.effects.backlash import beyond_gap, engaged
-from vsalog.effects.base import body_torque
+from vsalog.effects.body_torque import body_torque
 from vsalog.effects.calibration import reading, zeroed
 from vsalog.effects.contact import Contact
 from vsalog.effects.delay import EFFECT as DELAYS
@@ -16,6 +16,7 @@ from vsalog.effects.eccentricity import Eccentricity
 from vsalog.effects.friction import Friction, bristles_after, stribeck
 from vsalog.effects.gravity import GRAVITY, Payload, holding_torque
 from vsalog.effects.hysteresis import loop_slope, slipped
+from vsalog.effects.reading_error import measured
 from vsalog.effects.spring import stiffened
 
 TIME = np.linspace(0.0, 2.0, 201)
@@ -33,10 +34,13 @@ def test_a_reading_is_undone(gain, offset, drift):
 def test_an_eccentricity_is_undone_with_its_slope(gain, amplitude, phase):
     disc = Eccentricity(amplitude=amplitude, phase=phase)
     said = gain * ANGLE + amplitude * np.sin(ANGLE + phase)
-    np.testing.assert_allclose(disc.centred(said, gain, 500, 1e-14), ANGLE, atol=1e-12)
+    np.testing.assert_allclose(measured((disc,), said, gain, 500, 1e-14), ANGLE, atol=1e-12)
     near = 1e-6
-    difference = (gain * near + disc.error(ANGLE + near) - disc.error(ANGLE)) / near
-    np.testing.assert_allclose(disc.slope(ANGLE, gain), difference, atol=1e-5)
+    for whole, derivative in ((disc.error, disc.slope), (disc.slope, disc.curvature)):
+        difference = (whole(ANGLE + near) - whole(ANGLE - near)) / (2.0 * near)
+        np.testing.assert_allclose(derivative(ANGLE), difference, atol=1e-9)
+    assert np.all(np.abs(disc.error(ANGLE)) <= disc.largest[0])
+    assert np.all(np.abs(disc.slope(ANGLE)) <= disc.largest[1])
 
 
 @given(
@@ -47,7 +51,7 @@ def test_an_eccentricity_is_undone_with_its_slope(gain, amplitude, phase):
 def test_a_large_eccentricity_is_undone_in_as_many_rounds_as_a_double_has_bits(gain, share, phase):
     disc = Eccentricity(amplitude=share * abs(gain), phase=phase)
     said = gain * ANGLE + disc.error(ANGLE)
-    x = disc.centred(said, gain, 52, 1e-8)
+    x = measured((disc,), said, gain, 52, 1e-8)
     np.testing.assert_allclose(gain * x + disc.error(x), said, atol=1e-12)
 
 

@@ -7,10 +7,10 @@ import pytest
 from vsalog.core.errors import RigError
 from vsalog.effects.cogging import Cogging
 from vsalog.effects.contact import Contact
+from vsalog.effects.eccentricity import Eccentricity
 from vsalog.rig import Rig
 from vsalog.rig.schema import (
     BoucWen,
-    Eccentricity,
     ElasticJoint,
     ExponentialTransmission,
     Friction,
@@ -241,8 +241,8 @@ CASES = [
     ("[chain]\ngravity = [0, 9.81]", "chain.gravity: 2 numbers are given where three are wanted"),
     (COUPLING + 'link = "a"\nmotor = "c"', "chain.coupling[0].motor: 'c' is not a joint of the chain"),
     (COUPLING + 'link = "b"\nmotor = "a"', "S is strictly upper triangular"),
-    (ANGLE.format("eccentricity = { amplitude = 1.0 }"), "amplitude: has to be below the gain, 1,"),
-    (ANGLE.format("gain = 0.1, eccentricity = { amplitude = 0.1 }"), "amplitude: has to be below the gain, 0.1,"),
+    (ANGLE.format("eccentricity = { amplitude = 1.0 }"), "eccentricity: its slope, 1, has to be below the gain, 1,"),
+    (ANGLE.format("gain = 0.1, eccentricity = { amplitude = 0.1 }"), "its slope, 0.1, has to be below the gain, 0.1,"),
     (ANGLE.format("gain = 0"), "gain: 0 is not possible"),
     (ANGLE.format('drift = "1 deg"'), "drift: 'deg' is an angle"),
     (ANGLE.format('drift = "1 N*m/s"'), "joint.a.signals.link_position.drift: 'N*m/s' is"),
@@ -250,8 +250,8 @@ CASES = [
     (ANGLE.format("jitter = 1e10"), "jitter: 1e+10 s are longer than any log"),
     (ANGLE.format("dropped = 1.5"), "dropped: 1.5 is not possible: it has to be at most 1"),
     (ANGLE.format("noise = -1"), "noise: -1 is not possible"),
-    (SIGNALS + f'torque_sensor = {{ channel = "x", {DISC} }}', "torque_sensor.eccentricity: only an angle is measured"),
-    (SIGNALS.replace("elastic", "serial") + f'setpoint = {{ channel = "x", unit = "mm", {DISC} }}', "only an angle is measured"),
+    (SIGNALS + f'torque_sensor = {{ channel = "x", {DISC} }}', "torque_sensor.eccentricity: a sensor has it that"),
+    (SIGNALS.replace("elastic", "serial") + f'setpoint = {{ channel = "x", unit = "mm", {DISC} }}', "a sensor has it that"),
     (SIGNALS + "link_position = { constant = 1, noise = 1 }", "noise: does nothing next to a constant"),
 ]  # fmt: skip
 

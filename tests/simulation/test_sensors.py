@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.core.errors import SimulationError
+from vsalog.effects.eccentricity import Eccentricity
 from vsalog.estimation.joint import choose
 from vsalog.mechanics.kinematics import chain_motion, specific_force
 from vsalog.rig import Rig
@@ -19,7 +20,6 @@ from vsalog.rig.schema import (
     Accelerometer,
     Chain,
     ChainLink,
-    Eccentricity,
     ElasticJoint,
     Lever,
     Motor,

@@ -1,4 +1,4 @@
-"""What a sensor saw, of what it says: the rig's gain, offset, drift and eccentricity taken out."""
+"""What a sensor saw, of what it says: the rig's gain, offset, drift and reading errors taken out."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 from vsalog.core.precision import ROUNDING
 from vsalog.core.resolution import resolution_of
 from vsalog.effects.calibration import zeroed
+from vsalog.effects.reading_error import measured
 from vsalog.rig.roles import Signal
 
 Array = NDArray[np.float64]
 
 
 def seen_by(m: Array, signal: Signal, time: Array | None) -> tuple[Array, float | None]:
-    """Return x of what a sensor says, m = gain · x + offset + drift · time + eccentricity, and its least step if it is known.
+    """Return x of what a sensor says, m = gain · x + offset + drift · time + errors(x), and its least step if it is known.
 
     Parameters
     ----------
@@ -22,13 +23,13 @@ def seen_by(m: Array, signal: Signal, time: Array | None) -> tuple[Array, float 
     signal : of the rig
     time : shape (N,), seconds from the log's start; None where the sensor does not drift
     """
-    disc, resolution = signal.eccentricity, signal.resolution
-    if resolution is None and (time is not None or disc is not None):
+    errors, resolution = signal.errors, signal.resolution
+    if resolution is None and (time is not None or errors):
         # What is taken out here hides the steps.
         resolution = resolution_of(m)
     m = zeroed(m, time, signal.offset, signal.drift)
-    if disc is not None:
-        m = disc.centred(m, signal.gain, np.finfo(np.float64).nmant, ROUNDING)  # halving alone is done by then
+    if errors:
+        m = measured(errors, m, signal.gain, np.finfo(np.float64).nmant, ROUNDING)  # halving alone is done by then
     elif signal.gain != 1.0:
         m = m / signal.gain
     return m, None if resolution is None else resolution / signal.gain

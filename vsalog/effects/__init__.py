@@ -16,8 +16,8 @@ from vsalog.effects.base import Effect
 @cache
 def effects() -> dict[str, Effect]:
     """Return name → effect, those of third parties last."""
-    own = sorted(m.name for m in iter_modules(__path__) if m.name != "base")
-    found: dict[str, Effect] = {name: import_module(f"{__name__}.{name}").EFFECT for name in own}
+    own = {m.name: import_module(f"{__name__}.{m.name}") for m in iter_modules(__path__)}
+    found: dict[str, Effect] = {name: own[name].EFFECT for name in sorted(own) if hasattr(own[name], "EFFECT")}
     for name, module in extensions("vsalog.effects"):
         found.setdefault(name, module.EFFECT)
     return found

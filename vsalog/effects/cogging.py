@@ -9,7 +9,8 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from vsalog.core.quantities import Angle, Order, Torque
-from vsalog.effects.base import BodyTorque, Default, Effect, Key
+from vsalog.effects.base import Default, Effect, Key
+from vsalog.effects.body_torque import BodyTorque
 
 Array = NDArray[np.float64]
 

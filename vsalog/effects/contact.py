@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.quantities import Duration, TimeSpan, Torque
-from vsalog.effects.base import BodyTorque, Effect, Key
+from vsalog.effects.base import Effect, Key
+from vsalog.effects.body_torque import BodyTorque
 
 Array = NDArray[np.float64]
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from vsalog.core.quantities import Angle, AngleWidth, Base
-from vsalog.effects.base import Default, Effect
+from vsalog.core.quantities import Angle, AngleWidth
+from vsalog.effects.base import Default, Effect, Key
+from vsalog.effects.reading_error import ReadingError
 
 Array = NDArray[np.float64]
 
 
-class Eccentricity(Base, frozen=True):
+class Eccentricity(ReadingError, frozen=True):
     """An encoder disc off its axis: amplitude · sin(x + phase) is added to the true angle x.
 
     Attributes
@@ -20,6 +24,8 @@ class Eccentricity(Base, frozen=True):
     phase : [rad]
     """
 
+    UNIT: ClassVar[str] = "rad"
+
     amplitude: AngleWidth
     phase: Angle = 0.0
 
@@ -27,33 +33,22 @@ class Eccentricity(Base, frozen=True):
         """Return what is added to the reading [rad], shape of `x` [rad]."""
         return self.amplitude * np.sin(x + self.phase)
 
-    def centred(self, m: Array, gain: float, rounds: int, left: float) -> Array:
-        """Return x of m = gain · x + amplitude · sin(x + phase), shape of `m`.
+    def slope(self, x: Array) -> Array:
+        """Return its derivative [1]."""
+        return self.amplitude * np.cos(x + self.phase)
 
-        A Newton iteration in brackets (Kepler's equation): halves them where a step would leave them.
+    def curvature(self, x: Array) -> Array:
+        """Return its second derivative [1/rad]."""
+        return -self.error(x)
 
-        Parameters
-        ----------
-        m : [rad]
-        gain : of the encoder
-        rounds : at most
-        left : ends once a round changes no angle by more than this part of the largest, or of 1 rad; what is left is its square
-        """
-        x = m / gain
-        far = abs(self.amplitude / gain)
-        low, high = x - far, x + far
-        for _ in range(rounds):
-            beyond = x - (m - self.error(x)) / gain
-            low, high = np.where(beyond > 0.0, low, x), np.where(beyond > 0.0, x, high)
-            last, x = x, x - beyond * gain / self.slope(x, gain)
-            x = np.where((x >= low) & (x <= high) | np.isnan(x), x, 0.5 * (low + high))
-            if not np.fmax.reduce(np.abs(x - last)) > left * max(1.0, float(np.fmax.reduce(np.abs(x)))):
-                break
-        return x
+    @property
+    def largest(self) -> tuple[float, float]:
+        """Bounds of the error [rad] and of its slope [1]."""
+        return self.amplitude, self.amplitude
 
-    def slope(self, x: Array, gain: float) -> Array:
-        """Return ∂m/∂x [1], shape of `x`."""
-        return gain + self.amplitude * np.cos(x + self.phase)
+    def scaled(self, factor: float) -> Eccentricity:
+        """Return that of a sensor whose reading is multiplied."""
+        return replace(self, amplitude=self.amplitude * factor)
 
 
 EFFECT = Effect(
@@ -63,4 +58,5 @@ EFFECT = Effect(
         ),
         Default(("eccentricity.phase",), "nothing is known before it is measured", least="180 deg"),
     ),
+    keys=(Key("signal", "eccentricity", Eccentricity, "of an encoder's disc"),),
 )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import DETECTED
-from vsalog.effects.base import body_torque
+from vsalog.effects.body_torque import body_torque
 from vsalog.estimators.device import TransmissionView
 from vsalog.filters.conditioning import FilterName
 from vsalog.filters.kinematic import PAPER_TRACKING_INDEX, KinematicSettings, kinematic_filter

@@ -18,6 +18,7 @@ from vsalog.core.compiled import compiled, inlined
 from vsalog.core.source_stamp import source_stamp
 from vsalog.effects import backlash, effects, friction, gravity, hysteresis, quantisation
 from vsalog.effects import spring as shape
+from vsalog.effects.body_torque import BodyTorque
 
 Array = NDArray[np.float64]
 
@@ -42,7 +43,7 @@ class Friction(IntEnum):
 
 
 # Formulas of effects, which stand as plain functions in `vsalog.effects`.
-TORQUES = tuple(key.table for effect in effects().values() for key in effect.keys)
+TORQUES = tuple(key.table for effect in effects().values() for key in effect.keys if issubclass(key.table, BodyTorque))
 _MODULES = dict.fromkeys(sys.modules[table.formula.__module__] for table in TORQUES)
 STAMP = source_stamp(sys.modules[__name__], backlash, friction, gravity, hysteresis, quantisation, shape, *_MODULES)
 stribeck = inlined(friction.stribeck)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from vsalog.binding.joint import offered_roles
 from vsalog.core.significance import DETECTED
 from vsalog.effects.backlash import engaged
-from vsalog.effects.base import BodyTorque, body_torque
+from vsalog.effects.body_torque import BodyTorque, body_torque
 from vsalog.effects.friction import stribeck
 from vsalog.effects.gravity import holding_torque
 from vsalog.mechanics import flexibility_torque, reaction_torque

@@ -15,7 +15,7 @@ from vsalog.core.signals import JointSignals
 from vsalog.effects.calibration import reading, zeroed
 from vsalog.effects.delay import late, shifted
 from vsalog.effects.drive import delivered
-from vsalog.effects.eccentricity import Eccentricity
+from vsalog.effects.reading_error import ReadingError, errors_of, measured
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.memory import remembered
 from vsalog.rig.schema import AntagonisticJoint, Joint, Motor, PneumaticJoint, SerialJoint, Signal
@@ -51,8 +51,8 @@ def bare(joint: Any, gains: bool = False) -> Any:
             signals[role] = signal
             continue
         signals[role] = replace(
-            signal, offset=0.0, gain=signal.gain if gains else 1.0, drift=0.0, delay=0.0, eccentricity=None,
-            series_stiffness=None,
+            signal, offset=0.0, gain=signal.gain if gains else 1.0, drift=0.0, delay=0.0, series_stiffness=None,
+            **signal.no_errors(),
         )  # fmt: skip
     changed = {"signals": type(joint.signals)(**signals)}
     for name in motors_of(joint):
@@ -94,15 +94,14 @@ def _per_gain(signal: Signal) -> Signal:
 
 
 def _times_gain(signal: Signal, gain: float) -> Signal:
-    disc = signal.eccentricity
     return replace(
         signal,
         gain=signal.gain * gain,
         offset=signal.offset * gain,
         drift=signal.drift * gain,
-        eccentricity=None if disc is None else replace(disc, amplitude=disc.amplitude * gain),
         resolution=None if signal.resolution is None else signal.resolution * gain,
         noise=signal.noise * gain,
+        **signal.scaled_errors(gain),
     )
 
 
@@ -239,12 +238,12 @@ def _without_series(deflection: Array, torque: Array, stiffness: float) -> Array
 
 
 def _true(m: Array, signal: Signal, time: Array, period: float) -> Array:
-    """Undo m(t) = gain · x(t − delay) + offset + drift · t + eccentricity."""
-    gain, disc = signal.gain, signal.eccentricity
+    """Undo m(t) = gain · x(t − delay) + offset + drift · t + errors(x(t − delay))."""
+    gain = signal.gain
     if signal.offset or signal.drift:
         m = np.stack([zeroed(m[0], time, signal.offset, signal.drift), m[1] - signal.drift, m[2]])
-    if disc is not None and disc.amplitude:
-        m = _centred(m, gain, disc)
+    if any(e.largest[0] for e in signal.errors):
+        m = _measured(m, gain, signal.errors)
     elif gain != 1.0:
         m = m / gain
     return shifted(m, signal.delay / period) if signal.delay else m
@@ -256,16 +255,16 @@ def _acting(commanded: Array, late: float, gain: float, offset: float) -> Array:
     return np.stack([delivered(made[0], 1.0, offset), made[1], made[2]]) if offset else made
 
 
-def _centred(m: Array, gain: float, disc: Eccentricity) -> Array:
-    # It is small against a turn: six rounds leave nothing of it.
-    x = disc.centred(m[0], gain, 6, 0.0)
-    slope = disc.slope(x, gain)
+def _measured(m: Array, gain: float, errors: tuple[ReadingError, ...]) -> Array:
+    # They are small against what is measured: six rounds leave nothing of them.
+    x = measured(errors, m[0], gain, 6, 0.0)
+    slope = gain + sum(e.slope(x) for e in errors)
     rate = m[1] / slope
-    return np.stack([x, rate, (m[2] + disc.error(x) * rate**2) / slope])
+    return np.stack([x, rate, (m[2] - sum(e.curvature(x) for e in errors) * rate**2) / slope])
 
 
 def said(joint: Any, role: str, truth: Mapping[str, Array], time: Array) -> Array:
-    """Return what a sensor makes of the truth: gain · x(t − delay) + offset + drift · t + eccentricity.
+    """Return what a sensor makes of the truth: gain · x(t − delay) + offset + drift · t + errors(x(t − delay)).
 
     Parameters
     ----------
@@ -291,7 +290,7 @@ def said(joint: Any, role: str, truth: Mapping[str, Array], time: Array) -> Arra
     if signal.delay:
         x = late(x, time, signal.delay)
     read = reading(x, time, signal.gain, signal.offset, signal.drift)
-    return read if signal.eccentricity is None else read + signal.eccentricity.error(x)
+    return read + errors_of(signal.errors, x) if signal.errors else read
 
 
 def known(roles: Mapping[str, Array], *names: str) -> bool:

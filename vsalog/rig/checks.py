@@ -153,17 +153,19 @@ def _check_sensors(joint: Joint, path: Path) -> None:
                 refuse((*path, "signals", role, key), f"{getattr(signal, key):g} s are longer than any log")
         if signal.series_stiffness is not None and not role.startswith("deflection"):
             refuse((*path, "signals", role, "series_stiffness"), "only a deflection has a part in series")
-        if signal.eccentricity is None:
-            continue
-        at = (*path, "signals", role, "eccentricity")
-        units = role_units(role)
-        if units[0] != "rad" or (signal.unit is not None and matching(signal.unit, units) != "rad"):
-            refuse(at, "only an angle is measured with a disc")
-        if signal.eccentricity.amplitude >= signal.gain:
-            refuse(
-                (*at, "amplitude"),
-                f"has to be below the gain, {signal.gain:g}, or the reading falls as the angle rises",
-            )
+        units, steepest = role_units(role), 0.0
+        for table in signal.KEYS:
+            at = (*path, "signals", role, table.name)
+            for error in signal.tables(table):
+                if units[0] != error.UNIT or (signal.unit is not None and matching(signal.unit, units) != error.UNIT):
+                    refuse(at, f"a sensor has it that measures in {error.UNIT}, and this one does not")
+                steepest += error.largest[1]
+                if steepest >= signal.gain:
+                    refuse(
+                        at,
+                        f"its slope, {steepest:g}, has to be below the gain, {signal.gain:g}, or the reading falls as what is"
+                        " measured rises",
+                    )
 
 
 def _check_transmissions(joint: Joint, path: Path) -> None:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
-from types import GenericAlias
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Annotated, Literal, Self, TypeAlias
 
-from msgspec import Meta, Struct, defstruct
+from msgspec import Meta
 from msgspec.structs import replace
 
 from vsalog.core.quantities import (
@@ -31,48 +29,10 @@ from vsalog.core.quantities import (
     TorqueConstant,
     TorqueLevel,
 )
-from vsalog.effects import effects
-from vsalog.effects.base import BodyTorque, Key
 from vsalog.effects.friction import Friction
 from vsalog.effects.gravity import Payload
 from vsalog.effects.hysteresis import BoucWen, SlipElement
-
-T = TypeVar("T", bound=BodyTorque)
-
-
-class Body(Base, frozen=True):
-    """What motors and links have in common: the torques that effects add, each in a table of its own."""
-
-    KEYS: ClassVar[tuple[Key, ...]] = ()
-
-    @property
-    def torques(self) -> tuple[BodyTorque, ...]:
-        """What effects add, but for what does nothing."""
-        return tuple(t for key in self.KEYS for t in self._tables(key) if key.many or t != key.table())
-
-    def of_kind(self, table: type[T]) -> tuple[T, ...]:
-        """Return the tables of one kind."""
-        return tuple(t for key in self.KEYS for t in self._tables(key) if isinstance(t, table))
-
-    def geared_torques(self, ratio: float) -> dict[str, Any]:
-        """Return key → what effects add, as it is felt behind a gear of that ratio."""
-        geared = {key: tuple(t.geared(ratio) for t in self._tables(key)) for key in self.KEYS}
-        return {key.name: tables if key.many else tables[0] for key, tables in geared.items()}
-
-    def _tables(self, key: Key) -> tuple[BodyTorque, ...]:
-        there = getattr(self, key.name)
-        return there if key.many else (there,)
-
-
-def _composed(core: type[Body], part: str) -> type[Struct]:
-    """Return a part of the rig with the keys that effects add to it."""
-    keys = tuple(key for effect in effects().values() for key in effect.keys if key.part == part)
-    fields: list[tuple[str, Any, Any]] = [
-        (k.name, GenericAlias(tuple, (k.table, ...)), ()) if k.many else (k.name, k.table, k.table()) for k in keys
-    ]
-    words = inspect.cleandoc(core.__doc__ or "") + "".join(f"\n{key.name} : {key.says}" for key in keys)
-    names = {"__doc__": words, "__module__": __name__, "KEYS": keys}
-    return defstruct(core.__name__.removesuffix("Core"), fields, bases=(core,), namespace=names, frozen=True)
+from vsalog.rig.effect_tables import Body, composed
 
 
 class MotorCore(Body, frozen=True):
@@ -248,7 +208,7 @@ if TYPE_CHECKING:
     Motor: TypeAlias = MotorCore
     Link: TypeAlias = LinkCore
 else:
-    Motor, Link = _composed(MotorCore, "motor"), _composed(LinkCore, "link")
+    Motor, Link = composed(MotorCore, "motor"), composed(LinkCore, "link")
 
 
 class Lever(Base, frozen=True):

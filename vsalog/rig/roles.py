@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from vsalog.core.quantities import (
     Base,
@@ -16,7 +16,7 @@ from vsalog.core.quantities import (
     Time,
     TimeSpan,
 )
-from vsalog.effects.eccentricity import Eccentricity
+from vsalog.rig.effect_tables import Sensor, composed
 
 # What a role may be measured in, before torque constant and lever make a current a torque and an angle a lever arm.
 ROLE_UNITS: dict[str, tuple[str, ...]] = {
@@ -42,11 +42,11 @@ def role_units(role: str) -> tuple[str, ...]:
     return ROLE_UNITS[role.removesuffix("_1").removesuffix("_2")]
 
 
-class Signal(Base, frozen=True):
+class SignalCore(Sensor, frozen=True):
     """Where a role is found in the log, and how its numbers become SI on the joint's side.
 
     With m = sign × (recorded, in SI, divided or multiplied by the gear ratio when `side` is rotor), what the sensor says is
-    m(t) = gain · x(t − delay) + offset + drift · t + eccentricity + noise, and x is what vsalog works with.
+    m(t) = gain · x(t − delay) + offset + drift · t + errors of tables + noise, and x is what vsalog works with.
 
     Attributes
     ----------
@@ -59,7 +59,6 @@ class Signal(Base, frozen=True):
     gain : what the sensor makes of one; divided by
     drift : change of the offset per second from the log's start, in SI
     delay : how late the sensor is, or its clock fast [s]; a negative one is early
-    eccentricity : of an encoder's disc
     series_stiffness : of a part in series whose deflection is seen too, such as the dynamometer's own; the torque sensor's
         torque over it is taken off a `deflection` [N·m/rad]
     resolution : least step of the sensor, in SI; taken from the data when absent; the simulation rounds to it
@@ -77,13 +76,17 @@ class Signal(Base, frozen=True):
     gain: Ratio = 1.0
     drift: RoleRate = 0.0
     delay: Time = 0.0
-    eccentricity: Eccentricity | None = None
     series_stiffness: Stiffness | None = None
     resolution: RoleStep | None = None
     noise: RoleSpread = 0.0
     jitter: TimeSpan = 0.0
     dropped: Fraction = 0.0
 
+
+if TYPE_CHECKING:
+    Signal: TypeAlias = SignalCore
+else:
+    Signal = composed(SignalCore, "signal")
 
 # A role may be given in short, as a channel's name or as a number, or in full, as a table.
 SignalSpec = str | float | Signal

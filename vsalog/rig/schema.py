@@ -11,7 +11,6 @@ from typing import Annotated
 from msgspec import Meta, field
 
 from vsalog.core.quantities import Base, DeflectionScale, SetpointScale
-from vsalog.effects.eccentricity import Eccentricity
 from vsalog.effects.friction import Friction
 from vsalog.effects.gravity import Payload
 from vsalog.effects.hysteresis import BoucWen, SlipElement
@@ -71,7 +70,6 @@ __all__ = [
     "ChainLink",
     "Coupling",
     "CubicTransmission",
-    "Eccentricity",
     "ElasticJoint",
     "ExponentialForce",
     "ExponentialTransmission",

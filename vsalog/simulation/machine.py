@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.errors import SimulationError
-from vsalog.effects.base import BodyTorque
+from vsalog.effects.body_torque import BodyTorque
 from vsalog.mechanics._atoms import TORQUES
 from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.mechanics.rigid_body import bodies, mass_matrix

@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 from vsalog.core.errors import SimulationError
 from vsalog.effects.calibration import reading
 from vsalog.effects.quantisation import rounded
+from vsalog.effects.reading_error import errors_of
 from vsalog.mechanics.kinematics import LinkMotion, chain_motion, specific_force
 from vsalog.rig.schema import Chain, Joint, RigFile, Signal
 from vsalog.simulation.channels import is_lever_arm, named_signals
@@ -46,8 +47,8 @@ class _Topic:
 def sense(joints: Truth, rig: RigFile, time: Array, seed: int, ideal: bool) -> dict[str, JointRecord]:
     """Return what the sensors of each joint say: the roles that the rig names a channel for and that there is a truth of.
 
-    With x the truth, m(t) = gain · x(t − delay) + offset + drift · t + amplitude · sin(x(t − delay) + phase) + noise, rounded
-    to the resolution. A recorded deflection without a resolution of its own is the difference of what the two encoders count.
+    With x the truth, m(t) = gain · x(t − delay) + offset + drift · t + errors(x(t − delay)) + noise, rounded to the
+    resolution. A recorded deflection without a resolution of its own is the difference of what the two encoders count.
     Each role has its own stream of random numbers, and each topic too.
 
     Parameters
@@ -177,8 +178,8 @@ def _resolution(joint: Joint, role: str) -> float:
 
 def _reading(signal: Signal, x: Array, time: Array, random: np.random.Generator, ideal: bool) -> Array:
     m = reading(x, time, signal.gain, signal.offset, signal.drift)
-    if signal.eccentricity is not None:
-        m += signal.eccentricity.error(x)
+    if signal.errors:
+        m += errors_of(signal.errors, x)
     if ideal:
         return np.asarray(m)
     if signal.noise > 0.0:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
+from vsalog.binding.joint import signal_of
 from vsalog.diagnosis.causes.base import (
     Cause,
     Parameter,
@@ -22,7 +23,6 @@ from vsalog.diagnosis.causes.base import (
     scale_of,
     suffix_of,
     transmissions_of,
-    with_signal,
 )
 from vsalog.diagnosis.causes.pneumatic import TWINS, filled, pulls
 from vsalog.effects.base import OneNumber, Place, Sizes, valued
@@ -80,7 +80,8 @@ class OneNumberCause(Cause):
 
         def apply(joint: Any, values: Sequence[float]) -> Any:
             if row.place in SENSORS:
-                return with_signal(joint, part, **{row.key: float(values[0])})
+                signal = with_number(signal_of(getattr(joint.signals, part)), row.key, float(values[0]))
+                return replace(joint, signals=replace(joint.signals, **{part: signal}))
             changed = with_number(getattr(joint, part), row.key, max(float(values[0]), low))
             return replace(joint, **{part: changed})
 
