@@ -40,6 +40,9 @@ LOG_TEXTS: Mapping[str, Text] = {
     "recording.messages_missing": Text(
         "{value:.0f} of {expected:n message} that the {counted_by} counts were not found."
     ),
+    "recording.chunks_missing": Text(
+        "{value:.0f} of {chunks:n chunk} that the header counts were not found, nor what the index says of them."
+    ),
     "recording.topics_incomplete": Text("messages are missing that the bag's metadata count: there are of {topics}."),
     "recording.messages_damaged": Text("{part}: {value:.0f} of {messages:n message} {misfit}.", "They were {done}."),
     "recording.no_index": Text(

@@ -166,6 +166,7 @@ class Rosbag1Container:
                         loose.append((one, seconds * 1_000_000_000 + fraction, 0, data))
                 elif kind == RecordType.BAGHEADER:
                     self._note_index(struct.unpack("<Q", header[b"index_pos"])[0])
+                    check.announced(header)
                 elif walk.passing:
                     check.passed(header, data)
                 else:

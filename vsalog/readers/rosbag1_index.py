@@ -33,6 +33,11 @@ class IndexCheck:
         self._last: Packet | None = None
         self._found = self._expected = self._differing = self._damaged = 0
         self._told: dict[int, int] = {}
+        self._announced = 0
+
+    def announced(self, header: Header) -> None:
+        """Take note of how many chunks the bag's header counts, if it does."""
+        self._announced = number(header, b"chunk_count") if len(header.get(b"chunk_count", b"")) == 4 else 0
 
     def chunk(self, packet: Packet) -> None:
         """Take note of the messages found in a chunk; its index follows."""
@@ -88,6 +93,9 @@ class IndexCheck:
         if missing > 0 and self._leaves_out is None:
             counted: Evidence = {"expected": self._expected, "counted_by": "index"}
             found.append(Finding(code="recording.messages_missing", value=missing, evidence=counted))
+        elif chunks < self._announced and self._leaves_out is None and not damage:
+            gone: Evidence = {"chunks": self._announced}
+            found.append(Finding(code="recording.chunks_missing", value=self._announced - chunks, evidence=gone))
         if self._differing:
             found.append(Finding(code="recording.index_times_differ", value=self._differing))
         return found
