@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -23,7 +25,7 @@ def pieces(tmp_path_factory):
             at += 4 + int.from_bytes(raw[at : at + 4], "little")
         cuts.append(at)
     assert cuts[-1] == len(raw)
-    records = [raw[a:b] for a, b in zip(cuts, cuts[1:], strict=False)]
+    records = [raw[a:b] for a, b in pairwise(cuts)]
     assert sum(b"op=\x05" in record[:100] for record in records) > 5
     return raw[: cuts[1]], records[1:]
 
