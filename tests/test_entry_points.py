@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from zlib import crc32
 
 import numpy as np
 import pytest
@@ -199,7 +200,10 @@ def installed(tmp_path_factory):
         "drag": DRAG,
         "ripple": RIPPLE,
     }.items():
-        (folder / f"{name}.py").write_text(source, encoding="utf-8")
+        module = folder / f"{name}.py"
+        module.write_text(source, encoding="utf-8")
+        # What is compiled for a formula is known again by when its file was written.
+        os.utime(module, (crc32(source.encode()),) * 2)
     path = os.pathsep.join([str(folder), *filter(None, sys.path)])
 
     def run(*args, cwd=folder):
@@ -312,17 +316,6 @@ def test_estimate_uses_the_estimator_and_tells_what_the_check_found(installed, b
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "the bench is humid: 1501 %" in page
     assert "parabola" in page
-
-
-def test_a_diagnosis_names_the_effect_s_cause_with_its_number(installed, bench_log, tmp_path):
-    rig = ("--rig", "sea", "--set", "joint.sea.link.gravity_angle=0.1")
-    installed("-m", "vsalog", "diagnose", bench_log, *rig, cwd=tmp_path)
-    (cause,) = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))["causes"]
-    assert (cause["cause"], cause["part"]) == ("link.hanging", "link")
-    # The log's link hangs at zero.
-    angle = cause["parameters"]["angle"]
-    assert abs(angle["value"]) < 3.0 * angle["std"] < 0.05
-    assert angle["rig"] == pytest.approx(0.1)
 
 
 def test_a_diagnosis_finds_the_effects_that_one_file_each_adds(installed, paddle_log, tmp_path):

@@ -44,8 +44,9 @@ class Friction(IntEnum):
 
 # Formulas of effects, which stand as plain functions in `vsalog.effects`.
 TORQUES = tuple(key.table for effect in effects().values() for key in effect.keys if issubclass(key.table, BodyTorque))
-_MODULES = dict.fromkeys(sys.modules[table.formula.__module__] for table in TORQUES)
-STAMP = source_stamp(sys.modules[__name__], backlash, friction, gravity, hysteresis, quantisation, shape, *_MODULES)
+# Only what calls them is compiled again where they change.
+STAMP_OF_TORQUES = source_stamp(*dict.fromkeys(sys.modules[table.formula.__module__] for table in TORQUES))
+STAMP = source_stamp(sys.modules[__name__], backlash, friction, gravity, hysteresis, quantisation, shape)
 stribeck = inlined(friction.stribeck)
 bristle_rate = inlined(friction.bristle_rate)
 bristles_after = inlined(friction.bristles_after)

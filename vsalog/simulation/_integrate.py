@@ -331,4 +331,4 @@ def _compiled(stamp: str) -> Callable[..., Any]:
 #   commands : (periods in all, K), commanded torques, filled in from the row `past` on
 #   x, modes : at the start, and changed to those at the end
 #   w, room : work arrays          states, accelerations : (P, m) and (P, n), filled with what they are at each period's start
-integrate = _compiled(_atoms.STAMP + source_stamp(_rigid_body, _dynamics))
+integrate = _compiled(_atoms.STAMP + _atoms.STAMP_OF_TORQUES + source_stamp(_rigid_body, _dynamics))
