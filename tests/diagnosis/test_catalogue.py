@@ -15,7 +15,7 @@ from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.run import _bound
 from vsalog.diagnosis.selection import remainder
 from vsalog.diagnosis.setting import setting_of
-from vsalog.report.diagnosis_words import part_in_words, title_of
+from vsalog.report.diagnosis_quantities import part_in_words, title_of
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.kinds import balance_for
 from vsalog.residuals.sensing import at_joint

@@ -7,7 +7,7 @@ from written_out import ELASTIC, ROLES, Truth, joint_of, log, write_csv
 from vsalog.cli import _run
 from vsalog.core.errors import DiagnosisError
 from vsalog.diagnosis.run import Options, diagnose
-from vsalog.report.diagnosis_account import worded
+from vsalog.report.diagnosis_sentences import worded
 
 pytestmark = pytest.mark.share(3)
 

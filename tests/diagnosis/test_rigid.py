@@ -13,7 +13,7 @@ from vsalog.diagnosis.causes.base import with_part
 from vsalog.diagnosis.run import Options, diagnose
 from vsalog.effects.cogging import Cogging
 from vsalog.mechanics.rigid_joint import as_one
-from vsalog.report.diagnosis_account import worded
+from vsalog.report.diagnosis_sentences import worded
 from vsalog.residuals.balance_rigid import balance_rigid
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.windows import player_of, shoot, windows_of

@@ -32,12 +32,12 @@ from vsalog.core.finding import Finding
 from vsalog.diagnosis import document as document_module
 from vsalog.diagnosis.document import Gains, Number
 from vsalog.diagnosis.evidence import CauseEvidence, SignalEvidence
+from vsalog.report.diagnose import diagnosis_document
 from vsalog.report.diagnose_files import Outputs, write_diagnosis
-from vsalog.report.diagnosis import diagnosis_document
+from vsalog.report.dot_plots import equations_chart, gain_chart
+from vsalog.report.equation_residuals import cause_chart, means_over, remainder_chart
 from vsalog.report.html import page_of
-from vsalog.report.page_diagnosis_causes import cause_chart, means_over, remainder_chart
-from vsalog.report.page_diagnosis_gain import equations_chart, gain_chart
-from vsalog.report.page_diagnosis_signals import in_windows, signal_charts, worst_place
+from vsalog.report.simulated_signals import in_windows, signal_charts, worst_place
 
 DOCS = Path(__file__).parents[2] / "docs"
 

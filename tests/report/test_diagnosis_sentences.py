@@ -4,7 +4,7 @@ import pytest
 from diagnosis_evidence import diagnosis, found_cause
 
 from vsalog.diagnosis.document import Gain, Gains
-from vsalog.report.diagnosis_account import account
+from vsalog.report.diagnosis_sentences import account
 
 
 def gain(reduction, low, high):

@@ -14,9 +14,9 @@ from msgspec.structs import replace
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
 from vsalog.diagnosis.document import Gains, Number
+from vsalog.report.diagnose import diagnosis_document
 from vsalog.report.diagnose_files import Outputs
-from vsalog.report.diagnosis import diagnosis_document
-from vsalog.report.diagnosis_words import (
+from vsalog.report.diagnosis_quantities import (
     confidence_text,
     parameter_text,
     reduction_text,

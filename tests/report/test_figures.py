@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from reports_evidence import HOSTILE, drawn, evidence, lever_arm_joint, write_page
 
+from vsalog.report.chart import NAMES, Axes, Chart, Curve, chart_data
 from vsalog.report.document import Document, Figures
-from vsalog.report.drawings import columns_for, joint_charts
 from vsalog.report.html import page_of
-from vsalog.report.page_charts import NAMES, Axes, Chart, Curve, chart_data
-from vsalog.report.page_text import label, plain
+from vsalog.report.joint_figures import columns_for, joint_charts
 from vsalog.report.paper_figures import write_figures
+from vsalog.report.quantities import label, plain
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
 

@@ -10,8 +10,8 @@ from click.testing import CliRunner
 
 from vsalog.cli import cli
 from vsalog.report.document import Document, Figures
-from vsalog.report.drawings import joint_charts
 from vsalog.report.html import page_of
+from vsalog.report.joint_figures import joint_charts
 from vsalog.report.validate import report_document
 from vsalog.validation.document import VERSION, JointReport, LogReport, Report
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence

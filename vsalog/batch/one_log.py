@@ -27,9 +27,9 @@ from vsalog.estimation.joint import PRESET, choose_all, pick_joints
 from vsalog.estimators.registry import method
 from vsalog.estimators.tuning import read_tuning
 from vsalog.readers.window import Window
-from vsalog.report import diagnose_files, diagnosis_account, validate_files, validation_words
-from vsalog.report.drawings import Drawings
-from vsalog.report.page_estimate import write_estimate_page
+from vsalog.report import diagnose_files, diagnosis_sentences, validate_files, validation_words
+from vsalog.report.estimate import write_estimate_page
+from vsalog.report.joint_figures import Drawings
 from vsalog.rig import Rig
 from vsalog.validation.frozen import frozen
 from vsalog.validation.run import Options as ValidateOptions
@@ -150,7 +150,7 @@ def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
         The log or the rig is at fault, or a file cannot be written.
     """
     outcome = run_diagnosis(path, None, DiagnoseOptions(rig=_rig_text(settings), **settings.options))
-    diagnosis = diagnosis_account.worded(outcome)
+    diagnosis = diagnosis_sentences.worded(outcome)
     extended = None if outcome.extended is None else outcome.extended.to_toml()
     within = diagnose_files.Outputs.within(scratch / "report")
     outputs = diagnose_files.write_diagnosis(diagnosis, outcome.evidence, extended, within)

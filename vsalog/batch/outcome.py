@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from vsalog.batch.records import Do, Record
-from vsalog.report.page_text import plain
+from vsalog.report.quantities import plain
 
 
 @dataclass(slots=True)

@@ -67,10 +67,10 @@ def diagnose(
     """
     from vsalog.diagnosis.run import Options
     from vsalog.diagnosis.run import diagnose as run
+    from vsalog.report.diagnose import diagnosis_document
     from vsalog.report.diagnose_files import Outputs, write_diagnosis
-    from vsalog.report.diagnosis import diagnosis_document
-    from vsalog.report.diagnosis_account import worded
-    from vsalog.report.experiment_words import scenario_text
+    from vsalog.report.diagnosis_sentences import worded
+    from vsalog.report.experiment import scenario_text
     from vsalog.report.outputs import inputs_of, keep_inputs
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_data, print_document

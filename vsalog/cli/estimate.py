@@ -93,9 +93,9 @@ def estimate(
     folder. Several logs make one model and one trace, whose column `run` says which log a row is from.
     """
     from vsalog.estimation.job import Options, prepare
+    from vsalog.report.estimate import estimate_document
     from vsalog.report.estimate_files import write_results
     from vsalog.report.outputs import Outputs, inputs_of, keep_inputs
-    from vsalog.report.page_estimate import estimate_document
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_data, print_document
 

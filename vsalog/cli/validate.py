@@ -81,7 +81,7 @@ def validate(
     The model is frozen. Its flexibility torque is held against the torque sensor; where there is none, against the residual of
     the motor equation. What lies outside the region the model was fitted in is judged apart. Writes report.json and report.html.
     """
-    from vsalog.report.drawings import Drawings
+    from vsalog.report.joint_figures import Drawings
     from vsalog.report.outputs import inputs_of, keep_inputs
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_data, print_document

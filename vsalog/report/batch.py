@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from vsalog.core.documents import document_text
 from vsalog.core.printable import plural
-from vsalog.report.page_text import plain
+from vsalog.report.quantities import plain
 
 LINE_INTERVAL = 30.0
 """Seconds between two lines of progress where there is no terminal: a job's log stays short, and shows that work goes on."""

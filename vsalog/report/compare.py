@@ -12,12 +12,12 @@ from vsalog.comparison.references import References
 from vsalog.comparison.run import Comparison, Row, Run
 from vsalog.core.finding_texts import sentences_of
 from vsalog.core.trace import Trace
+from vsalog.report.chart import Axes, Chart, Curve
+from vsalog.report.decimation import decimated, gaps_of, one_after_the_other
 from vsalog.report.document import Block, Document, Figures, Notes, Section, Table, Words
-from vsalog.report.drawings import columns_for, part_title
-from vsalog.report.page_charts import Axes, Chart, Curve
-from vsalog.report.page_decimate import decimated, gaps_of, one_after_the_other
-from vsalog.report.page_figures import STIFFNESS, TIME, span_words
-from vsalog.report.page_text import between, number, percent
+from vsalog.report.joint_figures import columns_for, part_title
+from vsalog.report.quantities import between, number, percent
+from vsalog.report.time_series import STIFFNESS, TIME, span_words
 
 Array = NDArray[np.float64]
 

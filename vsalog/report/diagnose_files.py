@@ -10,9 +10,9 @@ from typing import Literal
 from vsalog.core.documents import document_text
 from vsalog.diagnosis.document import Diagnosis
 from vsalog.diagnosis.evidence import JointEvidence
-from vsalog.report.diagnosis import diagnosis_document
+from vsalog.report.diagnose import diagnosis_document
 from vsalog.report.html import page_of
-from vsalog.report.page_text import plain
+from vsalog.report.quantities import plain
 from vsalog.writers.atomic import check_path, make_folder, together, write_text
 
 

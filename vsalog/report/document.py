@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 from vsalog.core.finding import Finding, Severity
-from vsalog.report.page_charts import Chart
+from vsalog.report.chart import Chart
 
 Tone = Literal["", "good", "open", "bad"]
 """How a verdict is coloured; its word says the same."""

@@ -9,8 +9,8 @@ from vsalog.core.errors import WriteError
 from vsalog.core.trace import Trace
 from vsalog.estimation.job import Job
 from vsalog.estimation.joint import JointEstimate
+from vsalog.report.estimate import write_estimate_page
 from vsalog.report.outputs import Outputs
-from vsalog.report.page_estimate import write_estimate_page
 from vsalog.report.paper_figures import write_estimate_figures
 from vsalog.writers.atomic import atomic_path
 from vsalog.writers.trace import TraceWriter

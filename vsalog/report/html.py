@@ -16,9 +16,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from vsalog.core.finding_texts import by_severity
+from vsalog.report.chart import chart_data
 from vsalog.report.document import SEVERITIES, Document, charts_in
-from vsalog.report.page_charts import chart_data
-from vsalog.report.page_text import plain
+from vsalog.report.quantities import plain
 
 
 def page_of(document: Document) -> str:

@@ -11,7 +11,7 @@ from vsalog.core.printable import plural, size_text
 from vsalog.inspection.document import ChannelReport, HeadReport, Inspection, JointReport, LogReport, StreamReport
 from vsalog.readers.base import DOUBTFUL
 from vsalog.report.document import SEVERITIES, Block, Cell, Document, Section, Table, Tone, Verdict, Words
-from vsalog.report.page_text import between, number, percent
+from vsalog.report.quantities import between, number, percent
 from vsalog.writers.repaired import Repaired
 
 TONES: dict[str, Tone] = {"info": "", "warning": "open", "invalidates": "bad"}

@@ -10,7 +10,7 @@ from urllib.parse import quote
 from vsalog.core.printable import plural
 from vsalog.report.document import TONES, Block, Cell, Document, Table, Words
 from vsalog.report.html import page_of
-from vsalog.report.page_text import number
+from vsalog.report.quantities import number
 
 MOST_ROWS = 20_000
 """Rows of the page, 10 MB: with more a browser is slow, and the table is there to be queried."""

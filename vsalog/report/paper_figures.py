@@ -11,10 +11,10 @@ import numpy as np
 from vsalog.core.errors import VsalogError, WriteError
 from vsalog.estimation.job import Job
 from vsalog.estimation.joint import JointEstimate
-from vsalog.report.drawings import Charts, joint_charts
-from vsalog.report.page_charts import Axes, Chart, Curve, Surface
-from vsalog.report.page_decimate import FIGURE_COLUMNS
-from vsalog.report.page_text import plain
+from vsalog.report.chart import Axes, Chart, Curve, Surface
+from vsalog.report.decimation import FIGURE_COLUMNS
+from vsalog.report.joint_figures import Charts, joint_charts
+from vsalog.report.quantities import plain
 from vsalog.report.trace_evidence import evidence_of
 from vsalog.validation.evidence import setpoint_unit
 from vsalog.writers.atomic import write_text

@@ -17,7 +17,7 @@ from vsalog.core.documents import document_text
 from vsalog.core.finding import Finding, Severity
 from vsalog.core.finding_texts import by_severity
 from vsalog.report.document import SEVERITIES, Block, Cell, Document, Facts, Notes, Section, Table, Tone, Verdict, Words
-from vsalog.report.page_text import plain
+from vsalog.report.quantities import plain
 
 STYLES: dict[Severity, str] = {"info": "cyan", "warning": "yellow", "invalidates": "bold red"}
 STYLES_OF_TONES: dict[Tone, str] = {"": "", "good": "green", "open": "yellow", "bad": "bold red"}

@@ -17,7 +17,7 @@ from vsalog.core.trace import EXTRA_UNITS
 from vsalog.estimation.joint import JointEstimate
 from vsalog.estimation.summary import TransmissionSummary
 from vsalog.readers.opened import for_arrow
-from vsalog.report.page_text import unit_text
+from vsalog.report.quantities import unit_text
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
 Array = NDArray[np.float64]

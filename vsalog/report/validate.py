@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from vsalog.report.chart import Axes, Chart, Curve
 from vsalog.report.document import (
     TONES,
     Block,
@@ -20,9 +21,8 @@ from vsalog.report.document import (
     Words,
     provenance,
 )
-from vsalog.report.drawings import Charts, led
-from vsalog.report.page_charts import Axes, Chart, Curve
-from vsalog.report.page_text import between, number, unit_text
+from vsalog.report.joint_figures import Charts, led
+from vsalog.report.quantities import between, number, unit_text
 from vsalog.validation.document import Comparison, Figure, JointReport, Report, Score, TransmissionReport
 from vsalog.validation.verdict import HOLDING_ERROR, Line, overview
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vsalog.core.documents import document_text
-from vsalog.report.drawings import Drawings
 from vsalog.report.html import page_of
+from vsalog.report.joint_figures import Drawings
 from vsalog.report.paper_figures import check_matplotlib, write_figures
 from vsalog.report.validate import report_document
 from vsalog.validation.document import Report

@@ -7,9 +7,9 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.report.page_charts import Axes, Chart, Curve
-from vsalog.report.page_decimate import around, band, decimated, extent, gaps_of, rms, spans
-from vsalog.report.page_text import number
+from vsalog.report.chart import Axes, Chart, Curve
+from vsalog.report.decimation import around, band, decimated, extent, gaps_of, rms, spans
+from vsalog.report.quantities import number
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
 Array = NDArray[np.float64]

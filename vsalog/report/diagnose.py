@@ -9,7 +9,8 @@ from itertools import chain
 from vsalog.diagnosis.document import Diagnosis, EquationError, FoundCause, Gain, SignalError
 from vsalog.diagnosis.evidence import CauseEvidence, JointEvidence
 from vsalog.report import document as tree
-from vsalog.report.diagnosis_words import (
+from vsalog.report.chart import Chart
+from vsalog.report.diagnosis_quantities import (
     confidence_text,
     confidence_words,
     further_findings,
@@ -24,12 +25,11 @@ from vsalog.report.diagnosis_words import (
     unit_of,
 )
 from vsalog.report.document import TONES, Block, Cell, Document, Facts, Figures, Notes, Section, Source, Table, Words
-from vsalog.report.drawings import columns_for
-from vsalog.report.page_charts import Chart
-from vsalog.report.page_diagnosis_causes import cause_chart, remainder_chart
-from vsalog.report.page_diagnosis_gain import equations_chart, gain_chart
-from vsalog.report.page_diagnosis_signals import signal_charts
-from vsalog.report.page_text import number
+from vsalog.report.dot_plots import equations_chart, gain_chart
+from vsalog.report.equation_residuals import cause_chart, remainder_chart
+from vsalog.report.joint_figures import columns_for
+from vsalog.report.quantities import number
+from vsalog.report.simulated_signals import signal_charts
 
 
 def diagnosis_document(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.report.page_text import label
+from vsalog.report.quantities import label
 
 Array = NDArray[np.float64]
 

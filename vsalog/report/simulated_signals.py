@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.evidence import JointEvidence, SignalEvidence
-from vsalog.report.diagnosis_words import signal_name, unit_of
-from vsalog.report.page_charts import Axes, Chart, Curve
-from vsalog.report.page_decimate import around, decimated, gaps_of, one_after_the_other, pause_after, rms
-from vsalog.report.page_figures import TIME, span_words
-from vsalog.report.page_text import number
+from vsalog.report.chart import Axes, Chart, Curve
+from vsalog.report.decimation import around, decimated, gaps_of, one_after_the_other, pause_after, rms
+from vsalog.report.diagnosis_quantities import signal_name, unit_of
+from vsalog.report.quantities import number
+from vsalog.report.time_series import TIME, span_words
 
 Array = NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from vsalog.estimation.joint import JointEstimate
 from vsalog.estimation.summary import TransmissionSummary
 from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.report.document import Block, Cell, Document, Facts, Notes, Section, Table, Verdict, Words, provenance
-from vsalog.report.drawings import columns_for, joint_charts, led, part_title
 from vsalog.report.html import page_of
+from vsalog.report.joint_figures import columns_for, joint_charts, led, part_title
 from vsalog.report.outputs import Outputs
-from vsalog.report.page_text import between, number, percent
+from vsalog.report.quantities import between, number, percent
 from vsalog.report.trace_evidence import distinct, evidence_of, thinned
 from vsalog.validation.evidence import setpoint_unit
 from vsalog.writers.atomic import write_text

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.model import JointModel, TransmissionModel
-from vsalog.report.page_charts import Axes, Chart, Curve, Surface
-from vsalog.report.page_decimate import FIGURE_COLUMNS, extent, scattered
-from vsalog.report.page_figures import DEFLECTION, TORQUE, measured_name, span_words
-from vsalog.report.page_text import number
+from vsalog.report.chart import Axes, Chart, Curve, Surface
+from vsalog.report.decimation import FIGURE_COLUMNS, extent, scattered
+from vsalog.report.quantities import number
+from vsalog.report.time_series import DEFLECTION, TORQUE, measured_name, span_words
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.experiment_design import DESIGN
 from vsalog.diagnosis.suggest import Suggestion
 from vsalog.diagnosis.suggest_questions import Question, Questions
-from vsalog.report.diagnosis_words import part_in_words, signal_name, unfilled, unit_of
+from vsalog.report.diagnosis_quantities import part_in_words, signal_name, unfilled, unit_of
 from vsalog.simulation.scenario import unit_of as driven_unit
 from vsalog.simulation.scenario_parts import sum_of_parts
 from vsalog.simulation.scenario_schema import ScenarioFile, ServoDrive

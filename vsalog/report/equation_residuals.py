@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.document import Bin, Unexplained
 from vsalog.diagnosis.evidence import CauseEvidence, JointEvidence
-from vsalog.report.diagnosis_words import share_text, signal_name, unit_of
-from vsalog.report.page_charts import Axes, Chart, Curve
-from vsalog.report.page_decimate import FIGURE_COLUMNS, decimated, gaps_of, one_after_the_other, rms, scattered
-from vsalog.report.page_figures import span_words
-from vsalog.report.page_text import number
+from vsalog.report.chart import Axes, Chart, Curve
+from vsalog.report.decimation import FIGURE_COLUMNS, decimated, gaps_of, one_after_the_other, rms, scattered
+from vsalog.report.diagnosis_quantities import share_text, signal_name, unit_of
+from vsalog.report.quantities import number
+from vsalog.report.time_series import span_words
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, Number, Unexplained
 from vsalog.diagnosis.run import Outcome
 from vsalog.diagnosis.smooth import UNKNOWN
-from vsalog.report.diagnosis_words import (
+from vsalog.report.diagnosis_quantities import (
     confidence_text,
     further_findings,
     part_in_words,
@@ -24,7 +24,7 @@ from vsalog.report.diagnosis_words import (
     unit_of,
     with_interval,
 )
-from vsalog.report.experiment_words import experiment_words
+from vsalog.report.experiment import experiment_words
 
 
 def worded(outcome: Outcome) -> Diagnosis:

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsalog.diagnosis.document import EquationError, Gain
-from vsalog.report.diagnosis_words import reduction_text, signal_name
-from vsalog.report.page_charts import Axes, Chart, Curve
-from vsalog.report.page_text import number
+from vsalog.report.chart import Axes, Chart, Curve
+from vsalog.report.diagnosis_quantities import reduction_text, signal_name
+from vsalog.report.quantities import number
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from vsalog.core.finding import Finding
 from vsalog.core.significance import INTERVAL
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, Number, Unexplained
-from vsalog.report.page_text import number, unit_text
+from vsalog.report.quantities import number, unit_text
 
 # Decimal exponents that are printed without a power of ten.
 PLAIN = range(-4, 6)

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from scipy import special
 
 from vsalog.core.resolution import spread_over
-from vsalog.report.page_characteristic import NODES, setpoint_label
-from vsalog.report.page_charts import Axes, Chart, Curve
-from vsalog.report.page_decimate import gaps_of
-from vsalog.report.page_diagnosis_causes import bins_for
-from vsalog.report.page_figures import DEFLECTION
-from vsalog.report.page_text import number
+from vsalog.report.characteristic import NODES, setpoint_label
+from vsalog.report.chart import Axes, Chart, Curve
+from vsalog.report.decimation import gaps_of
+from vsalog.report.equation_residuals import bins_for
+from vsalog.report.quantities import number
+from vsalog.report.time_series import DEFLECTION
 from vsalog.validation.document import Figure
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 from vsalog.validation.scores import bins_of

@@ -10,12 +10,12 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from vsalog.core.model import ModelFile
+from vsalog.report.characteristic import characteristic_charts
+from vsalog.report.chart import Chart
+from vsalog.report.decimation import FIGURE_COLUMNS, one_after_the_other
 from vsalog.report.document import Block, Figures, Section
-from vsalog.report.page_characteristic import characteristic_charts
-from vsalog.report.page_charts import Chart
-from vsalog.report.page_decimate import FIGURE_COLUMNS, one_after_the_other
-from vsalog.report.page_errors import error_charts
-from vsalog.report.page_figures import convergence_charts, expanded_chart, stiffness_chart, torque_chart
+from vsalog.report.error_statistics import error_charts
+from vsalog.report.time_series import convergence_charts, expanded_chart, stiffness_chart, torque_chart
 from vsalog.validation.evidence import JointEvidence
 
 Charts = Mapping[str, Sequence[Chart]]
