@@ -15,7 +15,8 @@ from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.run import _bound
 from vsalog.diagnosis.selection import remainder
 from vsalog.diagnosis.setting import setting_of
-from vsalog.report.diagnosis_quantities import part_in_words, title_of
+from vsalog.report.diagnosis_sentences import title_of
+from vsalog.report.quantities import part_name
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.kinds import balance_for
 from vsalog.residuals.sensing import at_joint
@@ -145,7 +146,7 @@ def test_sites_are_well_made(preset):
         title = title_of(site.cause, site.part)
         assert "{" not in title
         if "{part}" in catalogue()[site.cause].title:
-            assert part_in_words(site.part) in title
+            assert part_name(site.part) in title
         for p in site.parameters:
             assert p.step > 0.0, site.key
             assert p.low <= p.start <= p.high, site.key

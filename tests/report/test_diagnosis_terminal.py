@@ -16,15 +16,9 @@ from vsalog.core.finding_texts import sentence
 from vsalog.diagnosis.document import Gains, Number
 from vsalog.report.diagnose import diagnosis_document
 from vsalog.report.diagnose_files import Outputs
-from vsalog.report.diagnosis_quantities import (
-    confidence_text,
-    parameter_text,
-    reduction_text,
-    share_text,
-    unexplained_words,
-    with_interval,
-)
+from vsalog.report.diagnosis_sentences import confidence_text, parameter_text, reduction_text, unexplained_words
 from vsalog.report.html import page_of
+from vsalog.report.quantities import share_text, with_interval
 from vsalog.report.terminal import print_data, print_document
 
 NO_EXPERIMENT = Finding(code="diagnosis.no_experiment", severity="info", evidence={"reason": "Beware of x"})

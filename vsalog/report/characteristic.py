@@ -1,18 +1,19 @@
-"""The figures of torque over deflection: characteristic curve or surface with the data on it, and its slices."""
+"""Figures of torque over deflection: characteristic curve or surface with the data on it, and its slices."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.model import JointModel, TransmissionModel
-from vsalog.report.chart import Axes, Chart, Curve, Surface
+from vsalog.report.chart import TWO_STD, Axes, Chart, Curve, Surface, outline, points
 from vsalog.report.decimation import FIGURE_COLUMNS, extent, scattered
-from vsalog.report.quantities import number
-from vsalog.report.time_series import DEFLECTION, TORQUE, measured_name, span_words
+from vsalog.report.quantities import number, span_words
+from vsalog.report.time_series import DEFLECTION, TORQUE, measured_name
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
 Array = NDArray[np.float64]
@@ -21,18 +22,17 @@ Array = NDArray[np.float64]
 NODES = math.isqrt(4 * FIGURE_COLUMNS)
 
 
-def characteristic_charts(joint: JointEvidence, name: str, part: TransmissionEvidence) -> list[Chart]:
-    """Torque over deflection, and where there is a set-point the surface and its slices."""
+def characteristic_charts(joint: JointEvidence, name: str, part: TransmissionEvidence) -> Iterator[Chart]:
+    """Yield torque over deflection, and where there is a set-point that moves the surface and its slices."""
     if not np.isfinite(part.deflection).any():
-        return []
-    model, fitted = joint.model, None
-    if model is not None:
-        fitted = next((t for t in model.transmission if t.name == name), None)
-    moving = joint.setpoint is not None and _span(joint.setpoint) > 0.0
-    charts = [_over_deflection(joint, part, model, fitted, moving)]
-    if model is not None and fitted is not None and moving and len(fitted.region) > 2 and len(fitted.region[0]) > 1:
-        charts += [_surface(joint, part, model, fitted), _slices(joint, part, model, fitted)]
-    return charts
+        return
+    model, setpoint = joint.model, joint.setpoint
+    fitted = None if model is None else next((t for t in model.transmission if t.name == name), None)
+    moving = setpoint is not None and _span(setpoint) > 0.0
+    yield _over_deflection(joint, part, fitted, moving)
+    if setpoint is not None and moving and fitted is not None and len(fitted.region) > 2 and len(fitted.region[0]) > 1:
+        yield _surface(joint, part, setpoint, fitted)
+        yield _slices(joint, part, setpoint, fitted)
 
 
 def setpoint_label(joint: JointEvidence) -> str:
@@ -46,24 +46,22 @@ def _data(part: TransmissionEvidence) -> tuple[Array, str]:
 
 
 def _over_deflection(
-    joint: JointEvidence, part: TransmissionEvidence, model: JointModel | None, fitted: TransmissionModel | None, moving: bool
-) -> Chart:  # fmt: skip
+    joint: JointEvidence, part: TransmissionEvidence, fitted: TransmissionModel | None, moving: bool
+) -> Chart:
     torque, label = _data(part)
-    at = scattered(part.deflection, torque)
-    shade = joint.setpoint[at] if moving and joint.setpoint is not None else None
-    points = Curve(label, part.deflection[at], torque[at], "measured", "points", shade=shade)
-    curves = [points]
+    shade = joint.setpoint if moving else None
+    curves = [points(label, part.deflection, torque, shade=shade)]
     words = f"Torque ({label}) over a deflection from {span_words(part.deflection, 'rad')}"
-    if not moving and model is not None and fitted is not None and fitted.region:
+    if not moving and joint.model is not None and fitted is not None and fitted.region:
         ends = np.array([p[0] for p in fitted.region])
         phi = np.linspace(float(ends.min()), float(ends.max()), NODES)
         fixed = None if joint.setpoint is None else np.full(NODES, float(np.nanmedian(joint.setpoint)))
-        for curve in _model_curves(model, fitted.name, phi, fixed):
+        for curve in _model_curves(joint.model, fitted.name, phi, fixed):
             curves = [curve, *curves] if curve.kind == "area" else [*curves, curve]
         words += ", and the model's characteristic with twice its standard deviation where it was fitted"
-    if shade is not None and joint.setpoint is not None:
-        words += f"; the colour is the set-point, {span_words(joint.setpoint, joint.setpoint_unit)}"
-    axes = Axes(DEFLECTION, TORQUE, tuple(curves), shade_label=setpoint_label(joint) if shade is not None else "")
+    if shade is not None:
+        words += f"; the colour is the set-point, {span_words(shade, joint.setpoint_unit)}"
+    axes = Axes(DEFLECTION, TORQUE, tuple(curves), shade_label="" if shade is None else setpoint_label(joint))
     return Chart("torque_over_deflection", "Torque over deflection", f"{words}.", (axes,))
 
 
@@ -74,25 +72,24 @@ def _model_curves(model: JointModel, name: str, phi: Array, setpoint: Array | No
     branches = ((True, "model, loading"), (False, "model, unloading")) if model.basis.branches else ((True, "model"),)
     for i, (loading, label) in enumerate(branches):
         torque, std = model.flexibility_torque(name, phi, at, np.full(phi.shape, loading))
-        outline = np.concatenate([phi, phi[::-1]]), np.concatenate([torque + 2 * std, (torque - 2 * std)[::-1]])
-        curves.append(Curve("± 2 standard deviations" if i == 0 else "", *outline, "model", "area"))
+        curves.append(outline(TWO_STD if i == 0 else "", phi, torque - 2 * std, torque + 2 * std))
         curves.append(Curve(label, phi, torque, "model", dashed=not loading))
     return curves
 
 
-def _surface(joint: JointEvidence, part: TransmissionEvidence, model: JointModel, fitted: TransmissionModel) -> Chart:
-    assert joint.setpoint is not None
+def _surface(joint: JointEvidence, part: TransmissionEvidence, recorded: Array, fitted: TransmissionModel) -> Chart:
+    assert joint.model is not None
     torque, label = _data(part)
     region = np.array(fitted.region)
     setpoint = np.linspace(region[:, 1].min(), region[:, 1].max(), NODES)
     # Each row of the grid reaches from edge to edge of the region, whose outline is smooth that way.
     P = np.array([np.linspace(*_reach(region, float(c)), NODES) for c in setpoint])
     C = np.repeat(setpoint[:, None], NODES, axis=1)
-    z = model.flexibility_torque(fitted.name, P.ravel(), C.ravel())[0].reshape(P.shape)
+    z = joint.model.flexibility_torque(fitted.name, P.ravel(), C.ravel())[0].reshape(P.shape)
     # One sample per cell of (φ, set-point): the data must cover the surface as the log does.
-    at = scattered(part.deflection, joint.setpoint)
+    at = scattered(part.deflection, recorded)
     at = at[np.isfinite(torque[at])]
-    data = np.column_stack([part.deflection[at], joint.setpoint[at], torque[at]])
+    data = np.column_stack([part.deflection[at], recorded[at], torque[at]])
     words = (
         f"The model's torque over deflection ({span_words(region[:, 0], 'rad')}) and set-point"
         f" ({span_words(region[:, 1], joint.setpoint_unit)}), {span_words(z.ravel(), 'N·m')}, inside the region it was fitted in;"
@@ -102,27 +99,25 @@ def _surface(joint: JointEvidence, part: TransmissionEvidence, model: JointModel
     return Chart("surface", "Characteristic surface", words, surface=surface)
 
 
-def _slices(joint: JointEvidence, part: TransmissionEvidence, model: JointModel, fitted: TransmissionModel) -> Chart:
+def _slices(joint: JointEvidence, part: TransmissionEvidence, setpoint: Array, fitted: TransmissionModel) -> Chart:
     """The surface at three set-points, with the data that was recorded near each."""
-    assert joint.setpoint is not None
-    torque, label = _data(part)
-    known = np.isfinite(torque) & np.isfinite(part.deflection) & np.isfinite(joint.setpoint)
+    model, (torque, label), region = joint.model, _data(part), np.array(fitted.region)
+    assert model is not None
+    known = np.isfinite(torque) & np.isfinite(part.deflection) & np.isfinite(setpoint)
     # Where there are data: a set-point that is switched between values has none in between.
-    values = joint.setpoint[known] if known.any() else np.array(fitted.region)[:, 1]
-    width = _span(joint.setpoint) / (NODES - 1)  # up to the surface's next lines
+    values = setpoint[known] if known.any() else region[:, 1]
+    width = _span(setpoint) / (NODES - 1)  # up to the surface's next lines
     panels: list[Axes] = []
     said: list[str] = []
     unit = f" {joint.setpoint_unit}".rstrip()
     for c in _apart(values):
-        near = np.flatnonzero(known & (np.abs(joint.setpoint - c) <= width))
-        at = near[scattered(part.deflection[near], torque[near])] if near.size else near
-        ends = _reach(np.array(fitted.region), c)
+        ends = _reach(region, c)
         if ends[0] == ends[1]:
             continue
+        near = known & (np.abs(setpoint - c) <= width)
         phi = np.linspace(*ends, NODES)
         curves = _model_curves(model, fitted.name, phi, np.full(NODES, c))
-        points = Curve(label, part.deflection[at], torque[at], "measured", "points")
-        curves = [curves[0], points, *curves[1:]]
+        curves.insert(1, points(label, part.deflection[near], torque[near]))
         if panels:
             curves = [replace(curve, label="") for curve in curves]
         # The label is on the axis: what the slice is must not lie over the data.

@@ -1,4 +1,4 @@
-"""What a report's figures show, apart from how they are drawn: plotly draws the page's, matplotlib those for papers."""
+"""What a figure shows, apart from how it is drawn: plotly draws those of pages, matplotlib those for papers."""
 
 from __future__ import annotations
 
@@ -7,24 +7,14 @@ from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from vsalog.report.decimation import band, decimated, gaps_of, scattered
 from vsalog.report.quantities import label
 
 Array = NDArray[np.float64]
 
-# Names that a chart may have; files are named after them, never after anything in a log.
-NAMES = (
-    "torque",
-    "torque_expanded",
-    "torque_over_deflection",
-    "surface",
-    "slices",
-    "stiffness",
-    "convergence",
-    "error_distribution",
-    "error_dependence",
-)
+TWO_STD = "± 2 standard deviations"
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +42,49 @@ class Curve:
     shade: Array | None = None
     width: Array | None = None
     symbol: str = ""
+
+
+class OverTime:
+    """Curves over one time, thinned to the pixel columns of a figure; none crosses a gap.
+
+    Parameters
+    ----------
+    time : shape (N,), not decreasing [s]
+    columns : of pixels
+    """
+
+    def __init__(self, time: Array, columns: int) -> None:
+        self.time, self.columns, self.gaps = time, columns, gaps_of(time)
+
+    def line(self, label: str, values: Array, colour: str = "model", dashed: bool = False) -> Curve:
+        """Return a line through values, shape (N,)."""
+        return Curve(label, *decimated(self.time, values, self.columns, self.gaps), colour, dashed=dashed)
+
+    def band(self, label: str, low: Array, high: Array, colour: str = "model") -> Curve:
+        """Return what lies between two lines, each of shape (N,)."""
+        return Curve(label, *band(self.time, low, high, self.columns, self.gaps), colour, "area")
+
+
+def outline(label: str, x: Array, low: ArrayLike, high: ArrayLike, colour: str = "model") -> Curve:
+    """Return the area between two lines over `x`, shape (N,), as it is; each line may be one number."""
+    upper, lower = np.broadcast_to(high, x.shape), np.broadcast_to(low, x.shape)
+    return Curve(label, np.r_[x, x[::-1]], np.r_[upper, lower[::-1]], colour, "area")
+
+
+def points(label: str, x: Array, y: Array, colour: str = "measured", shade: Array | None = None) -> Curve:
+    """Return points that cover the same area as all of them, shape (N,), do."""
+    at = scattered(x, y)
+    return Curve(label, x[at], y[at], colour, "points", shade=None if shade is None else shade[at])
+
+
+def strokes(*ends: ArrayLike) -> Array:
+    """Return what joins the points of each stroke, and NaN between strokes.
+
+    Parameters
+    ----------
+    ends : first, second … points of all strokes, each of shape (N,)
+    """
+    return np.stack([*ends, np.full(np.shape(ends[0]), np.nan)], axis=1).ravel()
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +132,7 @@ class Chart:
 
     Attributes
     ----------
-    name : out of `NAMES`
+    name : of its kind; files are named after it, never after anything in a log
     title : a few words
     words : what is to be seen, in sentences with figures: the alternative text, and the caption
     axes : one below the other, or side by side

@@ -12,12 +12,12 @@ from vsalog.comparison.references import References
 from vsalog.comparison.run import Comparison, Row, Run
 from vsalog.core.finding_texts import sentences_of
 from vsalog.core.trace import Trace
-from vsalog.report.chart import Axes, Chart, Curve
-from vsalog.report.decimation import decimated, gaps_of, one_after_the_other
+from vsalog.report.chart import Chart
+from vsalog.report.decimation import one_after_the_other
 from vsalog.report.document import Block, Document, Figures, Notes, Section, Table, Words
 from vsalog.report.joint_figures import columns_for, part_title
 from vsalog.report.quantities import between, number, percent
-from vsalog.report.time_series import STIFFNESS, TIME, span_words
+from vsalog.report.time_series import stiffnesses_chart
 
 Array = NDArray[np.float64]
 
@@ -94,29 +94,20 @@ def comparison_charts(joint: str, runs: Sequence[Run], references: References) -
     references : what they are held against
     """
     traces = {run.contender.label: e.trace for run in runs for e in run.estimates if e.joint == joint and e.trace}
-    columns = columns_for(len(traces))
     for name in _distinct(name for trace in traces.values() for name in trace.transmissions):
-        curves, said = [], []
-        for i, (label, trace) in enumerate(traces.items()):
-            if name in trace.transmissions:
-                shown = _excited(trace, name)
-                curves.append(_curve(label, trace, shown, columns, str(i)))
-                said.append(f"{label} {span_words(shown, 'N·m/rad')}")
+        lines = [
+            (label, str(i), one_after_the_other(trace.time), _excited(trace, name))
+            for i, (label, trace) in enumerate(traces.items())
+            if name in trace.transmissions
+        ]
         first = next(iter(traces.values()))
         true = references.stiffness(joint, name, first)
         if true is not None:
-            curves.append(_curve("truth", first, true, columns, "truth", dashed=True))
-            said.append(f"the truth {span_words(true, 'N·m/rad')}")
-        words = f"{part_title(name)}: the stiffness by every estimator, where it is excited: {'; '.join(said)}."
-        yield name, Chart("stiffness", "Stiffness by all estimators", words, (Axes(TIME, STIFFNESS, tuple(curves)),))
+            lines.append(("truth", "truth", one_after_the_other(first.time), true))
+        yield name, stiffnesses_chart(part_title(name), lines, columns_for(len(traces)))
 
 
 def _excited(trace: Trace, name: str) -> Array:
     columns = trace.transmissions[name]
     excited = np.asarray(columns["excited"], dtype=np.float64) > 0.0
     return np.where(excited, np.asarray(columns["stiffness"], dtype=np.float64), np.nan)
-
-
-def _curve(label: str, trace: Trace, values: Array, columns: int, colour: str, dashed: bool = False) -> Curve:
-    time = one_after_the_other(trace.time)
-    return Curve(label, *decimated(time, values, columns, gaps_of(time)), colour, dashed=dashed)

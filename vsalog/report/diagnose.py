@@ -10,7 +10,7 @@ from vsalog.diagnosis.document import Diagnosis, EquationError, FoundCause, Gain
 from vsalog.diagnosis.evidence import CauseEvidence, JointEvidence
 from vsalog.report import document as tree
 from vsalog.report.chart import Chart
-from vsalog.report.diagnosis_quantities import (
+from vsalog.report.diagnosis_sentences import (
     confidence_text,
     confidence_words,
     further_findings,
@@ -19,16 +19,13 @@ from vsalog.report.diagnosis_quantities import (
     open_experiment,
     parameter_text,
     reduction_text,
-    share_text,
-    signal_name,
     unexplained_words,
-    unit_of,
 )
 from vsalog.report.document import TONES, Block, Cell, Document, Facts, Figures, Notes, Section, Source, Table, Words
 from vsalog.report.dot_plots import equations_chart, gain_chart
 from vsalog.report.equation_residuals import cause_chart, remainder_chart
 from vsalog.report.joint_figures import columns_for
-from vsalog.report.quantities import number
+from vsalog.report.quantities import number, share_text, signal_name, unit_of
 from vsalog.report.simulated_signals import signal_charts
 
 

@@ -1,30 +1,29 @@
-"""What a diagnosis tells people, made of its codes and numbers: the account, the causes, the next experiment."""
+"""What a diagnosis tells people, made of its codes and numbers: the account, the causes, what is left, the next experiment."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Sequence
 
 from msgspec.structs import replace
 
+from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentences_of
 from vsalog.core.significance import INTERVAL
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, Number, Unexplained
 from vsalog.diagnosis.run import Outcome
 from vsalog.diagnosis.smooth import UNKNOWN
-from vsalog.report.diagnosis_quantities import (
-    confidence_text,
-    further_findings,
-    part_in_words,
-    reduction_text,
+from vsalog.report.experiment import confirmation, experiment_words
+from vsalog.report.quantities import (
+    listed,
+    number,
+    part_name,
+    share_text,
     signal_name,
-    title_of,
-    unexplained_words,
-    unfilled,
     unit_of,
     with_interval,
 )
-from vsalog.report.experiment import experiment_words
 
 
 def worded(outcome: Outcome) -> Diagnosis:
@@ -32,7 +31,6 @@ def worded(outcome: Outcome) -> Diagnosis:
     found = outcome.diagnosis
     found = replace(found, causes=tuple(map(_described, found.causes)))
     void = [f for f in found.findings if f.severity == "invalidates"]
-    rest = sentences_of(further_findings(found))
     led = (f"{words[0].upper()}{words[1:]}" for words in sentences_of(void))
     advice = "" if void else _advice(found.causes, found.unexplained)
     proposed = outcome.proposed
@@ -40,35 +38,42 @@ def worded(outcome: Outcome) -> Diagnosis:
         words = experiment_words(proposed)
         first = found.unexplained.where is not None and not proposed.questions.confused
         advice = f"{advice} {words}".strip() if first else words
-    return replace(found, sentences=(*led, *account(found)), warnings=(*found.warnings, *rest), next_experiment=advice)
+    warnings = (*found.warnings, *sentences_of(further_findings(found)))
+    return replace(found, sentences=(*led, *account(found)), warnings=warnings, next_experiment=advice)
+
+
+def further_findings(diagnosis: Diagnosis) -> list[Finding]:
+    """Return the findings that do not lead the account."""
+    return [finding for finding in diagnosis.findings if finding.severity != "invalidates"]
 
 
 def _described(cause: FoundCause) -> FoundCause:
     """Return a cause with the words of the catalogue."""
     kind = catalogue()[cause.cause]
-    others = (name for name in cause.indistinguishable_from)
+    confirm = kind.confirm
+    for name, found in cause.parameters.items():
+        confirm = confirm.replace(f"{{{name}}}", f"{found.value:.3g} {found.unit}")
+    others = (f"To tell it from {name}: {_confirmed(name)}" for name in cause.indistinguishable_from)
     return replace(
         cause,
         title=title_of(cause.cause, cause.part),
-        why=cause.why or f"{part_in_words(cause.part).capitalize()}: {kind.says}.",
-        how_to_confirm=_filled(kind.confirm, cause.parameters),
-        tell_apart=unfilled(" ".join(f"To tell it from {name}: {_confirmed(name)}" for name in others)),
+        why=cause.why or f"{part_name(cause.part).capitalize()}: {kind.says}.",
+        how_to_confirm=confirm,
+        tell_apart=" ".join(others),
         reference=kind.reference,
     )
+
+
+def title_of(cause: str, part: str) -> str:
+    """Return a cause's title with its part."""
+    return catalogue()[cause].title.replace("{part}", part_name(part))
 
 
 def _confirmed(name: str) -> str:
     """Return the experiment that confirms a member of a class, or shows that none of the catalogue is meant."""
     if name == UNKNOWN:
         return "repeat the motion with other speeds and ranges; a cause keeps its numbers, an unknown effect does not."
-    return catalogue()[name.partition(" ")[0]].confirm
-
-
-def _filled(text: str, numbers: Mapping[str, Number]) -> str:
-    """Put a cause's numbers where its words ask for them."""
-    for name, number in numbers.items():
-        text = text.replace(f"{{{name}}}", f"{number.value:.3g} {number.unit}")
-    return text
+    return confirmation(name.partition(" ")[0])
 
 
 def account(found: Diagnosis) -> tuple[str, ...]:
@@ -90,27 +95,26 @@ def account(found: Diagnosis) -> tuple[str, ...]:
             "What the log does not excite it cannot show: that the rig is right holds for motions like these.",
         )
     if verdict == "consistent as far as checked":
+        untold = ": nothing could be simulated, so what only adds up over time was not looked at."
         return (
-            "As far as the log can be checked nothing is wrong"
-            + (
-                "."
-                if found.simulation_error
-                else ": nothing could be simulated, so what only adds up over time was not looked at."
-            )
-            + f" {held}".rstrip(),
+            f"As far as the log can be checked nothing is wrong{'.' if found.simulation_error else untold} {held}".rstrip(),
             "The equations that could be formed close to what the sensors' noise explains; the warnings name the others.",
         )
     # Each may be too little to matter, and all together not.
     material = [c for c in causes if c.material] or causes
     first = f"{_found(found, material)} {held}".rstrip()
-    return tuple(s for s in (first, *_believe(material, found.unexplained), _immaterial(causes)) if s)
+    return first, *_believe(material, found.unexplained), *_immaterial(causes)
 
 
 def _found(found: Diagnosis, causes: Sequence[FoundCause]) -> str:
     if not causes:
         return "The rig's simulation is wrong, and no cause of the catalogue explains it."
     # A number that two parts have in common is said once.
-    first = [c for i, c in enumerate(causes) if not any(_in_common(c, other) for other in causes[:i])]
+    first = [
+        c
+        for i, c in enumerate(causes)
+        if not any((c.joint, c.cause) == (o.joint, o.cause) and c.part in o.common_with for o in causes[:i])
+    ]
     told = [f"{_lower(c.title)} ({numbers(c)}{_and_of(c)})" if c.parameters else _lower(c.title) for c in first[:3]]
     if len({e.joint for e in found.equations}) > 1:
         told = [f"in {c.joint}, {said}" for c, said in zip(first, told, strict=False)]
@@ -122,14 +126,10 @@ def _found(found: Diagnosis, causes: Sequence[FoundCause]) -> str:
     return f"{starts.get(found.verdict, 'Part of it is explained: ')}{whole}."
 
 
-def _in_common(one: FoundCause, other: FoundCause) -> bool:
-    return one.joint == other.joint and one.cause == other.cause and one.part in other.common_with
-
-
 def _and_of(cause: FoundCause) -> str:
     """Say which other parts have the same number, or the same factor on what the rig says."""
     like = "by the same factor" if any(n.rig for n in cause.parameters.values()) else "the same"
-    return "".join(f", and {like} for the {part_in_words(part)}" for part in cause.common_with)
+    return "".join(f", and {like} for the {part_name(part)}" for part in cause.common_with)
 
 
 def _lower(title: str) -> str:
@@ -138,42 +138,48 @@ def _lower(title: str) -> str:
 
 def numbers(cause: FoundCause) -> str:
     """Return a cause's parameters with their 95 % intervals."""
-    parts = []
-    for name, n in cause.parameters.items():
-        half = None if n.std is None else INTERVAL * n.std
-        told = f"{with_interval(n.value, half)}{unit_of(n.unit)}" if n.determined else "undetermined"
-        parts.append(f"{signal_name(name)} {told}")
-    return ", ".join(parts)
+    return ", ".join(f"{signal_name(name)} {_interval(n)}" for name, n in cause.parameters.items())
 
 
-def _believe(causes: Sequence[FoundCause], left: Unexplained) -> list[str]:
+def parameter_text(found: Number) -> str:
+    """Return a parameter with its 95 % interval and unit, and what the rig has."""
+    rig = "" if found.rig is None or not found.determined else f" (rig: {number(found.rig)})"
+    return f"{_interval(found)}{rig}"
+
+
+def _interval(found: Number) -> str:
+    if not found.determined:
+        return "undetermined"
+    return f"{with_interval(found.value, None if found.std is None else INTERVAL * found.std)}{unit_of(found.unit)}"
+
+
+def _believe(causes: Sequence[FoundCause], left: Unexplained) -> Iterator[str]:
     """Say how probable the causes are, and what is unexplained."""
-    said = []
     if causes:
         weakest = min(causes, key=lambda c: (c.confidence, c.class_confidence))
         of = " of the least certain of them" if len(causes) > 1 else ""
-        said.append(f"The confidence{of} is {confidence_text(weakest)}.")
+        yield f"The confidence{of} is {confidence_text(weakest)}."
     # Both parts of a joint may have the same cause.
-    said += dict.fromkeys(
+    yield from dict.fromkeys(
         f"This log cannot tell {c.cause} from {', '.join(c.indistinguishable_from)}: they are one class, and the rig's tolerances"
         " chose among them."
         for c in causes
         if c.indistinguishable_from
     )
     if left.where is not None:
-        said.append(unexplained_words(left))
+        yield unexplained_words(left)
     elif not causes:
-        said.append(
+        yield (
             "The equations close within their noise where they can be formed: what is wrong shows only where it adds up, in the"
             " simulation of half a second, and not on which side of the joint it is."
         )
-    return said
 
 
-def _immaterial(causes: Sequence[FoundCause]) -> str:  # that are more probable than not
+def _immaterial(causes: Sequence[FoundCause]) -> Iterator[str]:
     small = [c for c in causes if not c.material]
-    told = dict.fromkeys(c.cause for c in small if c.class_confidence > 0.5)
-    return f"Present, but immaterial: {', '.join(told)}." if told and len(small) < len(causes) else ""
+    probable = dict.fromkeys(c.cause for c in small if c.class_confidence > 0.5)
+    if probable and len(small) < len(causes):
+        yield f"Present, but immaterial: {', '.join(probable)}."
 
 
 def _held_out(gains: Sequence[Gain], held_out: str, extended: bool, unexplained: bool) -> str:
@@ -218,3 +224,60 @@ def _advice(causes: Sequence[FoundCause], left: Unexplained) -> str:
             return "Record the same motion again, cold and warm: what is left over changes with time."
         return f"Record a slow sweep of {variable} with everything else at rest: what is left over shows as a curve over it."
     return causes[0].how_to_confirm if causes else ""
+
+
+def open_experiment(diagnosis: Diagnosis) -> str:
+    """Return the next experiment, unless the causes' own advice says the same."""
+    said = [text for c in diagnosis.causes for text in (c.how_to_confirm, c.tell_apart)]
+    return "" if diagnosis.next_experiment in said else diagnosis.next_experiment
+
+
+def kind_text(cause: FoundCause) -> str:
+    """Return the name of a cause, and whether it does not matter."""
+    return cause.cause if cause.material else f"{cause.cause}, immaterial"
+
+
+def confidence_text(cause: FoundCause) -> str:
+    """Return a cause's confidence in per cent, never all of it; of a class also that of the class."""
+    own, together = ("> 99 %" if c > 0.99 else share_text(c) for c in (cause.confidence, cause.class_confidence))
+    return f"{own}, its class {together}" if cause.indistinguishable_from else own
+
+
+def confidence_words(cause: FoundCause) -> str:
+    """Say a cause's confidence, what error it removes, and what it does to the stiffness."""
+    said = f"confidence {confidence_text(cause)}; it removes {share_text(cause.error_removed)} of the error"
+    change = cause.stiffness_change
+    return said if change is None else f"{said}, and moves the estimated stiffness by {share_text(change)}"
+
+
+def reduction_text(gain: Gain) -> str:
+    """Return a reduction with its 95 % interval, to the digits that the interval allows."""
+    values = (gain.reduction, *gain.ci95)
+    if not all(map(math.isfinite, values)):
+        return "–"
+    if gain.rmse_after > 10.0 * gain.rmse_before:
+        return "worse, more than tenfold"
+    digits = 1 if values[2] - values[1] < 0.02 else 0
+    middle, low, high = (f"{100.0 * value:.{digits}f}".replace("-", "−") for value in values)
+    return f"{middle} % ({low} … {high})"
+
+
+def nothing_left(left: Unexplained) -> bool:
+    """Tell whether what no cause explains rounds to 0 %."""
+    return round(100.0 * left.fraction) == 0
+
+
+def unexplained_words(left: Unexplained) -> str:
+    """Say what no cause explains."""
+    if nothing_left(left) and left.where is None:
+        return "The residuals of this log's equations are noise."
+    words = f"{share_text(left.fraction)} of what was wrong is left unexplained"
+    if left.where is None:
+        return f"{words}."
+    names = [signal_name(name) for name in left.depends_on]
+    if left.loop:
+        where = (
+            f"and a loop over {names[0]}: one way up, another way down, as far as a log can tell that passes it once"
+        )
+        return f"{words}; it is on the {left.where} side, {where}."
+    return f"{words}; it is on the {left.where} side and depends on {listed(names) or 'no signal that was looked at'}."

@@ -1,4 +1,4 @@
-"""The figures of the gain: errors before and after, in multiples of the noise floor."""
+"""Figures with a row per name: errors before and after in multiples of the noise floor, and the errors of several logs."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from vsalog.diagnosis.document import EquationError, Gain
-from vsalog.report.chart import Axes, Chart, Curve
-from vsalog.report.diagnosis_quantities import reduction_text, signal_name
-from vsalog.report.quantities import number
+from vsalog.report.chart import Axes, Chart, Curve, strokes
+from vsalog.report.diagnosis_sentences import reduction_text
+from vsalog.report.quantities import number, signal_name
+from vsalog.validation.verdict import HOLDING_ERROR, Line
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +21,7 @@ class Row:
     name: str
     before: float
     after: float
-    interval: tuple[float, float] | None = None
+    interval: tuple[float, float] = (np.nan, np.nan)
 
 
 def gain_chart(gains: Sequence[Gain], where: str) -> Chart | None:
@@ -33,17 +33,17 @@ def gain_chart(gains: Sequence[Gain], where: str) -> Chart | None:
     where : what they were measured on, in words
     """
     known = [g for g in gains if g.noise_floor > 0.0 and np.isfinite([g.rmse_before, g.rmse_after]).all()]
-    rows = []
+    rows, each = [], []
     for g in known:
         high, low = ((1.0 - end) * g.rmse_before / g.noise_floor for end in g.ci95)
-        name = signal_name(g.signal)
-        rows.append(Row(name, g.rmse_before / g.noise_floor, g.rmse_after / g.noise_floor, (low, high)))
-    each = "; ".join(
-        f"{r.name} {number(r.before)} → {number(r.after)} times its noise, less by {reduction_text(g)}"
-        for r, g in zip(rows, known, strict=True)
+        rows.append(
+            Row(signal_name(g.signal), g.rmse_before / g.noise_floor, g.rmse_after / g.noise_floor, (low, high))
+        )
+        each.append(f"{_change(rows[-1])}, less by {reduction_text(g)}")
+    words = (
+        f"Error of the simulation (root mean square) on {where}, as a multiple of the noise floor: {'; '.join(each)}."
     )
-    words = f"Error of the simulation (root mean square) on {where}, as a multiple of the noise floor: {each}."
-    return _chart("gain", "Error of the simulation, before and after", words, "error / noise floor", rows)
+    return _before_and_after("gain", "Error of the simulation, before and after", words, "error / noise floor", rows)
 
 
 def equations_chart(errors: Sequence[EquationError]) -> Chart | None:
@@ -53,37 +53,58 @@ def equations_chart(errors: Sequence[EquationError]) -> Chart | None:
         for e in errors
         if e.noise > 0.0 and np.isfinite([e.rms_before, e.rms_after]).all()
     ]
-    each = "; ".join(f"{r.name} {number(r.before)} → {number(r.after)} times its noise" for r in rows)
-    words = f"RMS residual of each equation of the joint, as a multiple of its noise: {each}."
-    return _chart("equations", "Equations of the joint, before and after", words, "RMS residual / noise", rows)
+    words = f"RMS residual of each equation of the joint, as a multiple of its noise: {'; '.join(map(_change, rows))}."
+    title = "Equations of the joint, before and after"
+    return _before_and_after("equations", title, words, "RMS residual / noise", rows)
 
 
-def _chart(kind: str, title: str, words: str, label: str, rows: Sequence[Row]) -> Chart | None:
+def logs_chart(lines: Sequence[Line]) -> Chart:
+    """Return the error of each log, with its interval."""
+    known = [(f"{row.joint} in {row.log}", row.score.nrmse) for row in lines if row.score is not None]
+    known = [(name, nrmse) for name, nrmse in known if nrmse.value is not None]
+    x, low, high = (np.array([getattr(f, end) for _, f in known], np.float64) for end in ("value", "low", "high"))
+    y = _places(len(known))
+    curves = (
+        _limit("up to here a model holds", HOLDING_ERROR, len(known)),
+        Curve("95 % interval", strokes(low, high), np.repeat(y, 3), "model"),
+        Curve("error", x, y, "model", "points", symbol="circle"),
+    )
+    each = "; ".join(f"{name} {number(nrmse.value)} %" for name, nrmse in known)
+    axes = Axes("NRMSE [%]", "", curves, rows=tuple(name for name, _ in known))
+    return Chart("errors", "Error by log", f"Error of the torque, as a share of its span: {each}.", (axes,))
+
+
+def _before_and_after(kind: str, title: str, words: str, label: str, rows: Sequence[Row]) -> Chart | None:
     if not rows:
         return None
-    count = len(rows)
-    y = -np.arange(count, dtype=np.float64)
-    before, after = (_drawable([getattr(r, which) for r in rows]) for which in ("before", "after"))
-    hole = np.full(count, np.nan)
-    pairs = np.stack([before, after, hole], axis=1).ravel(), np.repeat(y, 3)
+    y = _places(len(rows))
+    # The axis is logarithmic: what is zero or less, as an interval's end may be, is a thousandth of the noise.
+    before, after, low, high = np.maximum([(r.before, r.after, *r.interval) for r in rows], 1e-3).T
     curves = [
-        Curve("noise alone", np.ones(2), np.array([0.6, 0.6 - count]), "truth", dashed=True),
-        Curve("", *pairs, "error", dashed=True),
+        _limit("noise alone", 1.0, len(rows)),
+        Curve("", strokes(before, after), np.repeat(y, 3), "error", dashed=True),
         Curve("rig as it stands", before, y, "error", "points", symbol="diamond-open"),
     ]
-    if any(r.interval is not None for r in rows):
-        ends = np.array([r.interval or (np.nan, np.nan) for r in rows])
-        low, high = _drawable(ends).T
+    if np.isfinite(low).any():
         # Bars with caps, a little below, where the mark does not hide them.
-        at = y - 0.24
-        x = np.stack([low, low, low, high, high, high, hole], axis=1).ravel()
-        up = np.stack([at - 0.06, at + 0.06, at, at, at + 0.06, at - 0.06, hole], axis=1).ravel()
-        curves.append(Curve("95 % interval of what is left", x, up, "model"))
+        at, cap = y - 0.24, 0.06
+        x = strokes(low, low, low, high, high, high)
+        curves.append(
+            Curve("95 % interval of what is left", x, strokes(at - cap, at + cap, at, at, at + cap, at - cap), "model")
+        )
     curves.append(Curve("extended rig", after, y, "model", "points", symbol="circle"))
     axes = Axes(label, "", tuple(curves), rows=tuple(r.name for r in rows), x_log=True)
     return Chart(kind, title, words, (axes,))
 
 
-def _drawable(values: ArrayLike) -> NDArray[np.float64]:
-    """Return values for a logarithmic axis: what is zero or less, as an interval's end may be, is a thousandth of the noise."""
-    return np.maximum(values, 1e-3)
+def _change(row: Row) -> str:
+    return f"{row.name} {number(row.before)} → {number(row.after)} times its noise"
+
+
+def _places(count: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    return -np.arange(count, dtype=np.float64)
+
+
+def _limit(label: str, value: float, count: int) -> Curve:
+    """Return an upright line through all rows."""
+    return Curve(label, np.full(2, value), np.array([0.6, 0.6 - count]), "truth", dashed=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.experiment_design import DESIGN
 from vsalog.diagnosis.suggest import Suggestion
 from vsalog.diagnosis.suggest_questions import Question, Questions
-from vsalog.report.diagnosis_quantities import part_in_words, signal_name, unfilled, unit_of
+from vsalog.report.quantities import listed, part_name, signal_name, unit_of
 from vsalog.simulation.scenario import unit_of as driven_unit
 from vsalog.simulation.scenario_parts import sum_of_parts
 from vsalog.simulation.scenario_schema import ScenarioFile, ServoDrive
@@ -23,11 +24,16 @@ Array = NDArray[np.float64]
 FILE = "next.scenario.toml"
 
 
+def confirmation(cause: str) -> str:
+    """Return the experiment that confirms a cause of the catalogue, with names where its words ask for fitted numbers."""
+    return re.sub(r"\{(\w+)\}", lambda m: f"its {signal_name(m[1])}", catalogue()[cause].confirm)
+
+
 def experiment_words(proposed: Suggestion) -> str:
     """Say what to do, why, and how well it would separate; of several joints also with which."""
     best, questions, joint = proposed.best, proposed.questions, proposed.joint
     file, payload = best.candidate.file, best.payload
-    bounds = _listed([f"{what} {low:.2g} to {high:.2g} {unit}" for what, low, high, unit in swings(file, joint)])
+    bounds = listed([f"{what} {low:.2g} to {high:.2g} {unit}" for what, low, high, unit in swings(file, joint)])
     what = f"Play {FILE}: {best.candidate.words}, {file.duration:g} s, {bounds}, within what this log shows to be safe"
     if proposed.of_several:
         what += f", in joint {joint}"
@@ -69,17 +75,13 @@ def _apart(questions: Questions, separations: Array) -> str:
         pairs = "; ".join(f"{_name(q, 'one', questions)} from {_name(q, 'other', questions)}" for q in left)
         most = max(float(d) for d in separations if d < DESIGN.separate)
         site = left[0].other.site
-        confirm = f" {unfilled(catalogue()[site.cause].confirm)}" if site is not None and not told else ""
+        confirm = f" {confirmation(site.cause)}" if site is not None and not told else ""
         out.append(f"No experiment within those bounds tells {pairs} ({_times(most)} the noise at best).{confirm}")
     return " ".join(out)
 
 
 def _all(told: list[tuple[Question, float]], questions: Questions) -> str:
-    return _listed(list(dict.fromkeys(_name(q, side, questions) for q, _ in told for side in ("one", "other"))))
-
-
-def _listed(names: list[str]) -> str:
-    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+    return listed(list(dict.fromkeys(_name(q, side, questions) for q, _ in told for side in ("one", "other"))))
 
 
 def _shown(questions: Questions, separations: Array) -> str:
@@ -95,10 +97,10 @@ def _shown(questions: Questions, separations: Array) -> str:
         else:
             hidden.append(f"{name} below {_size(now, unit)}")
     if not less:
-        return f"It would show little that this log does not: {_listed(hidden)} takes a larger or a faster motion."
-    told = f"Of what this log shows least it would show {_listed(less)}."
+        return f"It would show little that this log does not: {listed(hidden)} takes a larger or a faster motion."
+    told = f"Of what this log shows least it would show {listed(less)}."
     if hidden:
-        told += f" Nothing within those bounds shows {_listed(hidden)} either: that takes a larger or a faster motion."
+        told += f" Nothing within those bounds shows {listed(hidden)} either: that takes a larger or a faster motion."
     return told
 
 
@@ -112,7 +114,7 @@ def _name(question: Question, side: str, questions: Questions) -> str:
         return "nothing"
     others = [s for q in questions.asked for s in (q.one.site, q.other.site) if s is not None and s.key != site.key]
     alike = any(s.cause == site.cause for s in others)
-    return f"{site.cause} ({part_in_words(site.part)})" if alike else str(site.cause)
+    return f"{site.cause} ({part_name(site.part)})" if alike else str(site.cause)
 
 
 def _times(d: float) -> str:

@@ -5,6 +5,16 @@ from __future__ import annotations
 import html
 import math
 import unicodedata
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.report.decimation import extent
+
+# Decimal exponents that are printed without a power of ten.
+PLAIN = range(-4, 6)
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def plain(text: str) -> str:
@@ -44,3 +54,70 @@ def percent(share: float | None, digits: int = 3) -> str:
 def unit_text(unit: str) -> str:
     """Return a unit as it is printed: N·m/rad."""
     return unit.replace("*", "·").replace("^2", "²").replace("^3", "³")
+
+
+def span_words(values: NDArray[np.float64], unit: str) -> str:
+    """Return the range of values, shape (N,), in words; where there is none, that."""
+    low, high, _ = extent(values)
+    if low > high:
+        return "nothing that is known"
+    return f"{number(low)} to {number(high)} {unit}".rstrip()
+
+
+def unit_of(unit: str) -> str:
+    """Return a unit as it is printed, after a space; nothing for a plain number."""
+    return "" if unit in ("", "1") else f" {unit_text(unit)}"
+
+
+def signal_name(role: str) -> str:
+    """Return what people call a signal, an equation or a parameter."""
+    return role.replace("_", " ")
+
+
+def with_interval(value: float, half: float | None) -> str:
+    """Return a value ± half its interval: the half to two digits, the value to the same place.
+
+    Parameters
+    ----------
+    value : any number
+    half : not negative; None where it is not known
+    """
+    if not math.isfinite(value):
+        return "–"
+    if half is None or not math.isfinite(half):
+        return number(value, 4)
+    if half <= 0.0:
+        return f"{number(value, 4)} ± 0"
+    exponent = math.floor(math.log10(max(abs(value), half)))
+    # Rounded to two digits first: 0.0996 is 0.10, with a place less.
+    places = 1 - math.floor(math.log10(float(f"{half:.1e}")))
+    scale = 0 if exponent in PLAIN else exponent
+    digits = max(places + scale, 0)
+    text = f"{value / 10**scale:.{digits}f} ± {half / 10**scale:.{digits}f}".replace("-", "−")
+    return text if scale == 0 else f"({text}) × 10{str(scale).translate(SUPERSCRIPTS)}"
+
+
+def share_text(share: float) -> str:
+    """Return a share in per cent: a decimal only where it matters, for 99.6 % is not all of it, nor 0.4 % nothing."""
+    if not math.isfinite(share):
+        return "–"
+    per_cent = 100.0 * share
+    digits = 1 if 0.05 <= abs(per_cent) < 1.0 or 99.0 < per_cent < 99.95 else 0
+    return f"{per_cent:.{digits}f} %".replace("-", "−")
+
+
+def part_name(part: str) -> str:
+    """Return what people call a part of a joint: motor_1 is the first motor."""
+    name, _, place = part.rpartition("_")
+    ordinal = {"1": "first", "2": "second"}.get(place)
+    return signal_name(part if ordinal is None else f"{ordinal}_{name}")
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names as they stand in a sentence: a, b and c."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+
+
+def axis_label(name: str, unit: str) -> str:
+    """Return an axis' label; a plain number has no unit."""
+    return f"{name} [{unit_text(unit)}]" if unit_of(unit) else name

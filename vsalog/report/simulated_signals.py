@@ -1,4 +1,4 @@
-"""The figures of signals over time: measured, simulated with the rig as it stands, and with the extended one."""
+"""Figures of signals over time: measured, simulated with the rig as it stands, and with the extended one."""
 
 from __future__ import annotations
 
@@ -9,16 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.evidence import JointEvidence, SignalEvidence
-from vsalog.report.chart import Axes, Chart, Curve
-from vsalog.report.decimation import around, decimated, gaps_of, one_after_the_other, pause_after, rms
-from vsalog.report.diagnosis_quantities import signal_name, unit_of
-from vsalog.report.quantities import number
-from vsalog.report.time_series import TIME, span_words
+from vsalog.report.chart import Axes, Chart, Curve, OverTime, outline
+from vsalog.report.decimation import around, gaps_of, one_after_the_other, pause_after, rms
+from vsalog.report.quantities import axis_label, number, signal_name, span_words, unit_of
+from vsalog.report.time_series import TIME
 
 Array = NDArray[np.float64]
 
-BEFORE, AFTER, MEASURED = "simulated, rig as it stands", "simulated, extended rig", "measured"
-BAND = "± 2 × noise floor"
+BEFORE, AFTER = "simulated, rig as it stands", "simulated, extended rig"
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +51,8 @@ def signal_charts(joint: JointEvidence, noise: Mapping[str, float], columns: int
     stretch = in_windows(joint)
     if stretch.time.size < 2:
         return []
-    charts = [_over_time(stretch, role, noise.get(role), columns) for role in stretch.signals]
+    over = OverTime(stretch.place, columns)
+    charts = [_over_time(stretch, role, noise.get(role), over) for role in stretch.signals]
     expanded = _expanded(stretch, noise, columns)
     return charts if expanded is None else [*charts, expanded]
 
@@ -63,8 +62,7 @@ def in_windows(joint: JointEvidence) -> Stretch:
     known = np.zeros(joint.time.size, dtype=np.bool_)
     for signal in joint.signals.values():
         known |= np.isfinite(signal.measured)
-    whole = one_after_the_other(joint.time)
-    time = whole[known]
+    time = one_after_the_other(joint.time)[known]
     signals = {role: _part(signal, known) for role, signal in joint.signals.items()}
     gaps = gaps_of(time)
     if gaps.size == 0:
@@ -78,52 +76,40 @@ def in_windows(joint: JointEvidence) -> Stretch:
 
 
 def _part(signal: SignalEvidence, which: NDArray[np.bool_] | slice) -> SignalEvidence:
-    before = None if signal.before is None else signal.before[which]
-    after = None if signal.after is None else signal.after[which]
+    """Return some of the samples; a rig that was not extended is there once."""
+    before, after = (None if v is None else v[which] for v in (signal.before, signal.after))
     if before is not None and after is not None and np.array_equal(before, after, equal_nan=True):
         after = None
     return SignalEvidence(signal.unit, signal.measured[which], before, after)
 
 
-def _curves(place: Array, signal: SignalEvidence, columns: int, gaps: NDArray[np.int64]) -> list[Curve]:
-    # What was measured lies under what explains it.
-    curves = [Curve(MEASURED, *decimated(place, signal.measured, columns, gaps), "measured")]
-    if signal.before is not None:
-        curves.append(Curve(BEFORE, *decimated(place, signal.before, columns, gaps), "error"))
-    if signal.after is not None:
-        curves.append(Curve(AFTER, *decimated(place, signal.after, columns, gaps), "model", dashed=True))
-    return curves
+def _simulated(over: OverTime, signal: SignalEvidence, less: Array | float = 0.0) -> list[Curve]:
+    """Return the simulations, less something."""
+    kinds = ((BEFORE, signal.before, "error"), (AFTER, signal.after, "model"))
+    return [over.line(name, v - less, c, dashed=name == AFTER) for name, v, c in kinds if v is not None]
 
 
-def _errors(
-    place: Array, signal: SignalEvidence, noise: float | None, columns: int, gaps: NDArray[np.int64]
-) -> list[Curve]:
-    """Simulated − measured, over the noise floor."""
-    curves = []
-    for values, label, colour in ((signal.before, BEFORE, "error"), (signal.after, AFTER, "model")):
-        if values is not None:
-            error = values - signal.measured
-            x, y = decimated(place, error, columns, gaps)
-            curves.append(Curve(label, x, y, colour, dashed=label == AFTER))
+def _errors(over: OverTime, signal: SignalEvidence, noise: float | None, shown: set[str]) -> tuple[Curve, ...]:
+    """Return simulated − measured over the noise floor; without the labels that are `shown`, which gets the others."""
+    curves = _simulated(over, signal, signal.measured)
     if curves and noise:
-        ends, high = place[[0, -1]], 2.0 * noise
-        outline = (np.r_[ends, ends[::-1]], np.array([high, high, -high, -high]))
-        curves.insert(0, Curve(BAND, *outline, "truth", "area"))
-    return curves
+        curves.insert(0, outline("± 2 × noise floor", over.time[[0, -1]], -2.0 * noise, 2.0 * noise, "truth"))
+    once = tuple(replace(c, label="" if c.label in shown else c.label) for c in curves)
+    shown |= {c.label for c in curves}
+    return once
 
 
-def _over_time(stretch: Stretch, role: str, noise: float | None, columns: int) -> Chart:
+def _over_time(stretch: Stretch, role: str, noise: float | None, over: OverTime) -> Chart:
     """One signal, and how far the simulations are from it."""
-    signal, gaps = stretch.signals[role], gaps_of(stretch.place)
-    name, unit = signal_name(role), unit_of(signal.unit)
-    bracket = f" [{unit.strip()}]" if unit else ""
-    curves = tuple(_curves(stretch.place, signal, columns, gaps))
-    axes = [Axes(stretch.label, f"{name}{bracket}", curves, x_ticks=stretch.ticks)]
+    signal, name = stretch.signals[role], signal_name(role)
+    unit = unit_of(signal.unit)
+    # What was measured lies under what explains it.
+    curves = (over.line("measured", signal.measured, "measured"), *_simulated(over, signal))
+    axes = [Axes(stretch.label, axis_label(name, signal.unit), curves, x_ticks=stretch.ticks)]
     words = f"Measured: {span_words(signal.measured, unit.strip())}."
-    errors = _errors(stretch.place, signal, noise, columns, gaps)
+    errors = _errors(over, signal, noise, {c.label for c in curves})
     if errors:
-        errors = _labelled_once(errors, {c.label for c in curves})
-        axes.append(Axes(stretch.label, f"error{bracket}", tuple(errors), x_ticks=stretch.ticks))
+        axes.append(Axes(stretch.label, axis_label("error", signal.unit), errors, x_ticks=stretch.ticks))
         kinds = (("rig as it stands", signal.before), ("extended rig", signal.after))
         said = [f"{number(rms(v - signal.measured))}{unit} with the {label}" for label, v in kinds if v is not None]
         words += f" Simulated − measured, root mean square: {', '.join(said)}"
@@ -138,26 +124,22 @@ def _expanded(stretch: Stretch, noise: Mapping[str, float], columns: int) -> Cha
     seen = None if worst is None else around(worst, stretch.time.size, columns)
     if worst is None or seen is None:
         return None
-    time = stretch.time[seen]
-    gaps, axes, shown = gaps_of(time), list[Axes](), set[str]()
-    for role, whole in stretch.signals.items():
-        unit = unit_of(whole.unit).strip()
-        name = f"error of {signal_name(role)}"
-        curves = _labelled_once(_errors(time, _part(whole, seen), noise.get(role), columns, gaps), shown)
-        axes.append(Axes(TIME, f"{name} [{unit}]" if unit else name, tuple(curves)))
+    over, shown = OverTime(stretch.time[seen], columns), set[str]()
+    axes = tuple(
+        Axes(
+            TIME,
+            axis_label(f"error of {signal_name(role)}", whole.unit),
+            _errors(over, _part(whole, seen), noise.get(role), shown),
+        )
+        for role, whole in stretch.signals.items()
+    )
     words = (
-        f"Simulated − measured for {number(float(time[-1] - time[0]))} s around t = {number(float(stretch.time[worst]), 4)} s,"
+        f"Simulated − measured for {number(float(over.time[-1] - over.time[0]))} s around"
+        f" t = {number(float(stretch.time[worst]), 4)} s,"
         " where the simulation with the rig as it stands is furthest off, in multiples of its noise."
     )
     # Not zoomed with the others: their axes may not be time.
-    return Chart("simulation_expanded", "Where the simulation is worst", words, tuple(axes), linked=not stretch.ticks)
-
-
-def _labelled_once(curves: list[Curve], shown: set[str]) -> list[Curve]:
-    """Take the labels off that the legend has already, and note the others."""
-    once = [replace(c, label="" if c.label in shown else c.label) for c in curves]
-    shown |= {c.label for c in curves}
-    return once
+    return Chart("simulation_expanded", "Where the simulation is worst", words, axes, linked=not stretch.ticks)
 
 
 def worst_place(stretch: Stretch, noise: Mapping[str, float]) -> int | None:

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-import numpy as np
-
-from vsalog.report.chart import Axes, Chart, Curve
 from vsalog.report.document import (
     TONES,
     Block,
@@ -21,10 +18,11 @@ from vsalog.report.document import (
     Words,
     provenance,
 )
+from vsalog.report.dot_plots import logs_chart
 from vsalog.report.joint_figures import Charts, led
 from vsalog.report.quantities import between, number, unit_text
 from vsalog.validation.document import Comparison, Figure, JointReport, Report, Score, TransmissionReport
-from vsalog.validation.verdict import HOLDING_ERROR, Line, overview
+from vsalog.validation.verdict import Line, overview
 
 # What scores are where the error is ten times the signal's spread [%, %, 1]: beyond, digits say no more.
 TENFOLD: Mapping[str, float] = {"nrmse": 1000.0, "msrep": 10_000.0, "r2": -99.0}
@@ -66,7 +64,7 @@ def report_document(
     items: list[Block] = []
     if several:
         found = overview(report)
-        items += [Figures((_errors(found),) if drawn else ()), _overview(found)]
+        items += [Figures((logs_chart(found),) if drawn else ()), _overview(found)]
     for i, log in enumerate(report.logs):
         for joint in log.joints:
             charts = drawn[i].get(joint.joint, {}) if drawn else {}
@@ -79,23 +77,6 @@ def report_document(
     return Document(
         f"{report.model} against {', '.join(logs)}", "Validation of a stiffness model", tuple(items), report
     )
-
-
-def _errors(found: Sequence[Line]) -> Chart:
-    """Return the error of several logs in one figure."""
-    known = [row for row in found if row.score is not None and row.score.nrmse.value is not None]
-    x = np.array([row.score.nrmse.value for row in known if row.score is not None], dtype=np.float64)
-    ends = [(row.score.nrmse.low, row.score.nrmse.high, np.nan) for row in known if row.score is not None]
-    y = -np.arange(x.size, dtype=np.float64)
-    limit = np.full(2, HOLDING_ERROR), np.array([0.6, 0.4 - x.size])
-    curves = (
-        Curve("up to here a model holds", *limit, "truth", dashed=True),
-        Curve("95 % interval", np.array(ends, dtype=np.float64).ravel(), np.repeat(y, 3), "model"),
-        Curve("error", x, y, "model", "points", symbol="circle"),
-    )
-    words = "; ".join(f"{row.joint} in {row.log} {number(value)} %" for row, value in zip(known, x, strict=True))
-    axes = Axes("NRMSE [%]", "", curves, rows=tuple(f"{row.joint} in {row.log}" for row in known))
-    return Chart("errors", "Error by log", f"Error of the torque, as a share of its span: {words}.", (axes,))
 
 
 def _overview(found: Sequence[Line]) -> Table:
