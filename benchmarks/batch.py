@@ -32,14 +32,14 @@ ALONE = """
 import sys, time
 from pathlib import Path
 from vsalog.estimation.job import Options, prepare
-from vsalog.report.estimate_files import write_results
+from vsalog.report.estimate import write_estimate
 from vsalog.report.outputs import Outputs
 
 logs, out, warm_up = sorted(Path(sys.argv[1]).glob("*/*.*[!l]")), sys.argv[2], int(sys.argv[3])
 for i, log in enumerate([*logs[:warm_up], *logs]):
     if i == warm_up:
         start, computed = time.perf_counter(), time.process_time()
-    write_results(prepare([log], Options()), Outputs.named([log], out, None))
+    write_estimate(prepare([log], Options()), Outputs.named([log], out, None))
 print(time.perf_counter() - start, time.process_time() - computed)
 """
 

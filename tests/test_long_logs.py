@@ -33,7 +33,7 @@ from vsalog.readers import order as ordering
 from vsalog.readers import read
 from vsalog.readers.base import Block
 from vsalog.readers.collect import collect
-from vsalog.report.estimate_files import write_results
+from vsalog.report.estimate import write_estimate
 from vsalog.report.outputs import Outputs
 from vsalog.rig import Rig
 
@@ -353,7 +353,7 @@ def test_what_needs_the_whole_trace_in_memory_is_refused_at_once(monkeypatch, sa
     prepared = prepare([samples / "sea_exp1.csv"], Options())
     outputs = Outputs(tmp_path / "a.parquet", tmp_path / "a.toml", mcap=tmp_path / "a.mcap")
     with pytest.raises(WriteError, match="--start and --end"):
-        write_results(prepared, outputs)
+        write_estimate(prepared, outputs)
     assert not list(tmp_path.iterdir())
 
 
@@ -378,7 +378,7 @@ def test_figures_of_a_long_trace_are_drawn_of_a_part_of_its_rows(monkeypatch, sa
     outputs = Outputs(tmp_path / "a.parquet", tmp_path / "a.toml", page=tmp_path / "a.html")
     prepared = prepare([samples / "vsa2_exp1.mcap"], Options())
     monkeypatch.setattr(trace_evidence, "AT_ONCE_BYTES", 3000 * 8 * 9)  # nine columns of eight bytes
-    (estimate,) = write_results(prepared, outputs)
+    (estimate,) = write_estimate(prepared, outputs)
     every = trace_evidence.thinned(estimate)
     assert every == 7
     for transmission in ("1", "2"):
@@ -394,7 +394,7 @@ from pathlib import Path
 import numpy as np, pyarrow as pa, pyarrow.parquet as pq
 from vsalog.core import look
 from vsalog.estimation import job
-from vsalog.report.estimate_files import write_results
+from vsalog.report.estimate import write_estimate
 from vsalog.report.outputs import Outputs
 
 job.AT_ONCE_BYTES = int(sys.argv[1])
@@ -410,7 +410,7 @@ for count in (300_000, 1_200_000):
             phi, q = 0.06 * np.sin(1.3 * t) + 0.02 * np.sin(8.0 * t), 0.5 * np.sin(1.3 * t)
             writer.write_table(pa.table({"time": t, "m": q - phi, "l": q, "t": -20.0 * phi - 2000.0 * phi**3}))
     prepared = job.prepare([log], job.Options(rig=job.Rig.from_toml(rig), estimator="residual-rls"))
-    write_results(prepared, Outputs(Path("t.parquet"), Path("m.toml")))
+    write_estimate(prepared, Outputs(Path("t.parquet"), Path("m.toml")))
     peaks.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024))
 print(json.dumps([prepared.is_long, peaks]))
 """

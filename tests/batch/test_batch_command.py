@@ -10,7 +10,8 @@ from batch_bench import RIG, batch, do_batch, make_log, make_logs, summary
 from vsalog.cli import _run
 from vsalog.cli.batch import settings_of
 from vsalog.estimation.job import Options, prepare
-from vsalog.report.estimate_files import Outputs, write_results
+from vsalog.report.estimate import write_estimate
+from vsalog.report.outputs import Outputs
 
 
 @pytest.fixture
@@ -67,7 +68,7 @@ def model(tmp_path, logs):
     make_log(tmp_path / "learn" / "x.csv", seed=50)
     (tmp_path / "learn" / "rig.toml").write_text(RIG.format(name="knee rig"))
     job = prepare([tmp_path / "learn" / "x.csv"], Options())
-    write_results(job, Outputs.named([logs / "x.csv"], str(tmp_path), None))
+    write_estimate(job, Outputs.named([logs / "x.csv"], str(tmp_path), None))
     return tmp_path / "x.model.toml"
 
 

@@ -20,7 +20,8 @@ from vsalog.batch.summary import page_columns, rows_of
 from vsalog.core.model import ModelFile
 from vsalog.core.trace import Trace
 from vsalog.estimation.job import Options, prepare
-from vsalog.report.estimate_files import Outputs, write_results
+from vsalog.report.estimate import write_estimate
+from vsalog.report.outputs import Outputs
 from vsalog.report.page_batch import batch_page
 from vsalog.writers.trace import TraceWriter
 
@@ -55,7 +56,7 @@ def test_findings_stand_in_the_traces_and_their_codes_in_the_summary(data):
 def test_the_numbers_are_those_of_estimate(data, samples, tmp_path):
     for name in ("awas_exp2.mcap", "sea_exp1.csv"):
         outputs = Outputs.named([samples / name], str(tmp_path), None)
-        write_results(prepare([samples / name], Options()), outputs)
+        write_estimate(prepare([samples / name], Options()), outputs)
         alone = pq.read_table(outputs.trace)
         (path,) = data.rglob(f"log={name}/part.parquet")
         ours = pq.ParquetFile(path).read()

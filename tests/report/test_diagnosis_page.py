@@ -32,8 +32,7 @@ from vsalog.core.finding import Finding
 from vsalog.diagnosis import document as document_module
 from vsalog.diagnosis.document import Gains, Number
 from vsalog.diagnosis.evidence import CauseEvidence, SignalEvidence
-from vsalog.report.diagnose import diagnosis_document
-from vsalog.report.diagnose_files import Outputs, write_diagnosis
+from vsalog.report.diagnose import diagnosis_document, diagnosis_files
 from vsalog.report.dot_plots import equations_chart, gain_chart
 from vsalog.report.equation_residuals import cause_chart, means_over, remainder_chart
 from vsalog.report.html import page_of
@@ -43,7 +42,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 
 def diagnosis_page(told, evidence, extended):
-    return page_of(diagnosis_document(told, (), evidence, extended))
+    return page_of(diagnosis_document(told, {}, evidence, extended))
 
 
 def seen(joint, shape, variable, cause="transmission.damping", noise=0.0):
@@ -268,45 +267,48 @@ def test_an_hour_at_1_khz_makes_a_small_page(tmp_path):
     # The causes of the document take the views by name: as many as a joint has parts.
     views = tuple(replace(c, part=f"motor_{i}") for i, c in enumerate(joint.causes))
     told = diagnosis(causes=tuple(found_cause(part=f"motor_{i}") for i in range(len(views))))
-    outputs = write_diagnosis(told, [replace(joint, causes=views)], EXTENDED, Outputs.within(tmp_path))
-    assert outputs.page.stat().st_size < 6_000_000
-    assert outputs.page.read_text(encoding="utf-8").count('data-chart="') == 5 + 1 + 6 + 2
+    page = Path(diagnosis_files(told, [replace(joint, causes=views)], EXTENDED, tmp_path)["report"])
+    assert page.stat().st_size < 6_000_000
+    assert page.read_text(encoding="utf-8").count('data-chart="') == 5 + 1 + 6 + 2
 
 
 def test_all_files_are_written_and_the_document_keeps_its_schema(tmp_path):
     told = diagnosis(unexplained=remainder())
-    outputs = write_diagnosis(told, [friction_evidence()], EXTENDED, Outputs.within(tmp_path / "new"))
-    assert outputs.rig_is == "written"
+    files = diagnosis_files(told, [friction_evidence()], EXTENDED, tmp_path / "new")
     assert {p.name for p in (tmp_path / "new").iterdir()} == {"diagnosis.json", "diagnosis.html", "extended.rig.toml"}
-    document = json.loads(outputs.document.read_text(encoding="utf-8"))
+    document = json.loads(Path(files["data"]).read_text(encoding="utf-8"))
     jsonschema.Draft202012Validator(document_schema(document_module)).validate(document)
     assert msgspec.convert(document, type(told)) == told
-    assert tomllib.loads(outputs.rig.read_text(encoding="utf-8")) == tomllib.loads(EXTENDED)
+    rig = Path(files["extended rig"]).read_text(encoding="utf-8")
+    assert tomllib.loads(rig) == tomllib.loads(EXTENDED)
 
 
 @pytest.mark.parametrize("log", ["a\nb = 1", "a\rb = 1", "a\x00b", HOSTILE])
 def test_a_logs_name_does_not_get_out_of_the_rigs_comment(tmp_path, log):
-    outputs = write_diagnosis(diagnosis(log=log), [], EXTENDED, Outputs.within(tmp_path))
-    assert tomllib.loads(outputs.rig.read_text(encoding="utf-8")) == tomllib.loads(EXTENDED)
+    files = diagnosis_files(diagnosis(log=log), [], EXTENDED, tmp_path)
+    rig = Path(files["extended rig"]).read_text(encoding="utf-8")
+    assert tomllib.loads(rig) == tomllib.loads(EXTENDED)
 
 
 def test_an_extended_rig_from_before_is_never_deleted(tmp_path):
-    outputs = Outputs.within(tmp_path)
-    assert write_diagnosis(diagnosis(), [], None, outputs).rig_is == "none"
-    outputs.rig.write_text(RIG)
-    assert write_diagnosis(diagnosis(), [], None, outputs).rig_is == "old"
-    assert outputs.rig.read_text() == RIG
+    rig = tmp_path / "extended.rig.toml"
+    assert set(diagnosis_files(diagnosis(), [], None, tmp_path)) == {"report", "data"}
+    rig.write_text(RIG)
+    files = diagnosis_files(diagnosis(), [], None, tmp_path)
+    assert files["note"].startswith(f"{rig} is from before")
+    assert "extended rig" not in files
+    assert rig.read_text() == RIG
 
 
 def test_nothing_is_written_where_one_file_cannot_be(tmp_path):
     (tmp_path / "extended.rig.toml").mkdir()
     with pytest.raises(WriteError, match=r"extended\.rig\.toml: is a folder"):
-        write_diagnosis(diagnosis(), [], EXTENDED, Outputs.within(tmp_path))
+        diagnosis_files(diagnosis(), [], EXTENDED, tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["extended.rig.toml"]
     blocked = tmp_path / "file"
     blocked.write_text("")
     with pytest.raises(WriteError, match="cannot be made a folder"):
-        write_diagnosis(diagnosis(), [], EXTENDED, Outputs.within(blocked / "x"))
+        diagnosis_files(diagnosis(), [], EXTENDED, blocked / "x")
 
 
 def test_the_schema_file_is_up_to_date():
@@ -362,9 +364,9 @@ PROBE = """<script>
 @pytest.mark.parametrize(("width", "dark"), [(500, True), (1280, False)])
 def test_a_browser_draws_it_without_complaint_and_without_a_network(tmp_path, width, dark):
     told, evidence = hostile()
-    outputs = write_diagnosis(told, evidence, EXTENDED, Outputs.within(tmp_path))
+    page = Path(diagnosis_files(told, evidence, EXTENDED, tmp_path)["report"])
     options = [f"--window-size={width},20000", f"--blink-settings=preferredColorScheme={0 if dark else 1}"]
-    found, console = probed(outputs.page, tmp_path / "profile", *options, probe=PROBE)
+    found, console = probed(page, tmp_path / "profile", *options, probe=PROBE)
     assert console == []
     assert found["plots"] == found["drawn"] == 9
     assert found["wide"] == [0] * found["plots"]

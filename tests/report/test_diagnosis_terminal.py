@@ -1,6 +1,5 @@
 """What `vsalog diagnose` says: everything that was found, at any width, and nothing that acts on a terminal."""
 
-import dataclasses
 import json
 import re
 
@@ -15,7 +14,6 @@ from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
 from vsalog.diagnosis.document import Gains, Number
 from vsalog.report.diagnose import diagnosis_document
-from vsalog.report.diagnose_files import Outputs
 from vsalog.report.diagnosis_sentences import confidence_text, parameter_text, reduction_text, unexplained_words
 from vsalog.report.html import page_of
 from vsalog.report.quantities import share_text, with_interval
@@ -24,11 +22,13 @@ from vsalog.report.terminal import print_data, print_document
 NO_EXPERIMENT = Finding(code="diagnosis.no_experiment", severity="info", evidence={"reason": "Beware of x"})
 
 
-def printed(told, capsys, monkeypatch, columns=160, outputs=None):
+FILES = {"report": "diagnosis.html", "data": "diagnosis.json"}
+
+
+def printed(told, capsys, monkeypatch, columns=160, files=None):
     monkeypatch.setenv("COLUMNS", str(columns))
-    became = "written" if told.causes else "none"
-    outputs = outputs or dataclasses.replace(Outputs.within(None), rig_is=became)
-    print_document(diagnosis_document(told, list(outputs.pairs())))
+    extended = {"extended rig": "extended.rig.toml"} if told.causes else {}
+    print_document(diagnosis_document(told, files or FILES | extended))
     out = capsys.readouterr()
     return out.out, out.err
 
@@ -88,17 +88,10 @@ def test_a_consistent_log_has_its_errors_beside_the_noise(capsys, monkeypatch):
 
 
 def test_what_became_of_the_extended_rig(capsys, monkeypatch):
-    planned = Outputs.within(None)
-    for state, said in (
-        ("written", "extended rig: extended.rig.toml"),
-        ("old", "note: extended.rig.toml is from before"),
-    ):
-        outputs = Outputs(planned.document, planned.page, planned.rig, state)
-        out, _ = printed(diagnosis(), capsys, monkeypatch, 160, outputs)
-        assert said in out
-    out, _ = printed(
-        diagnosis(), capsys, monkeypatch, 160, Outputs(planned.document, planned.page, planned.rig, "none")
-    )
+    for what, said in (("extended rig", "extended.rig.toml"), ("note", "extended.rig.toml is from before")):
+        out, _ = printed(diagnosis(), capsys, monkeypatch, 160, FILES | {what: said})
+        assert f"{what}: {said}" in out
+    out, _ = printed(diagnosis(), capsys, monkeypatch, 160, FILES)
     assert "extended.rig.toml" not in out
 
 

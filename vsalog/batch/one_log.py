@@ -5,8 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,24 +17,20 @@ from vsalog.batch.figures import of_diagnosis, of_estimate, of_validation
 from vsalog.batch.names import device_name, encoded
 from vsalog.batch.records import Log, Settings
 from vsalog.core.errors import ReadError
-from vsalog.core.trace import Trace
 from vsalog.diagnosis.run import Options as DiagnoseOptions
-from vsalog.diagnosis.run import diagnose as run_diagnosis
 from vsalog.estimation.job import Options as EstimateOptions
 from vsalog.estimation.job import prepare
 from vsalog.estimation.joint import PRESET, choose_all, pick_joints
 from vsalog.estimators.registry import method
 from vsalog.estimators.tuning import read_tuning
 from vsalog.readers.window import Window
-from vsalog.report import diagnose_files, diagnosis_sentences, validate_files, validation_words
-from vsalog.report.estimate import write_estimate_page
-from vsalog.report.joint_figures import Drawings
+from vsalog.report.diagnose import write_diagnosis
+from vsalog.report.estimate import write_estimate
+from vsalog.report.outputs import Outputs
+from vsalog.report.validate import write_validation
 from vsalog.rig import Rig
 from vsalog.validation.frozen import frozen
 from vsalog.validation.run import Options as ValidateOptions
-from vsalog.validation.run import validate as run_validation
-from vsalog.writers.atomic import write_text
-from vsalog.writers.trace import TraceWriter
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,25 +79,16 @@ def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
         The log is at fault, or a file cannot be written.
     """
     job = prepare([path], EstimateOptions(rig=_rig(settings), **settings.options))
-    provenance, name = job.provenance(), encoded(log.name)
-    trace, model, page = scratch / PART, scratch / "model.toml", scratch / "estimate.html"
-    with ExitStack() as stack:
-        writers = [stack.enter_context(TraceWriter(trace, provenance, in_dataset))]
-        if settings.report:
-            # The page reads columns back from a trace as `estimate` writes it.
-            writers.append(stack.enter_context(TraceWriter(scratch / "plain.parquet", provenance)))
-
-        def sink(block: Trace) -> None:
-            for writer in writers:
-                writer.write(block)
-
-        estimates = job.run(sink)
-        writers[0].add_findings(e.findings for e in estimates)
-    write_text(model, job.model_file(estimates, provenance).to_toml())
-    device, date = _device(job.rig), day(trace)
-    files = {"trace": (trace, trace_name(device, date, log.name)), "model": (model, f"models/{name}.model.toml")}
-    if settings.report:
-        write_estimate_page(page, job, scratch / "plain.parquet", estimates, provenance)
+    name, page = encoded(log.name), scratch / "estimate.html" if settings.report else None
+    outputs = Outputs(scratch / PART, scratch / "model.toml", page=page)
+    provenance = job.provenance()
+    estimates = write_estimate(job, outputs, provenance, layout=in_dataset)
+    device, date = _device(job.rig), day(outputs.trace)
+    files = {
+        "trace": (outputs.trace, trace_name(device, date, log.name)),
+        "model": (outputs.model, f"models/{name}.model.toml"),
+    }
+    if page is not None:
         files["report"] = (page, f"reports/{name}/estimate.html")
     said = {
         "device": device,
@@ -123,14 +109,8 @@ def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
     VsalogError
         The log or the model is at fault, or a file cannot be written.
     """
-    model = _model(settings, scratch)
-    options = ValidateOptions(rig=_rig_text(settings), **settings.options)
-    drawings = Drawings(frozen(model), options.joints, 1, False)
-    report = validation_words.worded(run_validation(model, [path], options, draw=drawings))
-    if settings.rig is not None:
-        report = msgspec.structs.replace(report, settings=report.settings | {"rig": settings.rig_name})
-    outputs = validate_files.Outputs.within(scratch / "report", None)
-    validate_files.write_report(report, drawings, outputs)
+    options = ValidateOptions(rig=_rig(settings), **settings.options)
+    report, files = write_validation(_model(settings, scratch), [path], options, scratch / "report")
     said = {
         "device": _device(Rig.from_toml(report.rig, "rig")),
         "joints": tuple(of_validation(report)),
@@ -138,7 +118,7 @@ def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
         "input_sha256": report.logs[0].sha256,
         "met": all(t.met for t in report.thresholds),
     }
-    return Result(_reports(log, document=outputs.document, report=outputs.page), said)
+    return Result(_reports(log, files), said)
 
 
 def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
@@ -149,16 +129,12 @@ def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
     VsalogError
         The log or the rig is at fault, or a file cannot be written.
     """
-    outcome = run_diagnosis(path, None, DiagnoseOptions(rig=_rig_text(settings), **settings.options))
-    diagnosis = diagnosis_sentences.worded(outcome)
-    extended = None if outcome.extended is None else outcome.extended.to_toml()
-    within = diagnose_files.Outputs.within(scratch / "report")
-    outputs = diagnose_files.write_diagnosis(diagnosis, outcome.evidence, extended, within)
-    rig = {"rig": outputs.rig} if outputs.rig_is == "written" else {}
+    options = DiagnoseOptions(rig=_rig(settings), **settings.options)
+    diagnosis, files = write_diagnosis(path, None, options, scratch / "report")
     joints = tuple(of_diagnosis(diagnosis))
     own = {joint.joint for joint in joints}
     said = {
-        "device": _device(outcome.rig),
+        "device": _device(Rig.from_toml(diagnosis.rig, "rig")),
         "joints": joints,
         "findings": tuple(msgspec.to_builtins(f) for f in diagnosis.findings if f.joint not in own),
         "warnings": diagnosis.warnings,
@@ -166,7 +142,7 @@ def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
         "input_sha256": diagnosis.log_sha256,
         "met": not settings.fail_on_cause or diagnosis.verdict.startswith("consistent"),
     }
-    return Result(_reports(log, document=outputs.document, report=outputs.page, **rig), said)
+    return Result(_reports(log, files), said)
 
 
 COMMANDS: dict[str, Callable[[Log, Path, Settings, Path], Result]] = {
@@ -210,11 +186,6 @@ def _rig(settings: Settings) -> Rig | None:
     return None if settings.rig is None else Rig.from_toml(settings.rig, settings.rig_name)
 
 
-def _rig_text(settings: Settings) -> str | None:
-    """Return the rig as TOML text, which differs from a file's name by its line ends."""
-    return None if settings.rig is None else f"\n{settings.rig}"
-
-
 def _model(settings: Settings, folder: Path) -> Path:
     """Write the model to validate into a folder."""
     assert settings.model is not None
@@ -224,8 +195,11 @@ def _model(settings: Settings, folder: Path) -> Path:
     return file
 
 
-def _reports(log: Log, **files: Path) -> dict[str, tuple[Path, str]]:
-    return {what: (file, f"reports/{encoded(log.name)}/{file.name}") for what, file in files.items()}
+def _reports(log: Log, files: Mapping[str, str]) -> dict[str, tuple[Path, str]]:
+    """Return the files of a report by what the batch calls them."""
+    kinds = {"report": "report", "data": "document", "extended rig": "rig"}
+    found = {kinds[what]: Path(file) for what, file in files.items() if what in kinds}
+    return {what: (file, f"reports/{encoded(log.name)}/{file.name}") for what, file in found.items()}
 
 
 def _device(rig: Rig) -> str:

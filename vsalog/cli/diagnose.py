@@ -66,29 +66,18 @@ def diagnose(
     and validate with. With --suggest also next.scenario.toml, which 'vsalog simulate RIG --scenario' plays.
     """
     from vsalog.diagnosis.run import Options
-    from vsalog.diagnosis.run import diagnose as run
-    from vsalog.report.diagnose import diagnosis_document
-    from vsalog.report.diagnose_files import Outputs, write_diagnosis
-    from vsalog.report.diagnosis_sentences import worded
-    from vsalog.report.experiment import scenario_text
-    from vsalog.report.outputs import inputs_of, keep_inputs
+    from vsalog.report.diagnose import diagnosis_document, extra_paths, write_diagnosis
+    from vsalog.report.outputs import inputs_of, keep_inputs, report_paths
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_data, print_document
 
     options = Options(rig, joints, settings, rate, time, suggest, start, end)
-    outputs = Outputs.within(output, suggest)
-    inputs = inputs_of([log] if holdout is None else [log, holdout], rig)
-    written = (outputs.document, outputs.page, outputs.rig, outputs.scenario)
-    keep_inputs([path for path in written if path is not None], inputs)
-    with Progress() as progress:
-        with progress.saying_when_compiling():
-            outcome = run(log, holdout, options, progress.say)
-        diagnosis = worded(outcome)
-        progress.say("writing the report")
-        extended = None if outcome.extended is None else outcome.extended.to_toml()
-        scenario = None if outcome.proposed is None else scenario_text(outcome.proposed)
-        outputs = write_diagnosis(diagnosis, outcome.evidence, extended, outputs, scenario)
-    (print_data if as_json else print_document)(diagnosis_document(diagnosis, list(outputs.pairs())))
+    extended, experiment = extra_paths(output)
+    written = [*report_paths(output, "diagnosis"), extended, *([experiment] if suggest else [])]
+    keep_inputs(written, inputs_of([log] if holdout is None else [log, holdout], rig))
+    with Progress() as progress, progress.saying_when_compiling():
+        diagnosis, files = write_diagnosis(log, holdout, options, output, progress.say)
+    (print_data if as_json else print_document)(diagnosis_document(diagnosis, files))
     verdict = diagnosis.verdict
     unchecked = verdict == "consistent as far as checked"
     if (fail_on_unchecked and unchecked) or (fail_on_cause and not unchecked and verdict != "consistent"):

@@ -93,8 +93,7 @@ def estimate(
     folder. Several logs make one model and one trace, whose column `run` says which log a row is from.
     """
     from vsalog.estimation.job import Options, prepare
-    from vsalog.report.estimate import estimate_document
-    from vsalog.report.estimate_files import write_results
+    from vsalog.report.estimate import estimate_document, write_estimate
     from vsalog.report.outputs import Outputs, inputs_of, keep_inputs
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_data, print_document
@@ -121,5 +120,5 @@ def estimate(
     with Progress() as progress:
         job = prepare(logs, options, progress.say)
         with progress.saying_when_compiling():
-            estimates = write_results(job, outputs, progress.say)
+            estimates = write_estimate(job, outputs, progress=progress.say)
     (print_data if as_json else print_document)(estimate_document(job, estimates, outputs))

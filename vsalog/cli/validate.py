@@ -81,26 +81,19 @@ def validate(
     The model is frozen. Its flexibility torque is held against the torque sensor; where there is none, against the residual of
     the motor equation. What lies outside the region the model was fitted in is judged apart. Writes report.json and report.html.
     """
-    from vsalog.report.joint_figures import Drawings
-    from vsalog.report.outputs import inputs_of, keep_inputs
+    from vsalog.report.outputs import inputs_of, keep_inputs, report_paths
+    from vsalog.report.paper_figures import check_matplotlib
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_data, print_document
-    from vsalog.report.validate import report_document
-    from vsalog.report.validate_files import Outputs, write_report
-    from vsalog.report.validation_words import worded
-    from vsalog.validation.frozen import frozen
+    from vsalog.report.validate import report_document, write_validation
     from vsalog.validation.run import Options
-    from vsalog.validation.run import validate as run
 
+    if figures is not None:
+        check_matplotlib()
     options = Options(rig, joints, settings, rate, time, modalities, max_nrmse, max_msrep, start, end)
-    outputs = Outputs.within(output, figures)
-    keep_inputs([outputs.document, outputs.page], [model, *inputs_of(logs, rig)])
-    drawings = Drawings(frozen(model), joints, len(logs), figures is not None)
-    with Progress() as progress:
-        with progress.saying_when_compiling():
-            report = worded(run(model, logs, options, progress.say, drawings))
-        progress.say("writing the report")
-        write_report(report, drawings, outputs)
-    (print_data if as_json else print_document)(report_document(report, list(outputs.pairs())))
+    keep_inputs(report_paths(output, "report"), [model, *inputs_of(logs, rig)])
+    with Progress() as progress, progress.saying_when_compiling():
+        report, files = write_validation(model, logs, options, output, figures, progress.say)
+    (print_data if as_json else print_document)(report_document(report, files))
     if any(not threshold.met for threshold in report.thresholds):
         context.exit(3)

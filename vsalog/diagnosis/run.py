@@ -51,7 +51,7 @@ class Options:
 
     Attributes
     ----------
-    rig : a rig file or a preset's name; looked for in and beside the log when absent
+    rig : a loaded rig, a rig file or a preset's name; looked for in and beside the log when absent
     joints : names of the joints wanted; all when empty
     set : key → value of the rig
     rate, time : as for `estimate`
@@ -59,7 +59,7 @@ class Options:
     start, end : as for `estimate`; another log that is held out is used whole
     """
 
-    rig: str | Path | None = None
+    rig: Rig | str | Path | None = None
     joints: tuple[str, ...] = ()
     set: Mapping[str, str] = field(default_factory=dict)
     rate: float | None = None

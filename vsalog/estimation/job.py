@@ -285,8 +285,6 @@ def _read(
 
 
 def _rig(log: Path | Recording, opened: Reader | None, options: Options) -> Rig | None:
-    if isinstance(options.rig, Rig):
-        return options.rig
     carries = log if isinstance(log, Recording) else opened
     return find_rig(_path(log), None if carries is None else carries.rig_text, options.rig)
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
+from pathlib import Path
 
 from vsalog.diagnosis.document import Diagnosis, EquationError, FoundCause, Gain, SignalError
 from vsalog.diagnosis.evidence import CauseEvidence, JointEvidence
+from vsalog.diagnosis.run import Options, diagnose
 from vsalog.report import document as tree
 from vsalog.report.chart import Chart
 from vsalog.report.diagnosis_sentences import (
@@ -20,17 +22,21 @@ from vsalog.report.diagnosis_sentences import (
     parameter_text,
     reduction_text,
     unexplained_words,
+    worded,
 )
 from vsalog.report.document import TONES, Block, Cell, Document, Facts, Figures, Notes, Section, Source, Table, Words
 from vsalog.report.dot_plots import equations_chart, gain_chart
 from vsalog.report.equation_residuals import cause_chart, remainder_chart
+from vsalog.report.experiment import FILE as EXPERIMENT
+from vsalog.report.experiment import scenario_text
 from vsalog.report.joint_figures import columns_for
-from vsalog.report.quantities import number, share_text, signal_name, unit_of
+from vsalog.report.outputs import write_report
+from vsalog.report.quantities import number, plain, share_text, signal_name, unit_of
 from vsalog.report.simulated_signals import signal_charts
 
 
 def diagnosis_document(
-    found: Diagnosis, files: Sequence[tuple[str, str]] = (), evidence: Sequence[JointEvidence] = (), extended: str | None = None
+    found: Diagnosis, files: Mapping[str, str] = {}, evidence: Sequence[JointEvidence] = (), extended: str | None = None
 ) -> Document:  # fmt: skip
     """Return a diagnosis.
 
@@ -61,8 +67,85 @@ def diagnosis_document(
     ]
     more = open_experiment(found)
     items += [Section("Next experiment", (Words(more),))] if more else []
-    items += [Section("", (Facts(tuple(files)),), where="terminal"), _provenance(found)]
+    items += [Section("", (Facts(tuple(files.items())),), where="terminal"), _provenance(found)]
     return Document(f"Diagnosis of {found.log}", "What the simulation gets wrong, and why", tuple(items), found)
+
+
+def write_diagnosis(
+    log: Path, holdout: Path | None, options: Options, folder: Path | None, progress: Callable[[str], None] = lambda _: None
+) -> tuple[Diagnosis, dict[str, str]]:  # fmt: skip
+    """Diagnose a log and write what was found.
+
+    Parameters
+    ----------
+    log, holdout, options : of `vsalog.diagnosis.run.diagnose`
+    folder : where to; the current one when absent
+    progress : told what is being done
+
+    Returns
+    -------
+    The diagnosis, in words; what each file is, and its path
+
+    Raises
+    ------
+    VsalogError
+        A log or the rig is at fault, or a file cannot be written.
+    """
+    outcome = diagnose(log, holdout, options, progress)
+    found = worded(outcome)
+    progress("writing the report")
+    extended = None if outcome.extended is None else outcome.extended.to_toml()
+    scenario = None if outcome.proposed is None else scenario_text(outcome.proposed)
+    return found, diagnosis_files(found, outcome.evidence, extended, folder, scenario)
+
+
+def diagnosis_files(
+    found: Diagnosis,
+    evidence: Sequence[JointEvidence],
+    extended: str | None,
+    folder: Path | None,
+    scenario: str | None = None,
+) -> dict[str, str]:
+    """Write all of it: `diagnosis.json`, `diagnosis.html`, `extended.rig.toml` and `next.scenario.toml`.
+
+    Parameters
+    ----------
+    found : what was found, in words
+    evidence : what the page's figures draw
+    extended : the rig with the causes filled in, as TOML; None where there is nothing to fill in: a file of that name that is
+        there from before is never deleted, and said to be old
+    folder : where to; the current one when absent
+    scenario : the experiment that is proposed, as TOML; None where none is
+
+    Returns
+    -------
+    What each file is, and its path; and what became of a rig from before
+
+    Raises
+    ------
+    WriteError
+        A file cannot be written.
+    """
+    rig, experiment = extra_paths(folder)
+    others = {}
+    if extended is not None:
+        # What a log is called must not end the comment that says where the rig comes from.
+        causes = ", ".join(f"{c.cause} in joint {c.joint}" for c in found.causes)
+        heading = plain(f"# Extended by vsalog {found.vsalog} with what {found.log} shows: {causes}")
+        others["extended rig"] = rig, f"{heading}\n{extended}"
+    if scenario is not None:
+        others["next experiment"] = experiment, scenario
+    files = write_report(diagnosis_document(found, {}, evidence, extended), folder, "diagnosis", others)
+    if extended is None and rig.exists():
+        was = "is from before and was left as it is: this diagnosis found nothing to extend the rig by."
+        files["note"] = f"{rig} {was}"
+    return files
+
+
+def extra_paths(folder: Path | None) -> tuple[Path, Path]:
+    """Return where the extended rig and the proposed experiment go."""
+    where = Path() if folder is None else folder
+    return where / "extended.rig.toml", where / EXPERIMENT
 
 
 def _signals(found: Diagnosis, joint: JointEvidence, columns: int) -> list[Chart]:

@@ -1,24 +1,36 @@
-"""What `estimate` says of its results, as a document; and its page."""
+"""What `estimate` says of its results, as a document; and the files that it writes: trace, model, page, figures."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import pyarrow as pa
+
+from vsalog.core.errors import WriteError
 from vsalog.core.printable import printable
+from vsalog.core.trace import Trace
 from vsalog.estimation.job import Job
 from vsalog.estimation.joint import JointEstimate
 from vsalog.estimation.summary import TransmissionSummary
 from vsalog.estimators.equation import SUPPORTED_SHARE
+from vsalog.report.decimation import FIGURE_COLUMNS
 from vsalog.report.document import Block, Cell, Document, Facts, Notes, Section, Table, Verdict, Words, provenance
 from vsalog.report.html import page_of
 from vsalog.report.joint_figures import columns_for, joint_charts, led, part_title
 from vsalog.report.outputs import Outputs
+from vsalog.report.paper_figures import write_figures
 from vsalog.report.quantities import between, number, percent
 from vsalog.report.trace_evidence import distinct, evidence_of, thinned
 from vsalog.validation.evidence import setpoint_unit
-from vsalog.writers.atomic import write_text
+from vsalog.writers.atomic import atomic_path
+from vsalog.writers.trace import TraceWriter
+from vsalog.writers.trace_mcap import write_trace_mcap
+
+Layout = Callable[[pa.Table], pa.Table]
 
 
 def estimate_document(
@@ -40,24 +52,83 @@ def estimate_document(
     if job.findings:
         items.append(Notes(tuple(job.findings), "page"))
     if outputs is not None:
-        items.append(Facts(tuple(outputs.pairs()), "terminal"))
+        items.append(Facts(tuple(outputs.written.items()), "terminal"))
     if origin is not None:
         items.append(_provenance(estimates, origin))
     data = None if outputs is None else _data(job, estimates, outputs)
     return Document(f"Stiffness of {log}", "Estimate", tuple(items), data)
 
 
-def write_estimate_page(
-    path: Path, job: Job, trace: Path, estimates: Sequence[JointEstimate], origin: Mapping[str, str]
-) -> None:
-    """Write an estimate as one page.
+def write_estimate(
+    job: Job,
+    outputs: Outputs,
+    provenance: dict[str, str] | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+    layout: Layout | None = None,
+) -> list[JointEstimate]:
+    """Run a job and write its results; they appear together when all went well, and not at all otherwise.
+
+    Parameters
+    ----------
+    job : ready to run
+    outputs : where to
+    provenance : as `Job.provenance` gives it, which takes a hash of the logs; asked for when absent
+    progress : told what is being done
+    layout : of the trace's table, where it is not to be as a trace gives it
 
     Raises
     ------
-    WriteError
-        The file cannot be written.
+    VsalogError
+        The estimation failed, or a file cannot be written.
     """
-    write_text(path, page_of(estimate_document(job, estimates, None, trace, origin)))
+    if outputs.mcap is not None and job.is_long:
+        raise WriteError(
+            f"{outputs.mcap}: the log is too long for its trace to be held in memory, as --mcap does; choose a part of it with"
+            " --start and --end, or leave --mcap out: the Parquet trace is written in any case"
+        )
+    provenance = job.provenance() if provenance is None else provenance
+    kept: list[Trace] = []
+    with ExitStack() as stack:
+        apart = None
+        if layout is not None and outputs.page is not None:
+            # Figures are drawn of a trace as it is.
+            folder = stack.enter_context(TemporaryDirectory(prefix="vsalog-", dir=outputs.trace.parent))
+            apart = TraceWriter(Path(folder, "trace.parquet"), provenance)
+        log = None if outputs.mcap is None else stack.enter_context(atomic_path(outputs.mcap))
+        page = None if outputs.page is None else stack.enter_context(atomic_path(outputs.page))
+        model = stack.enter_context(atomic_path(outputs.model))
+        first = TraceWriter(outputs.trace, provenance, *([] if layout is None else [layout]))
+        writers = [stack.enter_context(w) for w in (first, apart) if w is not None]
+
+        def sink(trace: Trace) -> None:
+            for writer in writers:
+                writer.write(trace)
+            if log is not None:
+                kept.append(trace)
+
+        estimates = job.run(sink, progress)
+        first.add_findings(e.findings for e in estimates)
+        model.write_text(job.model_file(estimates, provenance).to_toml(), encoding="utf-8")
+        if log is not None:
+            progress("writing the MCAP log")
+            write_trace_mcap(kept, log, provenance)
+        # All that takes time is done before the first file appears.
+        for writer in writers:
+            writer.finish()
+        trace = writers[-1].written
+        if page is not None:
+            progress("writing the report")
+            page.write_text(page_of(estimate_document(job, estimates, None, trace, provenance)), encoding="utf-8")
+        if outputs.figures is not None:
+            progress("drawing the figures")
+            evidence = [
+                evidence_of(trace, e, setpoint_unit(job.rig.joints[e.joint]))
+                for e in estimates
+                if e.summary.transmissions
+            ]
+            drawn = {joint.joint: joint_charts(joint, FIGURE_COLUMNS) for joint in evidence}
+            write_figures(outputs.figures, [drawn])
+    return estimates
 
 
 def _joints(job: Job, estimates: Sequence[JointEstimate], trace: Path | None) -> Iterator[Section]:

@@ -1,15 +1,19 @@
-"""Where results go: the files of a run, named before anything is done, and never what is read."""
+"""Where results go: the files of a run, named before anything is done, never what is read, and all written or none."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from vsalog.core.documents import document_text
 from vsalog.core.errors import WriteError
+from vsalog.report.document import Document
+from vsalog.report.html import page_of
 from vsalog.rig.find import rig_beside
+from vsalog.writers.atomic import check_path, make_folder, together, write_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,17 +66,54 @@ class Outputs:
                 raise WriteError(f"{path}: is the log itself; choose another name with -o")
         return outputs
 
-    def pairs(self) -> Iterator[tuple[str, str]]:
-        """Yield what each file is, and its path."""
-        yield "trace", str(self.trace)
-        yield "model", str(self.model)
-        if self.mcap is not None:
-            yield "log of the trace", str(self.mcap)
+    @property
+    def written(self) -> dict[str, str]:
+        """What each file is that is told of, and its path."""
+        told = {"trace": self.trace, "model": self.model, "log of the trace": self.mcap}
+        return {what: str(path) for what, path in told.items() if path is not None}
 
 
 def _stem(log: Path) -> str:
     name = log.resolve().name
     return name if log.is_dir() else Path(name).stem
+
+
+def report_paths(folder: Path | None, name: str) -> tuple[Path, Path]:
+    """Return where the page and the data of a report go: the current folder when absent."""
+    where = Path() if folder is None else folder
+    return where / f"{name}.html", where / f"{name}.json"
+
+
+def write_report(
+    document: Document, folder: Path | None, name: str, others: Mapping[str, tuple[Path, str]] | None = None
+) -> dict[str, str]:
+    """Write a document as a page and its data as JSON, and other texts along with them: all of it or nothing.
+
+    Parameters
+    ----------
+    document : of a command, with its figures
+    folder : which is made; the current one when absent
+    name : of both files, without an ending
+    others : what each is, its path in that folder, and its text
+
+    Returns
+    -------
+    What each file is, and its path
+
+    Raises
+    ------
+    WriteError
+        A file cannot be written.
+    """
+    page, data = report_paths(folder, name)
+    texts = {"report": (page, page_of(document)), "data": (data, document_text(document.data)), **(others or {})}
+    make_folder(page.parent)
+    for path, _ in texts.values():
+        check_path(path)
+    with together():
+        for path, text in texts.values():
+            write_text(path, text)
+    return {what: str(path) for what, (path, _) in texts.items()}
 
 
 def inputs_of(logs: Iterable[Path], rig: str | Path | None = None) -> list[Path]:

@@ -9,14 +9,9 @@ from typing import Any
 import numpy as np
 
 from vsalog.core.errors import VsalogError, WriteError
-from vsalog.estimation.job import Job
-from vsalog.estimation.joint import JointEstimate
 from vsalog.report.chart import Axes, Chart, Curve, Surface
-from vsalog.report.decimation import FIGURE_COLUMNS
-from vsalog.report.joint_figures import Charts, joint_charts
+from vsalog.report.joint_figures import Charts
 from vsalog.report.quantities import plain
-from vsalog.report.trace_evidence import evidence_of
-from vsalog.validation.evidence import setpoint_unit
 from vsalog.writers.atomic import write_text
 
 FORMATS = ("svg", "png", "pdf")
@@ -108,14 +103,6 @@ def write_figures(
         raise WriteError(f"{folder}: figures cannot be written: {error.strerror}") from error
     write_text(folder / "figures.txt", "\n".join(lines))
     return written
-
-
-def write_estimate_figures(folder: Path, job: Job, trace: Path, estimates: Sequence[JointEstimate]) -> list[Path]:
-    """Write the figures of an estimate, from its trace's file, as `write_figures` does."""
-    evidence = [
-        evidence_of(trace, e, setpoint_unit(job.rig.joints[e.joint])) for e in estimates if e.summary.transmissions
-    ]
-    return write_figures(folder, [{joint.joint: joint_charts(joint, FIGURE_COLUMNS) for joint in evidence}])
 
 
 def _named(drawn: Sequence[Mapping[str, Charts]], logs: Sequence[str]) -> Iterator[tuple[str, str, Chart]]:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 
+from msgspec.structs import replace
+
+from vsalog.core.finding import Finding
+from vsalog.core.finding_texts import says, sentence, sentences_of
 from vsalog.report.document import (
     TONES,
     Block,
@@ -19,9 +24,13 @@ from vsalog.report.document import (
     provenance,
 )
 from vsalog.report.dot_plots import logs_chart
-from vsalog.report.joint_figures import Charts, led
+from vsalog.report.joint_figures import Charts, Drawings, led
+from vsalog.report.outputs import write_report
+from vsalog.report.paper_figures import write_figures
 from vsalog.report.quantities import between, number, unit_text
-from vsalog.validation.document import Comparison, Figure, JointReport, Report, Score, TransmissionReport
+from vsalog.validation.document import Comparison, Dependence, Figure, JointReport, Report, Score, TransmissionReport
+from vsalog.validation.frozen import frozen
+from vsalog.validation.run import Options, validate
 from vsalog.validation.verdict import Line, overview
 
 # What scores are where the error is ten times the signal's spread [%, %, 1]: beyond, digits say no more.
@@ -48,8 +57,39 @@ DEPENDENCES = {
 }
 
 
+def worded(report: Report) -> Report:
+    """Return a report with its findings in sentences."""
+    return replace(
+        report, logs=tuple(replace(log, joints=tuple(_described(j) for j in log.joints)) for log in report.logs)
+    )
+
+
+def _described(joint: JointReport) -> JointReport:
+    computed = [says(f) for f in joint.reasons if f.code.startswith("torque.")]
+    parts = [replace(t, dependence=tuple(map(_dependence, t.dependence))) for t in joint.transmissions]
+    return replace(
+        joint,
+        transmissions=tuple(parts),
+        sentences=tuple(map(_reason, joint.reasons)),
+        not_independent=computed[0] if computed else None,
+        warnings=sentences_of(joint.findings),
+    )
+
+
+def _dependence(found: Dependence) -> Dependence:
+    return replace(found, words=says(Finding(code=found.code, evidence=found.evidence)).removesuffix("."))
+
+
+def _reason(finding: Finding) -> str:
+    words = sentence(finding, joint=False)
+    if "p_value" in finding.evidence and finding.value is not None:
+        return f"Of the error's mean square {100.0 * finding.value:.3g} % says: {words}"
+    # A role is written as the rig has it.
+    return words if "_" in words.split()[0] else f"{words[0].upper()}{words[1:]}"
+
+
 def report_document(
-    report: Report, files: Sequence[tuple[str, str]] = (), drawn: Sequence[Mapping[str, Charts]] = ()
+    report: Report, files: Mapping[str, str] = {}, drawn: Sequence[Mapping[str, Charts]] = ()
 ) -> Document:
     """Return a validation.
 
@@ -72,11 +112,41 @@ def report_document(
     for limit in report.thresholds:
         about = f"threshold {limit.name.upper()} ≤ {limit.limit:g} %"
         items.append(Verdict(about, "met" if limit.met else "missed", "good" if limit.met else "bad"))
-    items.append(Facts(tuple(files), "terminal"))
+    items.append(Facts(tuple(files.items()), "terminal"))
     items.append(_provenance(report))
     return Document(
         f"{report.model} against {', '.join(logs)}", "Validation of a stiffness model", tuple(items), report
     )
+
+
+def write_validation(
+    model: Path, logs: Sequence[Path], options: Options, folder: Path | None, figures: Path | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[Report, dict[str, str]]:  # fmt: skip
+    """Hold a model against logs and write the report: `report.json`, `report.html`, and figures for papers.
+
+    Parameters
+    ----------
+    model, logs, options : of `vsalog.validation.run.validate`
+    folder : where to; the current one when absent
+    figures : folder for figures as files, or None
+    progress : told what is being done
+
+    Returns
+    -------
+    The report, in words; what each file is, and its path
+
+    Raises
+    ------
+    VsalogError
+        A log or the model is at fault, or a file cannot be written.
+    """
+    drawings = Drawings(frozen(model), options.joints, len(logs), figures is not None)
+    report = worded(validate(model, logs, options, progress, drawings))
+    progress("writing the report")
+    if figures is not None:
+        write_figures(figures, drawings.paper, [log.log for log in report.logs])
+    return report, write_report(report_document(report, {}, drawings.page), folder, "report")
 
 
 def _overview(found: Sequence[Line]) -> Table:

@@ -7,14 +7,14 @@ from pathlib import Path
 from vsalog.rig.load import Rig
 
 
-def find_rig(log: Path, rig_text: str | None, given: str | Path | None = None) -> Rig | None:
+def find_rig(log: Path, rig_text: str | None, given: Rig | str | Path | None = None) -> Rig | None:
     """Find a log's rig.
 
     Parameters
     ----------
     log : the log's path
     rig_text : what the log carries itself, None for nothing
-    given : a rig file or a preset's name, which goes before all else
+    given : a loaded rig, a rig file or a preset's name, which goes before all else
 
     Returns
     -------
@@ -26,7 +26,7 @@ def find_rig(log: Path, rig_text: str | None, given: str | Path | None = None) -
         The rig that was found cannot be used.
     """
     if given is not None:
-        return Rig.load(given)
+        return given if isinstance(given, Rig) else Rig.load(given)
     if rig_text is not None:
         return Rig.from_toml(rig_text, f"rig in {log.name}")
     found = rig_beside(log)

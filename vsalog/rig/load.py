@@ -38,6 +38,9 @@ class Rig:
     where: str = "rig"
     stated: Mapping[KeyPath, Tolerance] = field(default_factory=dict)
 
+    def __str__(self) -> str:
+        return self.where
+
     @classmethod
     def load(cls, source: str | Path) -> Rig:
         """Load from a file's path, a preset's name or TOML text.

@@ -45,7 +45,7 @@ class Options:
 
     Attributes
     ----------
-    rig : a rig file or a preset; the log's own, else the model's, when absent
+    rig : a loaded rig, a rig file or a preset; the log's own, else the model's, when absent
     joints : names of the joints wanted; all of the model's when empty
     set : key → value of the rig
     rate, time : as for `estimate`
@@ -54,7 +54,7 @@ class Options:
     start, end : as for `estimate`
     """
 
-    rig: str | Path | None = None
+    rig: Rig | str | Path | None = None
     joints: tuple[str, ...] = ()
     set: Mapping[str, str] = field(default_factory=dict)
     rate: float | None = None
