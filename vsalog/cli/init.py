@@ -33,9 +33,10 @@ def init(
     loads as it is: `vsalog init exp1.mcap > rig.toml`, look it over, then `vsalog estimate exp1.mcap`.
     """
     from vsalog.core.errors import RigError, WriteError
-    from vsalog.core.units import shown
     from vsalog.readers import read
+    from vsalog.report.inspect import init_document
     from vsalog.report.outputs import keep_inputs
+    from vsalog.report.terminal import console_for, print_document
     from vsalog.rig.guess import guess_roles
     from vsalog.rig.load import Rig, preset_text
     from vsalog.rig.template import preset_template, rig_template
@@ -58,7 +59,6 @@ def init(
     Rig.from_toml(text, "the guessed rig")  # what is handed over must load
     if output is None:
         click.echo(text, nl=False)
-        return
-    write_text(output, text)
-    name, written = shown(log.name), shown(str(output))
-    click.echo(f"{written} written; look it over, then run 'vsalog estimate {name} --rig {written}'", err=True)
+    else:
+        write_text(output, text)
+    print_document(init_document(guess, log.name, output), console_for("stderr"))

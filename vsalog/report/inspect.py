@@ -1,17 +1,19 @@
-"""What `inspect` says, as a document: streams with their clocks, channels, guessed joints, and what is wrong."""
+"""What `inspect` and `init` say, as documents: streams with their clocks, channels, guessed joints, and what is wrong."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
+from pathlib import Path
 
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
-from vsalog.core.printable import plural, size_text
-from vsalog.inspection.document import ChannelReport, HeadReport, Inspection, JointReport, LogReport, StreamReport
+from vsalog.core.printable import plural, printable, size_text
+from vsalog.inspection.document import ChannelReport, HeadReport, Inspection, LogReport, StreamReport
 from vsalog.readers.base import DOUBTFUL
 from vsalog.report.document import SEVERITIES, Block, Cell, Document, Section, Table, Tone, Verdict, Words
 from vsalog.report.quantities import between, number, percent
+from vsalog.rig.guess_types import Guess, JointGuess
 from vsalog.writers.repaired import Repaired
 
 TONES: dict[str, Tone] = {"info": "", "warning": "open", "invalidates": "bad"}
@@ -156,20 +158,43 @@ def _joints(report: LogReport) -> Iterator[Block]:
     if not report.joints:
         yield Section("", (Words("no channel looks like a joint's position, so no joint was guessed"),))
         return
-    # Joints of which the same is to be said stand together: the seven of an arm need no seven paragraphs.
-    alike: dict[tuple[object, ...], list[JointReport]] = {}
-    for joint in report.joints:
-        said = (joint.kind, joint.confidence, joint.reason, *_reasons(joint), joint.warnings)
-        alike.setdefault(said, []).append(joint)
-    for joints in alike.values():
-        first, names = joints[0], ", ".join(joint.name for joint in joints)
-        head = f"{'joint' if len(joints) == 1 else 'joints'} {names}"
-        title = f"{head}  {first.kind} ({round(100 * first.confidence)} %): {first.reason}"
-        yield Section(title, (*map(Words, _reasons(first)), *map(_finding, first.findings)))
+    yield from guessed_joints(report.joints)
     yield Words("'vsalog init LOG' writes these guesses into a rig file")
 
 
-def _reasons(joint: JointReport) -> Iterator[str]:
+def guessed_joints(joints: Iterable[JointGuess]) -> Iterator[Section]:
+    """Yield what joints a log seems to hold, why, and what matters and is not there.
+
+    Joints of which the same is to be said stand together: the seven of an arm need no seven paragraphs.
+    """
+    alike: dict[tuple[object, ...], list[JointGuess]] = {}
+    for joint in joints:
+        said = (joint.kind, joint.confidence, joint.reason, *_reasons(joint), *map(sentence, joint.findings))
+        alike.setdefault(said, []).append(joint)
+    for same in alike.values():
+        first, names = same[0], ", ".join(joint.name for joint in same)
+        head = f"{'joint' if len(same) == 1 else 'joints'} {names}"
+        title = f"{head}  {first.kind} ({round(100 * first.confidence)} %): {first.reason}"
+        yield Section(title, (*map(Words, _reasons(first)), *map(_finding, first.findings)))
+
+
+def init_document(guess: Guess, log: str, written: Path | None) -> Document:
+    """Return what a rig was guessed from, and what to do with it.
+
+    Parameters
+    ----------
+    guess : of the log's joints
+    log : its name
+    written : the rig's file; None where it is printed
+    """
+    items: list[Block] = [*guessed_joints(guess.joints), *map(_finding, guess.findings)]
+    if written is not None:
+        file = printable(str(written))
+        items.append(Words(f"{file} written; look it over, then run 'vsalog estimate {printable(log)} --rig {file}'"))
+    return Document(f"A rig for {log}", "Guesses", tuple(items))
+
+
+def _reasons(joint: JointGuess) -> Iterator[str]:
     """Yield why its channels probably have their roles, and what matters and is not there."""
     for role, guess in joint.roles.items():
         yield f"{role} ({round(100 * guess.confidence)} %): {'; '.join(guess.reasons)}"
