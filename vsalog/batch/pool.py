@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from pathlib import Path
 from types import TracebackType
+from typing import Self
 
 import msgspec
 from pebble import CONSTS, ProcessExpired, ProcessPool
@@ -29,7 +30,9 @@ Worker = ProcessPool
 
 
 @dataclass(slots=True)
-class _Job:
+class Job:
+    """A task, the memory [bytes] that it is expected to need, and how many workers died of it."""
+
     task: Task
     need: int
     deaths: int = 0
@@ -49,20 +52,33 @@ class Pool:
     """
 
     def __init__(self, jobs: int, memory: int, timeout: float | None = None, say: Say = lambda _: None) -> None:
-        self.jobs = max(1, min(jobs, memory // BASE))
+        self._jobs = max(1, min(jobs, memory // BASE))
         self.memory, self.timeout, self.say = memory, timeout, say
         self._idle: list[Worker] = []
-        self._busy: dict[Future[bytes], tuple[_Job, Worker]] = {}
+        self._busy: dict[Future[bytes], tuple[Job, Worker]] = {}
 
-    def __enter__(self) -> Pool:
+    def __enter__(self) -> Self:
         # All of them, so that they load side by side, and while others prepare.
-        self._idle = [_started() for _ in range(self.jobs)]
+        self._idle = [self._started() for _ in range(self.jobs)]
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         _end([*self._idle, *(worker for _, worker in self._busy.values())])
+
+    @property
+    def jobs(self) -> int:
+        """How many logs may be given to workers at a time."""
+        return self._jobs
+
+    def _is_compiled(self) -> bool:
+        """Tell whether numba has loops of ours in its cache, next to the sources or where its cache was put."""
+        place = Path(os.environ.get("NUMBA_CACHE_DIR") or vsalog.__path__[0])
+        return any(True for _ in place.rglob("*.nbi"))
+
+    def _started(self) -> Worker:
+        return _process()
 
     def check(self, settings: Settings) -> None:
         """See in a worker, which has to load all that anyway, whether what is asked for can be at all.
@@ -75,7 +91,7 @@ class Pool:
         said = self._asked(settings)
         if said is None:  # as a log, it is tried once more
             _end([self._idle.pop(0)])
-            self._idle.append(_started())
+            self._idle.append(self._started())
             said = self._asked(settings)
         if said is None:
             raise BatchError("no worker could be started: it ended before it was ready")
@@ -98,18 +114,18 @@ class Pool:
 
         Where nothing is compiled yet, one after the other is done alone until loops are compiled, or each worker had one.
         """
-        jobs = [_Job(task, expected(task.log, task.settings)) for task in tasks]
+        jobs = [Job(task, expected(task.log, task.settings)) for task in tasks]
         for job in jobs:
             if job.need > self.memory:
                 what = f"a log of {size_text(job.task.log.size)} is expected to need {size_text(job.need)} of memory"
                 advice = "give more with --memory, or do a part with --start and --end"
                 reason = f"{what}, and {size_text(self.memory)} are allowed: {advice}"
-                yield job.task, _failure(job, "memory", reason)
+                yield job.task, failure(job, "memory", reason)
         # From the large ones down, so that the last ones end together.
         waiting = [job for job in jobs if job.need <= self.memory]
         waiting.sort(key=lambda job: (-job.need, job.task.log.name))
         alone = 0
-        if waiting and not compiled():
+        if waiting and not self._is_compiled():
             self.say("first run: compiling the numerical loops takes a few seconds …")
             alone = min(self.jobs, len(waiting))
             # Of ordinary size, for the smallest ones may be stumps.
@@ -127,7 +143,7 @@ class Pool:
                 alone = 0 if done else max(alone - 1, 0)
                 yield job.task, answer
 
-    def _hand_out(self, waiting: list[_Job], most: int) -> None:
+    def _hand_out(self, waiting: list[Job], most: int) -> None:
         """Give logs to workers as long as their expected needs fit."""
         while (job := self._next(waiting, most)) is not None:
             waiting.remove(job)
@@ -135,14 +151,14 @@ class Pool:
             spare = 1 + max(left, 0) // BASE
             _end(self._idle[spare:])
             del self._idle[spare:]
-            worker = self._idle.pop() if self._idle else _started()
+            worker = self._idle.pop() if self._idle else self._started()
             if not worker.active:  # it died while it waited
                 _end([worker])
-                worker = _started()
+                worker = self._started()
             future = worker.schedule(do_task, (msgspec.json.encode(job.task),), timeout=self.timeout)
             self._busy[future] = job, worker
 
-    def _next(self, waiting: list[_Job], most: int) -> _Job | None:
+    def _next(self, waiting: list[Job], most: int) -> Job | None:
         """Return the first log that may begin; one that somebody died of gets all to itself."""
         busy = [job for job, _ in self._busy.values()]
         if len(busy) >= most or any(job.deaths for job in busy):
@@ -156,17 +172,17 @@ class Pool:
         # What is given to a worker that dies at this moment is never answered.
         return [f for f, (_, worker) in self._busy.items() if f in done or not worker.active]
 
-    def _answer(self, future: Future[bytes], job: _Job) -> Answer | None:
+    def _answer(self, future: Future[bytes], job: Job) -> Answer | None:
         """Return what a worker says; nothing where the log is to be tried once more, for the worker died the first time."""
         error = future.exception() if future.done() else None
         if future.done() and error is None:
             return msgspec.json.decode(future.result(), type=Answer)
         if isinstance(error, TimeoutError):
             advice = "give more, or do a part with --start and --end"
-            return _failure(job, "time", f"took longer than --timeout allows; {advice}")
+            return failure(job, "time", f"took longer than --timeout allows; {advice}")
         job.deaths += 1
         end = _ended(error.exitcode) if isinstance(error, ProcessExpired) else "ended before it began"
-        return None if job.deaths < 2 else _failure(job, "killed", f"the process that worked on it {end}, twice")
+        return None if job.deaths < 2 else failure(job, "killed", f"the process that worked on it {end}, twice")
 
     def _keep(self, worker: Worker, answer: Answer | None) -> None:
         """Keep a worker for the next log, unless it died, or holds twice what one that waits is counted with: what leaks goes."""
@@ -176,13 +192,7 @@ class Pool:
             _end([worker])
 
 
-def compiled() -> bool:
-    """Tell whether numba has loops of ours in its cache, next to the sources or where its cache was put."""
-    place = Path(os.environ.get("NUMBA_CACHE_DIR") or vsalog.__path__[0])
-    return any(True for _ in place.rglob("*.nbi"))
-
-
-def _started() -> Worker:
+def _process() -> Worker:
     """Start a worker that a terminal's Ctrl-C does not reach, nor its threads here: who waits for it decides what ends when."""
     worker = ProcessPool(1, initializer=prepare, context=multiprocessing.get_context("spawn"))
     # It would let signals through again while it is started itself.
@@ -204,7 +214,8 @@ def _end(workers: Sequence[Worker]) -> None:
         worker.join()
 
 
-def _failure(job: _Job, kind: Kind, reason: str) -> Answer:
+def failure(job: Job, kind: Kind, reason: str) -> Answer:
+    """Return the answer of a task that nobody could do."""
     return Answer(record=failed(job.task.log, job.task.settings, kind, reason, __version__))
 
 

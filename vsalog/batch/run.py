@@ -111,7 +111,7 @@ def run_batch(asked: Asked, shown: Shown) -> Outcome:
     return outcome
 
 
-def _executor(asked: Asked, shown: Shown, logs: int) -> Pool | Cluster:
+def _executor(asked: Asked, shown: Shown, logs: int) -> Pool:
     if asked.scheduler is not None:
         return Cluster(asked.scheduler, shown.say)
     bound = memory.free() if asked.memory is None else asked.memory
@@ -151,7 +151,7 @@ def _begin(store: Store, asked: Asked, before: Manifest | None, shown: Shown) ->
     store.write(MANIFEST, msgspec.json.format(msgspec.json.encode(manifest)) + b"\n")
 
 
-def _work(executor: Pool | Cluster, store: Store, plan: Plan, asked: Asked, outcome: Outcome, shown: Shown) -> None:
+def _work(executor: Pool, store: Store, plan: Plan, asked: Asked, outcome: Outcome, shown: Shown) -> None:
     out = os.fsencode(store.address)
     tasks = [Task(log=log, settings=asked.settings, out=out, vsalog=__version__, keep=True) for log in plan.logs]
     shown.begin([log.size for log in plan.logs])
