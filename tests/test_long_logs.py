@@ -373,7 +373,7 @@ def test_a_full_disk_is_told_with_what_to_do(monkeypatch, samples):
 
 
 def test_figures_of_a_long_trace_are_drawn_of_a_part_of_its_rows(monkeypatch, samples, tmp_path):
-    from vsalog.report import trace_evidence
+    from vsalog.estimation import trace_evidence
 
     outputs = Outputs(tmp_path / "a.parquet", tmp_path / "a.toml", page=tmp_path / "a.html")
     prepared = prepare([samples / "vsa2_exp1.mcap"], Options())

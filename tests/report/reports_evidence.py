@@ -4,7 +4,7 @@ import numpy as np
 from test_page import HOSTILE, drawn, evidence, report, write_page
 
 from vsalog.core.model import BasisSpec, JointModel, TransmissionModel
-from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
+from vsalog.estimation.evidence import JointEvidence, TransmissionEvidence
 
 __all__ = ["HOSTILE", "drawn", "evidence", "lever_arm_joint", "report", "write_page"]
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from reports_evidence import HOSTILE, drawn, evidence, lever_arm_joint, write_page
 
+from vsalog.estimation.evidence import JointEvidence, TransmissionEvidence
 from vsalog.report.chart import Axes, Chart, Curve, chart_data
 from vsalog.report.document import Document, Figures
 from vsalog.report.html import page_of
 from vsalog.report.joint_figures import columns_for, joint_charts
 from vsalog.report.paper_figures import write_figures
 from vsalog.report.quantities import label, plain
-from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
 NAMES = {
     "torque", "torque_expanded", "torque_over_deflection", "surface", "slices", "stiffness", "error_distribution",

@@ -9,12 +9,12 @@ import pytest
 from click.testing import CliRunner
 
 from vsalog.cli import cli
+from vsalog.estimation.evidence import JointEvidence, TransmissionEvidence
 from vsalog.report.document import Document, Figures
 from vsalog.report.html import page_of
 from vsalog.report.joint_figures import joint_charts
 from vsalog.report.validate import report_document
 from vsalog.validation.document import VERSION, JointReport, LogReport, Report
-from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>\u2028<!--"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from vsalog.core.resolution import spread_over
+from vsalog.estimation.evidence import JointEvidence, TransmissionEvidence
 from vsalog.report.characteristic import NODES, setpoint_label
 from vsalog.report.chart import Axes, Chart, Curve, strokes
 from vsalog.report.decimation import gaps_of
@@ -16,7 +17,6 @@ from vsalog.report.equation_residuals import bins_for
 from vsalog.report.quantities import number
 from vsalog.report.time_series import DEFLECTION, TIME
 from vsalog.validation.document import Figure
-from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 from vsalog.validation.scores import bins_of
 
 Array = NDArray[np.float64]

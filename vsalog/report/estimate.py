@@ -13,9 +13,11 @@ import pyarrow as pa
 from vsalog.core.errors import WriteError
 from vsalog.core.printable import printable
 from vsalog.core.trace import Trace
+from vsalog.estimation.evidence import setpoint_unit
 from vsalog.estimation.job import Job
 from vsalog.estimation.joint import JointEstimate
 from vsalog.estimation.summary import TransmissionSummary
+from vsalog.estimation.trace_evidence import distinct, evidence_of, thinned
 from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.report.decimation import FIGURE_COLUMNS
 from vsalog.report.document import Block, Cell, Document, Facts, Notes, Section, Table, Verdict, Words, provenance
@@ -24,8 +26,6 @@ from vsalog.report.joint_figures import columns_for, joint_charts, led, part_tit
 from vsalog.report.outputs import Outputs
 from vsalog.report.paper_figures import write_figures
 from vsalog.report.quantities import between, number, percent
-from vsalog.report.trace_evidence import distinct, evidence_of, thinned
-from vsalog.validation.evidence import setpoint_unit
 from vsalog.writers.atomic import atomic_path
 from vsalog.writers.trace import TraceWriter
 from vsalog.writers.trace_mcap import write_trace_mcap

@@ -10,13 +10,13 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from vsalog.core.model import ModelFile
+from vsalog.estimation.evidence import JointEvidence
 from vsalog.report.characteristic import characteristic_charts
 from vsalog.report.chart import Chart
 from vsalog.report.decimation import FIGURE_COLUMNS, one_after_the_other
 from vsalog.report.document import Block, Figures, Section
 from vsalog.report.error_statistics import error_charts
 from vsalog.report.time_series import convergence_charts, expanded_chart, stiffness_chart, torque_chart
-from vsalog.validation.evidence import JointEvidence
 
 Charts = Mapping[str, Sequence[Chart]]
 """Transmission → figures."""

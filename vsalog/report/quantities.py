@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import math
+import re
 import unicodedata
 from collections.abc import Sequence
 
@@ -104,6 +105,12 @@ def share_text(share: float) -> str:
     per_cent = 100.0 * share
     digits = 1 if 0.05 <= abs(per_cent) < 1.0 or 99.0 < per_cent < 99.95 else 0
     return f"{per_cent:.{digits}f} %".replace("-", "−")
+
+
+def term_name(term: str) -> str:
+    """Return a basis function, or another parameter, as people write it: phi^3*c^2 is φ³ c²."""
+    raised = re.sub(r"\^(\d+)", lambda m: "" if m[1] == "1" else m[1].translate(SUPERSCRIPTS), term)
+    return signal_name(raised.replace("phi", "φ").replace("*", " ").replace(":", ": "))
 
 
 def part_name(part: str) -> str:

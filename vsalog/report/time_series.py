@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from dataclasses import fields, replace
 from typing import Any, TypeVar
@@ -10,10 +9,10 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.estimation.evidence import JointEvidence, TransmissionEvidence
 from vsalog.report.chart import TWO_STD, Axes, Chart, Curve, OverTime
 from vsalog.report.decimation import around, extent, rms, spans
-from vsalog.report.quantities import number, span_words
-from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
+from vsalog.report.quantities import number, span_words, term_name, unit_text
 
 Array = NDArray[np.float64]
 Evidence = TypeVar("Evidence", JointEvidence, TransmissionEvidence)
@@ -128,14 +127,14 @@ def stiffnesses_chart(title: str, lines: Iterable[tuple[str, str, Array, Array]]
 
 
 def convergence_charts(joint: JointEvidence, columns: int) -> list[Chart]:
-    """An estimate's parameters over time; those of the same unit (the text in brackets) in one pair of axes."""
+    """An estimate's parameters over time; those of the same unit in one pair of axes."""
     over = OverTime(joint.time, columns)
+    several = len({parameter.transmission for parameter in joint.convergence}) > 1
     groups: dict[str, list[Curve]] = {}
     said: dict[str, list[str]] = {}
-    for name in joint.convergence:
-        values = joint.convergence[name]
-        found = re.fullmatch(r"(.*?)\s*\[([^\[\]]*)\]", name)
-        label, unit = (found[1], found[2]) if found else (name, "")
+    for parameter in joint.convergence:
+        values, unit = joint.convergence[parameter], unit_text(parameter.unit)
+        label = f"{parameter.transmission}: {term_name(parameter.name)}" if several else term_name(parameter.name)
         known = values[np.isfinite(values)]
         if known.size:
             curves = groups.setdefault(unit, [])

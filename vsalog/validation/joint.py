@@ -17,13 +17,13 @@ from vsalog.core.model import JointModel
 from vsalog.core.recording import Channel
 from vsalog.core.resolution import step_of
 from vsalog.core.signals import JointSignals
+from vsalog.estimation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Joint
 from vsalog.validation import references as ref
 from vsalog.validation.computed_torque import computed_torques
 from vsalog.validation.dependence import dependences, gain_of, thinned
 from vsalog.validation.document import Comparison, Dependence, ErrorOver, Reference, Score, TransmissionReport
-from vsalog.validation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
 from vsalog.validation.region import inside_region
 from vsalog.validation.scores import LEAST_TORQUE, bins_of, score
 from vsalog.validation.signatures import POSITIONS, loops

@@ -17,6 +17,7 @@ from vsalog.core.errors import BindingError, EstimatorError, RigError, did_you_m
 from vsalog.core.finding import Finding, of_log
 from vsalog.core.model import JointModel, ModelFile
 from vsalog.core.recording import Recording
+from vsalog.estimation.evidence import Draw, JointEvidence
 from vsalog.estimation.job import sha256
 from vsalog.estimation.joint import pick_joints
 from vsalog.estimators.device import Device, device_of
@@ -26,7 +27,6 @@ from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
 from vsalog.rig.schema import Joint
 from vsalog.validation.document import VERSION, JointReport, LogReport, Report
-from vsalog.validation.evidence import Draw, JointEvidence
 from vsalog.validation.frozen import frozen
 from vsalog.validation.joint import judge, prepare
 from vsalog.validation.modalities import side_by_side

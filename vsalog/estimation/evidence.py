@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,14 @@ class TransmissionEvidence:
     inside: Flags
 
 
+class Parameter(NamedTuple):
+    """An estimate's parameter: its transmission, its name (a term of the basis, or one of the motor's), and its unit."""
+
+    transmission: str
+    name: str
+    unit: str
+
+
 @dataclass(frozen=True, slots=True)
 class JointEvidence:
     """A joint over time.
@@ -53,7 +62,7 @@ class JointEvidence:
     setpoint : shape (N,), or None; its unit is ``setpoint_unit``, empty where only that it is SI is known
     transmissions : by name
     model : the frozen model, for its surface; None where an estimate is reported and there is none yet
-    convergence : name → (N,) columns of an estimate's parameters over time (``estimate --report``), empty for a frozen model
+    convergence : parameter → (N,) columns of an estimate's parameters over time (``estimate --report``), empty for a frozen model
     excited : shape (N,), of an estimate; None for a frozen model
     """
 
@@ -63,7 +72,7 @@ class JointEvidence:
     setpoint_unit: str
     transmissions: Mapping[str, TransmissionEvidence]
     model: JointModel | None
-    convergence: Mapping[str, Array] = field(default_factory=dict)
+    convergence: Mapping[Parameter, Array] = field(default_factory=dict)
     excited: Flags | None = None
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -14,16 +13,14 @@ from numpy.typing import NDArray
 
 from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.core.trace import EXTRA_UNITS
+from vsalog.estimation.evidence import JointEvidence, Parameter, TransmissionEvidence
 from vsalog.estimation.joint import JointEstimate
 from vsalog.estimation.summary import TransmissionSummary
 from vsalog.readers.opened import for_arrow
-from vsalog.report.quantities import unit_text
-from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
 Array = NDArray[np.float64]
 
-SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
-PARAMETERS = ("motor_inertia", "motor_damping")
+MOTOR = ("motor_inertia", "motor_damping")
 
 
 def evidence_of(trace: Path, estimate: JointEstimate, setpoint_unit: str = "rad") -> JointEvidence:
@@ -100,40 +97,27 @@ class TraceColumns:
         return np.concatenate(found).astype(np.float64)
 
 
-class Convergence(Mapping[str, Array]):
-    """An estimate's parameters over time by their names with units; each is read when asked for."""
+class Convergence(Mapping[Parameter, Array]):
+    """An estimate's parameters over time; each is read when asked for."""
 
     def __init__(self, columns: TraceColumns, estimate: JointEstimate) -> None:
         self.columns = columns
-        names = [t.name for t in estimate.model.transmission]
         terms = estimate.model.basis.terms
-        self.where: dict[str, tuple[str, str]] = {}
-        for n in names:
-            # The names of transmissions are needed where there are two.
-            before = f"{n}: " if len(names) > 1 else ""
-            for i in range(len(terms)):
-                self._add(f"{before}{term_text(terms[i])} [N·m]", n, f"coefficient_{i}")
-            for parameter in PARAMETERS:
-                self._add(f"{before}{parameter.replace('_', ' ')} [{unit_text(EXTRA_UNITS[parameter])}]", n, parameter)
+        found: dict[Parameter, str] = {}
+        for transmission in estimate.model.transmission:
+            n = transmission.name
+            found |= {Parameter(n, term, "N*m"): f"coefficient_{i}" for i, term in enumerate(terms)}
+            found |= {Parameter(n, name, EXTRA_UNITS[name]): name for name in MOTOR}
+        self.where = {parameter: column for parameter, column in found.items() if column in columns.known}
 
-    def _add(self, label: str, transmission: str, column: str) -> None:
-        if column in self.columns.known:
-            self.where[label] = (transmission, column)
+    def __getitem__(self, key: Parameter) -> Array:
+        return self.columns.of(key.transmission, self.where[key])
 
-    def __getitem__(self, key: str) -> Array:
-        return self.columns.of(*self.where[key])
-
-    def __iter__(self) -> Iterator[str]:
+    def __iter__(self) -> Iterator[Parameter]:
         return iter(self.where)
 
     def __len__(self) -> int:
         return len(self.where)
-
-
-def term_text(term: str) -> str:
-    """Return a basis function as people write it: phi^3*c^2 is φ³ c²."""
-    raised = re.sub(r"\^(\d+)", lambda m: "" if m[1] == "1" else m[1].translate(SUPERSCRIPTS), term)
-    return raised.replace("phi", "φ").replace("*", " ").replace(":", ": ")
 
 
 def distinct(parts: Sequence[TransmissionSummary]) -> Sequence[TransmissionSummary]:
