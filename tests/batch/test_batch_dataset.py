@@ -20,9 +20,9 @@ from vsalog.batch.summary import page_columns, rows_of
 from vsalog.core.model import ModelFile
 from vsalog.core.trace import Trace
 from vsalog.estimation.job import Options, prepare
+from vsalog.report.batch import batch_page
 from vsalog.report.estimate import write_estimate
 from vsalog.report.outputs import Outputs
-from vsalog.report.page_batch import batch_page
 from vsalog.writers.trace import TraceWriter
 
 PAGE = Path(__file__).parent.parent.parent / "docs" / "batch.md"

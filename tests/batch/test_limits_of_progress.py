@@ -2,14 +2,14 @@
 
 import pytest
 
-from vsalog.report import batch
+from vsalog.report import progress
 
 
 @pytest.mark.parametrize(("seconds", "lines"), [(20.0, 0), (40.0, 1)])
 def test_a_line_is_printed_after_half_a_minute(monkeypatch, capsys, seconds, lines):
     now = [0.0]
-    monkeypatch.setattr(batch.time, "monotonic", lambda: now[0])
-    shown = batch.Shown()
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    shown = progress.BatchProgress()
     shown.begin([1, 1])
     now[0] = seconds
     shown.add(1, False, "")

@@ -10,7 +10,7 @@ import subprocess
 
 import pytest
 
-from vsalog.report.page_batch import Column, batch_page
+from vsalog.report.batch import Column, batch_page
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")

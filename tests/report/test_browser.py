@@ -14,7 +14,7 @@ from reports_evidence import HOSTILE, drawn, evidence, lever_arm_joint, report, 
 
 from vsalog.batch.records import Joint, Record
 from vsalog.batch.summary import page_columns, rows_of
-from vsalog.report.page_batch import batch_page
+from vsalog.report.batch import batch_page
 from vsalog.validation.document import Comparison, Figure, Score, TransmissionReport
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from reports_evidence import HOSTILE, drawn, evidence, lever_arm_joint, write_page
 
+from vsalog.core.printable import printable
 from vsalog.estimation.evidence import JointEvidence, TransmissionEvidence
 from vsalog.report.chart import Axes, Chart, Curve, chart_data
 from vsalog.report.document import Document, Figures
 from vsalog.report.html import page_of
 from vsalog.report.joint_figures import columns_for, joint_charts
 from vsalog.report.paper_figures import write_figures
-from vsalog.report.quantities import label, plain
+from vsalog.report.quantities import label
 
 NAMES = {
     "torque", "torque_expanded", "torque_over_deflection", "surface", "slices", "stiffness", "error_distribution",
@@ -116,7 +117,7 @@ def test_texts_cannot_leave_a_script(hostile):
 
 def test_labels_hold_no_tags_and_texts_no_controls():
     assert label('<a href="javascript:alert(1)">x</a>') == '&lt;a href="javascript:alert(1)"&gt;x&lt;/a&gt;'
-    assert plain("a\u202eb\x1b[31m\udcff\u2028") == "a�b�[31m��"
+    assert printable("a\u202eb\x1b[31m\udcff\u2028") == "a�b�[31m��"
 
 
 def test_figures_for_papers_are_named_after_nothing_in_a_log(tmp_path):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from vsalog.batch.records import Do, Record
-from vsalog.report.quantities import plain
+from vsalog.core.printable import printable
 
 
 @dataclass(slots=True)
@@ -53,15 +53,15 @@ class Outcome:
 
     def document(self) -> dict[str, Any]:
         """Return it as one JSON document."""
-        where = plain(self.where)
+        where = printable(self.where)
         outputs = {"traces": f"{where}/traces", "summary": f"{where}/summary.parquet", "page": f"{where}/index.html"}
         return {
             "do": self.do,
             "logs": self.planned,
             "done": self.planned - len(self.failures),
             "kept": self.kept,
-            "failed": [{"log": plain(r.log), "kind": r.kind, "reason": plain(r.reason)} for r in self.failures],
-            "missed": [plain(name) for name in self.missed],
+            "failed": [{"log": printable(r.log), "kind": r.kind, "reason": printable(r.reason)} for r in self.failures],
+            "missed": [printable(name) for name in self.missed],
             "shares": {"finished": self.finished, "logs": self.everything},
             "seconds": self.seconds,
             "outputs": outputs,

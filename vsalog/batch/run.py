@@ -32,8 +32,8 @@ from vsalog.batch.storage import Store, StoreError
 from vsalog.batch.summary import page_columns, rows_of, write_summary
 from vsalog.core.errors import BatchError
 from vsalog.core.printable import plural
-from vsalog.report.batch import Shown
-from vsalog.report.page_batch import batch_page
+from vsalog.report.batch import batch_page
+from vsalog.report.progress import BatchProgress
 
 # Files of a batch that may be removed when no record names them; nobody else's ever are.
 _WRITTEN = re.compile(
@@ -76,7 +76,7 @@ class Asked:
     scheduler: str | None = None
 
 
-def run_batch(asked: Asked, shown: Shown) -> Outcome:
+def run_batch(asked: Asked, shown: BatchProgress) -> Outcome:
     """Do a batch.
 
     Parameters
@@ -111,7 +111,7 @@ def run_batch(asked: Asked, shown: Shown) -> Outcome:
     return outcome
 
 
-def _executor(asked: Asked, shown: Shown, logs: int) -> Pool:
+def _executor(asked: Asked, shown: BatchProgress, logs: int) -> Pool:
     if asked.scheduler is not None:
         return Cluster(asked.scheduler, shown.say)
     bound = memory.free() if asked.memory is None else asked.memory
@@ -142,7 +142,7 @@ def _check_place(store: Store, asked: Asked) -> Manifest | None:
     return manifest
 
 
-def _begin(store: Store, asked: Asked, before: Manifest | None, shown: Shown) -> None:
+def _begin(store: Store, asked: Asked, before: Manifest | None, shown: BatchProgress) -> None:
     manifest = Manifest(version=VERSION, do=asked.settings.do, asked=asked.settings.digest())
     if before == manifest:
         return
@@ -151,7 +151,7 @@ def _begin(store: Store, asked: Asked, before: Manifest | None, shown: Shown) ->
     store.write(MANIFEST, msgspec.json.format(msgspec.json.encode(manifest)) + b"\n")
 
 
-def _work(executor: Pool, store: Store, plan: Plan, asked: Asked, outcome: Outcome, shown: Shown) -> None:
+def _work(executor: Pool, store: Store, plan: Plan, asked: Asked, outcome: Outcome, shown: BatchProgress) -> None:
     out = os.fsencode(store.address)
     tasks = [Task(log=log, settings=asked.settings, out=out, vsalog=__version__, keep=True) for log in plan.logs]
     shown.begin([log.size for log in plan.logs])
@@ -168,7 +168,7 @@ def _work(executor: Pool, store: Store, plan: Plan, asked: Asked, outcome: Outco
         shown.add(task.log.size, answer.kept, reason and f"{task.log.name}: {reason}")
 
 
-def _finish(store: Store, planned: set[str], asked: Asked, outcome: Outcome, shown: Shown) -> None:
+def _finish(store: Store, planned: set[str], asked: Asked, outcome: Outcome, shown: BatchProgress) -> None:
     """Make the table and the page of all records that are there, and remove what none of them names."""
     everything, do = dict(outcome.records), asked.settings.do
     _gather(store, everything)

@@ -12,7 +12,7 @@ import pyarrow.json as pj
 import pyarrow.parquet as pq
 
 from vsalog.batch.records import Do, Record
-from vsalog.report.page_batch import Column
+from vsalog.report.batch import Column
 
 TEXT, NUMBER, COUNT = pa.string(), pa.float64(), pa.int64()
 

@@ -177,7 +177,9 @@ def batch(
     """
     from vsalog.batch.run import Asked, run_batch
     from vsalog.core.printable import plural
-    from vsalog.report.batch import Shown, print_outcome
+    from vsalog.report.batch import failure_words, outcome_document
+    from vsalog.report.progress import BatchProgress
+    from vsalog.report.terminal import print_data, print_document
 
     given = {
         "--estimator": (estimator is not None, "estimate"),
@@ -217,7 +219,7 @@ def batch(
         timeout=timeout,
         scheduler=scheduler,
     )
-    with Shown() as shown:
+    with BatchProgress() as shown:
         try:
             outcome = run_batch(asked, shown)
         except KeyboardInterrupt:
@@ -227,5 +229,8 @@ def batch(
                 f"vsalog: interrupted; {plural(shown.done, 'log')} finished, and the same command with --resume goes on"
             )
             context.exit(130)
-    print_outcome(outcome.document(), as_json)
+    found = outcome.document()
+    (print_data if as_json else print_document)(outcome_document(found))
+    if failed := failure_words(found):
+        click.echo(failed, err=True)
     context.exit(outcome.code)

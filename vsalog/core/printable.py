@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import unicodedata
+
 LONGEST_TEXT = 256
 """Characters of a name or a quantity in a file: nested fields are put behind one another, numbers have all their digits."""
 
@@ -13,8 +15,10 @@ LONGEST_NAME = 180
 
 
 def printable(text: str) -> str:
-    """Return a text with everything replaced that a terminal would obey, or that has no looks."""
-    return text if text.isprintable() else "".join(c if c.isprintable() else "�" for c in text)
+    """Return a text without what could act on a reader: control, format and surrogate characters become visible."""
+    if text.isprintable():
+        return text
+    return "".join("�" if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp") else c for c in text)
 
 
 def plural(count: int, noun: str) -> str:

@@ -1,110 +1,112 @@
-"""What `batch` says: on stderr how it goes, by a bar on a terminal and a line now and then elsewhere; on stdout the outcome."""
+"""What `batch` says, as documents: what came of it, and a page with a row per log and joint, with links to what was written."""
 
 from __future__ import annotations
 
-import sys
-import time
-from collections.abc import Mapping, Sequence
-from types import TracebackType
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import islice
+from typing import Any, NamedTuple
+from urllib.parse import quote
 
-from rich.console import Console
-from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-from vsalog.core.documents import document_text
 from vsalog.core.printable import plural
-from vsalog.report.quantities import plain
+from vsalog.report.document import TONES, Block, Cell, Document, Facts, Table, Words
+from vsalog.report.html import page_of
+from vsalog.report.quantities import duration, number
 
-LINE_INTERVAL = 30.0
-"""Seconds between two lines of progress where there is no terminal: a job's log stays short, and shows that work goes on."""
+MOST_ROWS = 20_000
+"""Rows of the page, 10 MB: with more a browser is slow, and the table is there to be queried."""
 
-
-class Shown:
-    """Show people how a batch goes; a context manager."""
-
-    def __init__(self) -> None:
-        self.done = 0
-        self._console = Console(stderr=True, highlight=False)
-        columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
-        self._bar = Progress(*columns, console=self._console, transient=True, disable=not self._console.is_terminal)
-        self._logs = self._bytes = self._done_bytes = self._kept = self._failed = 0
-        self._start = self._last = time.monotonic()
-
-    def __enter__(self) -> Shown:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._bar.stop()
-
-    @property
-    def begun(self) -> bool:
-        """Whether work has begun."""
-        return self._logs > 0
-
-    def say(self, text: str) -> None:
-        """Print a remark."""
-        self._console.print(escape(plain(text)), soft_wrap=True)
-
-    def begin(self, sizes: Sequence[int]) -> None:
-        """Show what is going to be done: logs of these sizes [bytes]."""
-        self._logs, self._bytes = len(sizes), sum(sizes) + len(sizes)
-        self._start = self._last = time.monotonic()
-        self._bar.add_task(self._words(), total=self._bytes)
-        self._bar.start()
-
-    def add(self, size: int, kept: bool, failure: str) -> None:
-        """Count a log: its size [bytes], whether it was finished before, and why it failed, where it did."""
-        self.done += 1
-        self._done_bytes += size + 1
-        self._kept += kept
-        if failure:
-            self._failed += 1
-            self.say(f"failed: {failure}")
-        self._bar.update(self._bar.task_ids[0], completed=self._done_bytes, description=escape(self._words()))
-        if self._bar.disable and time.monotonic() - self._last > LINE_INTERVAL:
-            self._last = time.monotonic()
-            self.say(self._words())
-
-    def _words(self) -> str:
-        """Say how many are done, how fast, and how long it still takes, by the size of what is left."""
-        words = f"{self.done} of {plural(self._logs, 'log')}"
-        if self._failed:
-            words += f", {self._failed} failed"
-        fresh, taken = self.done - self._kept, time.monotonic() - self._start
-        if fresh > 0 and taken > 0.0:
-            left = taken * (self._bytes - self._done_bytes) / max(self._done_bytes, 1)
-            words += f", {fresh / taken:.3g} logs/s, {duration(left)} left"
-        return words
+FIRST = ("joint", "device", "date")
+_LABELS = {"report": "report", "trace": "trace", "model": "model", "document": "data", "rig": "extended rig"}
 
 
-def duration(seconds: float) -> str:
-    """Return a duration as people write it."""
-    if seconds < 100.0:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
+class Column(NamedTuple):
+    """A figure on the page: its name in a row, its heading, and whether it is a number, and of 1 what is shown in per cent."""
+
+    name: str
+    head: str
+    numeric: bool
+    share: bool
 
 
-def print_outcome(document: Mapping[str, Any], as_json: bool) -> None:
-    """Print what came of it, for people or as one JSON document; what failed goes to stderr, in one line."""
-    logs, bad, places = document["logs"], len(document["failed"]), document["outputs"]
-    if as_json:
-        sys.stdout.write(document_text(document))
-    else:
-        before = f" ({document['kept']} of them before)" if document["kept"] else ""
-        print(
-            f"{plural(logs, 'log')} in {duration(document['seconds'])}: {document['done']} done{before}, {bad} failed"
-        )
-        if document["shares"]["logs"] > logs:
-            print(
-                f"of all shares {document['shares']['finished']} of {plural(document['shares']['logs'], 'log')} finished"
-            )
-        if document["missed"]:
-            print(f"{plural(len(document['missed']), 'log')} missed the threshold")
-        data = f"data set: {places['traces']}   " if document["do"] == "estimate" else ""
-        print(f"{data}table: {places['summary']}   page: {places['page']}")
-    if bad:
-        listed = f"{places['page']} and {places['summary']} say which and why"
-        print(f"vsalog: {bad} of {plural(logs, 'log')} failed; {listed}", file=sys.stderr)
+def batch_page(do: str, counts: Mapping[str, int], rows: Iterable[Mapping[str, Any]], columns: Sequence[Column]) -> str:
+    """Return the page's HTML.
+
+    Parameters
+    ----------
+    do : the command that was run
+    counts : of logs: done, failed, missed (a threshold)
+    rows : of the summary, in its order
+    columns : the command's own
+    """
+    logs = plural(counts["done"] + counts["failed"], "log")
+    said = f"{logs}: {counts['done']} done, {counts['failed']} failed."
+    if counts["missed"]:
+        said += f" {counts['missed']} missed a threshold."
+    words = [column for column in columns if not column.numeric]
+    numbers = [column for column in columns if column.numeric]
+    texts = ("log", "status", *FIRST, *(column.head for column in words), "warnings", "files")
+    cells = tuple(tuple(_cells(row, words, numbers)) for row in islice(rows, MOST_ROWS))
+    heads = (*texts, *(column.head for column in numbers))
+    items: list[Block] = [Words(said), Words("Click a heading to sort by it, again to sort the other way round.")]
+    if len(cells) == MOST_ROWS:
+        items.append(Words(f"The first {MOST_ROWS} rows; all are in summary.parquet."))
+    return page_of(Document(logs, do, (*items, Table("Logs", heads, cells, texts=len(texts), sortable=True))))
+
+
+def outcome_document(found: Mapping[str, Any]) -> Document:
+    """Return what came of a batch.
+
+    Parameters
+    ----------
+    found : as `vsalog.batch.outcome.Outcome` has it
+    """
+    shares, missed, places = found["shares"], len(found["missed"]), found["outputs"]
+    before = f" ({found['kept']} of them before)" if found["kept"] else ""
+    done = f"{found['done']} done{before}, {len(found['failed'])} failed"
+    said = [f"{plural(found['logs'], 'log')} in {duration(found['seconds'])}: {done}"]
+    if shares["logs"] > found["logs"]:
+        said.append(f"of all shares {shares['finished']} of {plural(shares['logs'], 'log')} finished")
+    if missed:
+        said.append(f"{plural(missed, 'log')} missed the threshold")
+    files = {"data set": places["traces"]} if found["do"] == "estimate" else {}
+    files |= {"table": places["summary"], "page": places["page"]}
+    return Document("Batch", found["do"], (*map(Words, said), Facts(tuple(files.items()))), found)
+
+
+def failure_words(found: Mapping[str, Any]) -> str:
+    """Return how many logs failed, and where that is written; nothing where none did."""
+    bad, places = len(found["failed"]), found["outputs"]
+    listed = f"{places['page']} and {places['summary']} say which and why"
+    return f"vsalog: {bad} of {plural(found['logs'], 'log')} failed; {listed}" if bad else ""
+
+
+def _cells(row: Mapping[str, Any], words: Sequence[Column], numbers: Sequence[Column]) -> Iterator[Cell]:
+    log, report = row["log"], row["report"]
+    yield Cell("" if report else log, value=log, links=(_link(log, report),) if report else ())
+    yield Cell(row["status"], tone="good" if row["status"] == "done" else "bad")
+    for name in FIRST:
+        yield Cell(row[name] or "")
+    for column in words:
+        word = _word(row.get(column.name))
+        yield Cell(word, tone=TONES[word] if column.name == "verdict" and word else "")
+    # What a log failed of comes first; then what a person should know.
+    first, *more = [*filter(None, [row["reason"]]), *row["warnings"]] or [""]
+    yield Cell(first, value=len(more) + bool(first), more=tuple(more))
+    links = tuple(_link(label, row[what]) for what, label in _LABELS.items() if row[what])
+    yield Cell("", value=len(links), links=links)
+    for column in numbers:
+        value = row.get(column.name)
+        if value is None:
+            yield Cell("", value="")
+        else:
+            shown = 100.0 * value if column.share else float(value)
+            yield Cell(number(shown, 4), value=shown)
+
+
+def _word(value: Any) -> str:
+    return ", ".join(str(cause["cause"]) for cause in value) if isinstance(value, list) else str(value or "")
+
+
+def _link(label: str, file: str) -> tuple[str, str]:
+    """Return a link to a file of the batch: the percent signs of its name are part of it."""
+    return label, quote(file, safe="/")

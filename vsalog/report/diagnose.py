@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 
+from vsalog.core.printable import printable
 from vsalog.diagnosis.document import Diagnosis, EquationError, FoundCause, Gain, SignalError
 from vsalog.diagnosis.evidence import CauseEvidence, JointEvidence
 from vsalog.diagnosis.run import Options, diagnose
@@ -31,7 +32,7 @@ from vsalog.report.experiment import FILE as EXPERIMENT
 from vsalog.report.experiment import scenario_text
 from vsalog.report.joint_figures import columns_for
 from vsalog.report.outputs import write_report
-from vsalog.report.quantities import number, plain, share_text, signal_name, unit_of
+from vsalog.report.quantities import number, share_text, signal_name, unit_of
 from vsalog.report.simulated_signals import signal_charts
 
 
@@ -131,7 +132,7 @@ def diagnosis_files(
     if extended is not None:
         # What a log is called must not end the comment that says where the rig comes from.
         causes = ", ".join(f"{c.cause} in joint {c.joint}" for c in found.causes)
-        heading = plain(f"# Extended by vsalog {found.vsalog} with what {found.log} shows: {causes}")
+        heading = printable(f"# Extended by vsalog {found.vsalog} with what {found.log} shows: {causes}")
         others["extended rig"] = rig, f"{heading}\n{extended}"
     if scenario is not None:
         others["next experiment"] = experiment, scenario

@@ -16,9 +16,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from vsalog.core.finding_texts import by_severity
+from vsalog.core.printable import printable
 from vsalog.report.chart import chart_data
 from vsalog.report.document import SEVERITIES, Document, charts_in
-from vsalog.report.quantities import plain
 
 
 def page_of(document: Document) -> str:
@@ -47,7 +47,7 @@ def _templates() -> Environment:
 def _printed(value: Any) -> Any:
     if isinstance(value, Markup) or not isinstance(value, str):
         return value
-    return "\n".join(map(plain, value.split("\n")))
+    return "\n".join(map(printable, value.split("\n")))
 
 
 def _asset(file: str) -> str:

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from vsalog.core.errors import VsalogError, WriteError
+from vsalog.core.printable import printable
 from vsalog.report.chart import Axes, Chart, Curve, Surface
 from vsalog.report.joint_figures import Charts
-from vsalog.report.quantities import plain
 from vsalog.writers.atomic import write_text
 
 FORMATS = ("svg", "png", "pdf")
@@ -111,7 +111,7 @@ def _named(drawn: Sequence[Mapping[str, Charts]], logs: Sequence[str]) -> Iterat
         log = f", log {logs[i]}" if logs else ""
         for j, (joint, parts) in enumerate(joints.items()):
             for k, (part, charts) in enumerate(parts.items()):
-                heading = plain(f"joint {joint}, transmission {part}{log}")
+                heading = printable(f"joint {joint}, transmission {part}{log}")
                 for chart in charts:
                     yield f"log{i + 1}_joint{j + 1}_part{k + 1}_{chart.name}", heading, chart
 
@@ -140,10 +140,10 @@ def _panel(canvas: Any, axes: Any, panel: Axes, last: bool) -> None:
     for curve in panel.curves:
         drawn = _curve(axes, curve)
         if curve.shade is not None:
-            canvas.colorbar(drawn, ax=axes, label=plain(panel.shade_label), pad=0.01)
+            canvas.colorbar(drawn, ax=axes, label=printable(panel.shade_label), pad=0.01)
     if last:
-        axes.set_xlabel(plain(panel.x_label))
-    axes.set_ylabel(plain(panel.y_label))
+        axes.set_xlabel(printable(panel.x_label))
+    axes.set_ylabel(printable(panel.y_label))
     handles, labels = axes.get_legend_handles_labels()
     if handles:
         axes.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2,
@@ -151,7 +151,7 @@ def _panel(canvas: Any, axes: Any, panel: Axes, last: bool) -> None:
 
 
 def _curve(axes: Any, curve: Curve) -> Any:
-    label = plain(curve.label) or None
+    label = printable(curve.label) or None
     one_of_many = curve.colour.isdigit()
     colour = PALETTE[int(curve.colour) % len(PALETTE)] if one_of_many else COLOURS[curve.colour]
     if curve.kind == "bars":
@@ -184,8 +184,8 @@ def _surface(canvas: Any, surface: Surface) -> Any:
     y = np.repeat(surface.y[:, None], surface.x.shape[1], axis=1)
     axes.plot_surface(surface.x, y, surface.z, cmap="viridis", alpha=0.75, linewidth=0, rstride=1, cstride=1)
     axes.scatter(*surface.data.T, s=3, marker="x", linewidths=0.5, color=COLOURS["measured"], rasterized=True)
-    axes.set_xlabel(plain(surface.x_label))
-    axes.set_ylabel(plain(surface.y_label))
-    axes.set_zlabel(plain(surface.z_label))
+    axes.set_xlabel(printable(surface.x_label))
+    axes.set_ylabel(printable(surface.y_label))
+    axes.set_zlabel(printable(surface.z_label))
     axes.view_init(elev=24, azim=-125)
     return canvas

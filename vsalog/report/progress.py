@@ -1,16 +1,23 @@
-"""What a command does while it works, on stderr."""
+"""What a command does while it works, on stderr: a batch by a bar on a terminal, and by a line now and then elsewhere."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import TracebackType
 
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bar
 from rich.status import Status
 
-from vsalog.core.printable import printable
+from vsalog.core.printable import plural, printable
+from vsalog.report.quantities import duration
+
+LINE_INTERVAL = 30.0
+"""Seconds between two lines of progress where there is no terminal: a job's log stays short, and shows that work goes on."""
 
 
 class Progress:
@@ -57,3 +64,63 @@ class Progress:
 
         with event.install_listener("numba:compile", Once()):
             yield
+
+
+class BatchProgress:
+    """Show people how a batch goes; a context manager."""
+
+    def __init__(self) -> None:
+        self.done = 0
+        self._console = Console(stderr=True, highlight=False)
+        columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
+        self._bar = Bar(*columns, console=self._console, transient=True, disable=not self._console.is_terminal)
+        self._logs = self._bytes = self._done_bytes = self._kept = self._failed = 0
+        self._start = self._last = time.monotonic()
+
+    def __enter__(self) -> BatchProgress:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bar.stop()
+
+    @property
+    def begun(self) -> bool:
+        """Whether work has begun."""
+        return self._logs > 0
+
+    def say(self, text: str) -> None:
+        """Print a remark."""
+        self._console.print(escape(printable(text)), soft_wrap=True)
+
+    def begin(self, sizes: Sequence[int]) -> None:
+        """Show what is going to be done: logs of these sizes [bytes]."""
+        self._logs, self._bytes = len(sizes), sum(sizes) + len(sizes)
+        self._start = self._last = time.monotonic()
+        self._bar.add_task(self._words(), total=self._bytes)
+        self._bar.start()
+
+    def add(self, size: int, kept: bool, failure: str) -> None:
+        """Count a log: its size [bytes], whether it was finished before, and why it failed, where it did."""
+        self.done += 1
+        self._done_bytes += size + 1
+        self._kept += kept
+        if failure:
+            self._failed += 1
+            self.say(f"failed: {failure}")
+        self._bar.update(self._bar.task_ids[0], completed=self._done_bytes, description=escape(self._words()))
+        if self._bar.disable and time.monotonic() - self._last > LINE_INTERVAL:
+            self._last = time.monotonic()
+            self.say(self._words())
+
+    def _words(self) -> str:
+        """Say how many are done, how fast, and how long it still takes, by the size of what is left."""
+        words = f"{self.done} of {plural(self._logs, 'log')}"
+        if self._failed:
+            words += f", {self._failed} failed"
+        fresh, taken = self.done - self._kept, time.monotonic() - self._start
+        if fresh > 0 and taken > 0.0:
+            left = taken * (self._bytes - self._done_bytes) / max(self._done_bytes, 1)
+            words += f", {fresh / taken:.3g} logs/s, {duration(left)} left"
+        return words

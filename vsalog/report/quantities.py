@@ -5,12 +5,12 @@ from __future__ import annotations
 import html
 import math
 import re
-import unicodedata
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.printable import printable
 from vsalog.report.decimation import extent
 
 # Decimal exponents that are printed without a power of ten.
@@ -18,16 +18,9 @@ PLAIN = range(-4, 6)
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def plain(text: str) -> str:
-    """Return a text without what could act on a reader: control, format and surrogate characters become visible."""
-    if text.isprintable():
-        return text
-    return "".join("�" if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp") else c for c in text)
-
-
 def label(text: str) -> str:
     """Return a text for plotly, whose labels know some tags of their own; it turns entities back into characters."""
-    return html.escape(plain(text), quote=False)
+    return html.escape(printable(text), quote=False)
 
 
 def number(value: float | None, digits: int = 3, most: float = math.inf, least: float = -math.inf) -> str:
@@ -128,3 +121,10 @@ def listed(names: Sequence[str]) -> str:
 def axis_label(name: str, unit: str) -> str:
     """Return an axis' label; a plain number has no unit."""
     return f"{name} [{unit_text(unit)}]" if unit_of(unit) else name
+
+
+def duration(seconds: float) -> str:
+    """Return a duration as people write it."""
+    if seconds < 100.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"

@@ -16,8 +16,8 @@ from rich.text import Text
 from vsalog.core.documents import document_text
 from vsalog.core.finding import Finding, Severity
 from vsalog.core.finding_texts import by_severity
+from vsalog.core.printable import printable
 from vsalog.report.document import SEVERITIES, Block, Cell, Document, Facts, Notes, Section, Table, Tone, Verdict, Words
-from vsalog.report.quantities import plain
 
 STYLES: dict[Severity, str] = {"info": "cyan", "warning": "yellow", "invalidates": "bold red"}
 STYLES_OF_TONES: dict[Tone, str] = {"": "", "good": "green", "open": "yellow", "bad": "bold red"}
@@ -45,7 +45,7 @@ def print_findings(findings: Iterable[Finding]) -> None:
     """Print findings on stderr, each after its severity."""
     errors = Console(stderr=True, highlight=False, emoji=False)
     for severity, sentence in by_severity(findings):
-        line = Text.assemble((f"{SEVERITIES[severity]}:", STYLES[severity]), f" {plain(sentence)}")
+        line = Text.assemble((f"{SEVERITIES[severity]}:", STYLES[severity]), f" {printable(sentence)}")
         errors.print(line, soft_wrap=True)
 
 
@@ -69,7 +69,7 @@ def _print(items: Sequence[Block], console: Console, depth: int) -> None:
             print_findings(item.findings)
         elif isinstance(item, Facts):
             for key, value in item.pairs:
-                console.print(Text(plain(f"{key}: {value}")), soft_wrap=True)
+                console.print(Text(printable(f"{key}: {value}")), soft_wrap=True)
         elif isinstance(item, Table) and item.rows:
             _line(console, item.caption, "", "italic")
             for part in shaped(item, console):
@@ -77,7 +77,9 @@ def _print(items: Sequence[Block], console: Console, depth: int) -> None:
 
 
 def _verdict(verdict: Verdict, console: Console) -> None:
-    line = Text.assemble((plain(verdict.about), "bold"), ": ", (plain(verdict.word), STYLES_OF_TONES[verdict.tone]))
+    line = Text.assemble(
+        (printable(verdict.about), "bold"), ": ", (printable(verdict.word), STYLES_OF_TONES[verdict.tone])
+    )
     if line.cell_len <= console.width:
         console.print(line)
     else:
@@ -96,7 +98,7 @@ def _line(console: Console, text: str, indent: str, style: str = "") -> None:
 def _broken(text: str, console: Console, indent: str, words: bool = True) -> list[str]:
     """Break a text into lines, and words that are longer than a line where that is asked for."""
     return textwrap.wrap(
-        plain(text), max(console.width, 20), initial_indent=indent, subsequent_indent=indent, break_long_words=words,
+        printable(text), max(console.width, 20), initial_indent=indent, subsequent_indent=indent, break_long_words=words,
         break_on_hyphens=False,
     )  # fmt: skip
 
@@ -169,12 +171,12 @@ def _grid(table: Table, below: bool) -> Grid:
     """Return a table as rich draws it, the details of cells next to what they are of, or below."""
     grid = Grid(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim", show_header=any(table.heads))
     for i, head in enumerate(table.heads):
-        grid.add_column(Text(plain(head)), justify="left" if i < table.texts else "right", no_wrap=True)
+        grid.add_column(Text(printable(head)), justify="left" if i < table.texts else "right", no_wrap=True)
     for row in table.cells():
         grid.add_row(*(Text(_said(cell, below), STYLES_OF_TONES[cell.tone]) for cell in row))
     return grid
 
 
 def _said(cell: Cell, below: bool = False) -> str:
-    detail = f"({plain(cell.detail)})" if cell.detail and not cell.brief else ""
-    return ("\n" if below else " ").join(filter(None, (plain(cell.text), detail)))
+    detail = f"({printable(cell.detail)})" if cell.detail and not cell.brief else ""
+    return ("\n" if below else " ").join(filter(None, (printable(cell.text), detail)))
