@@ -12,6 +12,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
+HOLE = (np.array([np.nan]), np.array([np.nan]))
 FIGURE_COLUMNS = 1200
 """Pixel columns of a figure over time, as many as it has on a wide screen: a line has two samples in each."""
 
@@ -102,18 +103,20 @@ def decimated(x: Array, y: Array, columns: int, gaps: Indices | None = None) -> 
         return np.zeros(0), np.zeros(0)
     rank = _extremes(x[finite], y[finite], columns) if finite.size > 2 * columns else np.arange(finite.size)
     kept = finite[rank]
-    broken = np.diff(kept) > np.diff(rank)
-    if gaps is not None and gaps.size:
-        broken |= np.diff(np.searchsorted(gaps, kept, side="left")) > 0
-    after = np.flatnonzero(broken)
+    after = np.flatnonzero(_broken(kept, rank, gaps))
     middle = 0.5 * (x[kept[after]] + x[kept[after + 1]])
     return np.insert(x[kept], after + 1, middle), np.insert(y[kept], after + 1, np.nan)
 
 
+def _columns(x: Array, begin: float, end: float, columns: int) -> Indices:
+    """Return where the samples of each pixel column begin; of columns from `begin` to `end` those that hold any."""
+    edges = np.searchsorted(x, np.linspace(begin, end, columns + 1)[:-1])
+    return np.unique(np.append(0, edges[edges < x.size]))
+
+
 def _extremes(x: Array, y: Array, columns: int) -> Indices:
     """Return the indices of the least and the greatest sample of each pixel column, and of both ends."""
-    edges = np.searchsorted(x, np.linspace(x[0], x[-1], columns + 1)[:-1])
-    first = np.unique(np.append(0, edges[edges < x.size]))
+    first = _columns(x, x[0], x[-1], columns)
     column = np.repeat(np.arange(first.size), np.diff(np.append(first, x.size)))
     ends = [np.array([0, x.size - 1])]
     for extreme in (np.minimum, np.maximum):
@@ -132,37 +135,32 @@ def band(x: Array, low: Array, high: Array, columns: int, gaps: Indices | None =
 
     Returns
     -------
-    x, y : shape (M,), M ≤ 6·columns + 2 or so
+    x, y : shape (M,), M ≤ 8·columns + 2 or so
     """
-    known = np.isfinite(low) & np.isfinite(high)
-    low, high = np.where(known, low, np.nan), np.where(known, high, np.nan)
-    joined = known[1:] & known[:-1]
-    if gaps is not None:
-        joined[gaps] = False
-    first = np.flatnonzero(known & ~np.append(False, joined))
-    last = np.flatnonzero(known & ~np.append(joined, False))
-    if first.size == 0:
+    known = np.flatnonzero(np.isfinite(low) & np.isfinite(high))
+    if known.size == 0:
         return np.zeros(0), np.zeros(0)
-    span = max(float(x[last[-1]] - x[first[0]]), 1e-300)
-    if first.size > columns:
+    t, low, high = x[known], low[known], high[known]
+    after = np.flatnonzero(_broken(known, np.arange(known.size), gaps))
+    if after.size >= columns:
         # More stretches than pixels: neighbours within a pixel run together.
-        apart = x[first[1:]] - x[last[:-1]] > span / columns
-        first, last = first[np.append(True, apart)], last[np.append(apart, True)]
-    out_x: list[Array] = []
-    out_y: list[Array] = []
-    hole = np.array([np.nan])
-    for a, b in zip(first, last, strict=True):
-        t = x[a : b + 1]
-        count = int(np.clip(np.ceil(columns * (t[-1] - t[0]) / span), 1, t.size))
-        edges = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], count + 1)[:-1], side="left"))
-        lower, upper = np.fmin.reduceat(low[a : b + 1], edges), np.fmax.reduceat(high[a : b + 1], edges)
-        some = np.isfinite(lower) & np.isfinite(upper)
-        there = np.flatnonzero(known[a : b + 1])
-        at = np.append(t[there[np.searchsorted(there, edges[some])]], t[-1])
-        lower, upper = np.append(lower[some], lower[some][-1]), np.append(upper[some], upper[some][-1])
-        out_x += [at, at[::-1], hole]
-        out_y += [upper, lower[::-1], hole]
-    return np.concatenate(out_x)[:-1], np.concatenate(out_y)[:-1]
+        after = after[t[after + 1] - t[after] > (t[-1] - t[0]) / columns]
+    outline: list[tuple[Array, Array]] = []
+    for stretch in np.split(np.arange(t.size), after + 1):
+        begin, end = stretch[0], stretch[-1] + 1
+        first = begin + _columns(t[begin:end], t[0], t[-1], columns)
+        at = np.append(t[first], t[end - 1])
+        lower, upper = np.minimum.reduceat(low[:end], first), np.maximum.reduceat(high[:end], first)
+        outline += [(at, np.append(upper, upper[-1])), (at[::-1], np.append(lower, lower[-1])[::-1]), HOLE]
+    return np.concatenate([a for a, _ in outline[:-1]]), np.concatenate([b for _, b in outline[:-1]])
+
+
+def _broken(kept: Indices, rank: Indices, gaps: Indices | None) -> Flags:
+    """Tell between which samples that are kept, of this rank among those that are known, another one stood or a gap of time."""
+    broken = np.diff(kept) > np.diff(rank)
+    if gaps is not None and gaps.size:
+        broken |= np.diff(np.searchsorted(gaps, kept, side="left")) > 0
+    return np.asarray(broken)
 
 
 def spans(time: Array, flags: Flags, columns: int) -> list[tuple[float, float]]:
