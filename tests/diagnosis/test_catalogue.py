@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from vsalog.core.notation import part_name
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Parameter, Remainder, Setting, Site
 from vsalog.diagnosis.linear import placed
@@ -16,7 +17,6 @@ from vsalog.diagnosis.run import _bound
 from vsalog.diagnosis.selection import remainder
 from vsalog.diagnosis.setting import setting_of
 from vsalog.report.diagnosis_sentences import title_of
-from vsalog.report.quantities import part_name
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.kinds import balance_for
 from vsalog.residuals.sensing import at_joint

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsalog.report.chart import array
-from vsalog.report.decimation import band, decimated, gaps_of, one_after_the_other, scattered, spans
+from vsalog.figures.chart import array
+from vsalog.figures.decimation import band, decimated, gaps_of, one_after_the_other, scattered, spans
 
 VALUES = st.lists(st.one_of(st.floats(-1e6, 1e6), st.just(np.nan), st.just(np.inf)), min_size=1, max_size=400)
 COLUMNS = st.integers(1, 30)

@@ -32,11 +32,11 @@ from vsalog.core.finding import Finding
 from vsalog.diagnosis import document as document_module
 from vsalog.diagnosis.document import Gains, Number
 from vsalog.diagnosis.evidence import CauseEvidence, SignalEvidence
+from vsalog.figures.dot_plots import equations_chart, gain_chart
+from vsalog.figures.equation_residuals import cause_chart, means_over, remainder_chart
+from vsalog.figures.simulated_signals import in_windows, signal_charts, worst_place
 from vsalog.report.diagnose import diagnosis_document, diagnosis_files
-from vsalog.report.dot_plots import equations_chart, gain_chart
-from vsalog.report.equation_residuals import cause_chart, means_over, remainder_chart
 from vsalog.report.html import page_of
-from vsalog.report.simulated_signals import in_windows, signal_charts, worst_place
 
 DOCS = Path(__file__).parents[2] / "docs"
 

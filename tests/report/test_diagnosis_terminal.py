@@ -12,11 +12,12 @@ from msgspec.structs import replace
 
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
+from vsalog.core.notation import share_text, with_interval
 from vsalog.diagnosis.document import Gains, Number
+from vsalog.figures.dot_plots import reduction_text
 from vsalog.report.diagnose import diagnosis_document
-from vsalog.report.diagnosis_sentences import confidence_text, parameter_text, reduction_text, unexplained_words
+from vsalog.report.diagnosis_sentences import confidence_text, parameter_text, unexplained_words
 from vsalog.report.html import page_of
-from vsalog.report.quantities import share_text, with_interval
 from vsalog.report.terminal import print_data, print_document
 
 NO_EXPERIMENT = Finding(code="diagnosis.no_experiment", severity="info", evidence={"reason": "Beware of x"})

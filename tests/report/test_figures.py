@@ -11,12 +11,11 @@ from reports_evidence import HOSTILE, drawn, evidence, lever_arm_joint, write_pa
 
 from vsalog.core.printable import printable
 from vsalog.estimation.evidence import JointEvidence, TransmissionEvidence
-from vsalog.report.chart import Axes, Chart, Curve, chart_data
+from vsalog.figures.chart import Axes, Chart, Curve, chart_data, label
+from vsalog.figures.joint_figures import columns_for, joint_charts
+from vsalog.figures.paper import write_figures
 from vsalog.report.document import Document, Figures
 from vsalog.report.html import page_of
-from vsalog.report.joint_figures import columns_for, joint_charts
-from vsalog.report.paper_figures import write_figures
-from vsalog.report.quantities import label
 
 NAMES = {
     "torque", "torque_expanded", "torque_over_deflection", "surface", "slices", "stiffness", "error_distribution",

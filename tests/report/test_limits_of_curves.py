@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from reports_evidence import lever_arm_joint
 
-from vsalog.report.characteristic import characteristic_charts
-from vsalog.report.equation_residuals import _points
+from vsalog.figures.characteristic import characteristic_charts
+from vsalog.figures.equation_residuals import _points
 
 
 def test_a_fifth_power_looks_smooth_between_the_nodes_of_a_surface():

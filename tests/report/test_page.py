@@ -10,9 +10,9 @@ from click.testing import CliRunner
 
 from vsalog.cli import cli
 from vsalog.estimation.evidence import JointEvidence, TransmissionEvidence
+from vsalog.figures.joint_figures import joint_charts
 from vsalog.report.document import Document, Figures
 from vsalog.report.html import page_of
-from vsalog.report.joint_figures import joint_charts
 from vsalog.report.validate import report_document
 from vsalog.validation.document import VERSION, JointReport, LogReport, Report
 

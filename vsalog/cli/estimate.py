@@ -114,7 +114,7 @@ def estimate(
     inputs = [*inputs_of(logs, rig), *([source] if source is not None else [])]
     keep_inputs([path for path in (outputs.trace, outputs.model, mcap, report) if path is not None], inputs)
     if figures is not None:
-        from vsalog.report.paper_figures import check_matplotlib
+        from vsalog.figures.paper import check_matplotlib
 
         check_matplotlib()
     with Progress() as progress:

@@ -81,8 +81,8 @@ def validate(
     The model is frozen. Its flexibility torque is held against the torque sensor; where there is none, against the residual of
     the motor equation. What lies outside the region the model was fitted in is judged apart. Writes report.json and report.html.
     """
+    from vsalog.figures.paper import check_matplotlib
     from vsalog.report.outputs import inputs_of, keep_inputs, report_paths
-    from vsalog.report.paper_figures import check_matplotlib
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_data, print_document
     from vsalog.report.validate import report_document, write_validation

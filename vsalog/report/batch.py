@@ -7,10 +7,10 @@ from itertools import islice
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
+from vsalog.core.notation import duration, number
 from vsalog.core.printable import plural
 from vsalog.report.document import TONES, Block, Cell, Document, Facts, Table, Words
 from vsalog.report.html import page_of
-from vsalog.report.quantities import duration, number
 
 MOST_ROWS = 20_000
 """Rows of the page, 10 MB: with more a browser is slow, and the table is there to be queried."""

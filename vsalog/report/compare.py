@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from vsalog.comparison.references import References
 from vsalog.comparison.run import Comparison, Row, Run
 from vsalog.core.finding_texts import sentences_of
+from vsalog.core.notation import between, number, percent, transmission_title
 from vsalog.core.trace import Trace
-from vsalog.report.chart import Chart
-from vsalog.report.decimation import one_after_the_other
+from vsalog.figures.chart import Chart
+from vsalog.figures.decimation import one_after_the_other
+from vsalog.figures.joint_figures import columns_for
+from vsalog.figures.time_series import stiffnesses_chart
 from vsalog.report.document import Block, Document, Figures, Notes, Section, Table, Words
-from vsalog.report.joint_figures import columns_for, part_title
-from vsalog.report.quantities import between, number, percent
-from vsalog.report.time_series import stiffnesses_chart
 
 Array = NDArray[np.float64]
 
@@ -104,7 +104,7 @@ def comparison_charts(joint: str, runs: Sequence[Run], references: References) -
         true = references.stiffness(joint, name, first)
         if true is not None:
             lines.append(("truth", "truth", one_after_the_other(first.time), true))
-        yield name, stiffnesses_chart(part_title(name), lines, columns_for(len(traces)))
+        yield name, stiffnesses_chart(transmission_title(name), lines, columns_for(len(traces)))
 
 
 def _excited(trace: Trace, name: str) -> Array:

@@ -7,12 +7,17 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 
+from vsalog.core.notation import number, share_text, signal_name, unit_of
 from vsalog.core.printable import printable
 from vsalog.diagnosis.document import Diagnosis, EquationError, FoundCause, Gain, SignalError
 from vsalog.diagnosis.evidence import CauseEvidence, JointEvidence
 from vsalog.diagnosis.run import Options, diagnose
+from vsalog.figures.chart import Chart
+from vsalog.figures.dot_plots import equations_chart, gain_chart, reduction_text
+from vsalog.figures.equation_residuals import cause_chart, remainder_chart
+from vsalog.figures.joint_figures import columns_for
+from vsalog.figures.simulated_signals import signal_charts
 from vsalog.report import document as tree
-from vsalog.report.chart import Chart
 from vsalog.report.diagnosis_sentences import (
     confidence_text,
     confidence_words,
@@ -21,19 +26,13 @@ from vsalog.report.diagnosis_sentences import (
     nothing_left,
     open_experiment,
     parameter_text,
-    reduction_text,
     unexplained_words,
     worded,
 )
 from vsalog.report.document import TONES, Block, Cell, Document, Facts, Figures, Notes, Section, Source, Table, Words
-from vsalog.report.dot_plots import equations_chart, gain_chart
-from vsalog.report.equation_residuals import cause_chart, remainder_chart
 from vsalog.report.experiment import FILE as EXPERIMENT
 from vsalog.report.experiment import scenario_text
-from vsalog.report.joint_figures import columns_for
 from vsalog.report.outputs import write_report
-from vsalog.report.quantities import number, share_text, signal_name, unit_of
-from vsalog.report.simulated_signals import signal_charts
 
 
 def diagnosis_document(

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 
 from msgspec.structs import replace
 
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentences_of
-from vsalog.core.significance import INTERVAL
-from vsalog.diagnosis.causes import catalogue
-from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, Number, Unexplained
-from vsalog.diagnosis.run import Outcome
-from vsalog.diagnosis.smooth import UNKNOWN
-from vsalog.report.experiment import confirmation, experiment_words
-from vsalog.report.quantities import (
+from vsalog.core.notation import (
     listed,
     number,
     part_name,
@@ -24,6 +17,13 @@ from vsalog.report.quantities import (
     unit_of,
     with_interval,
 )
+from vsalog.core.significance import INTERVAL
+from vsalog.diagnosis.causes import catalogue
+from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, Number, Unexplained
+from vsalog.diagnosis.run import Outcome
+from vsalog.diagnosis.smooth import UNKNOWN
+from vsalog.figures.dot_plots import reduction_text
+from vsalog.report.experiment import confirmation, experiment_words
 
 
 def worded(outcome: Outcome) -> Diagnosis:
@@ -248,18 +248,6 @@ def confidence_words(cause: FoundCause) -> str:
     said = f"confidence {confidence_text(cause)}; it removes {share_text(cause.error_removed)} of the error"
     change = cause.stiffness_change
     return said if change is None else f"{said}, and moves the estimated stiffness by {share_text(change)}"
-
-
-def reduction_text(gain: Gain) -> str:
-    """Return a reduction with its 95 % interval, to the digits that the interval allows."""
-    values = (gain.reduction, *gain.ci95)
-    if not all(map(math.isfinite, values)):
-        return "–"
-    if gain.rmse_after > 10.0 * gain.rmse_before:
-        return "worse, more than tenfold"
-    digits = 1 if values[2] - values[1] < 0.02 else 0
-    middle, low, high = (f"{100.0 * value:.{digits}f}".replace("-", "−") for value in values)
-    return f"{middle} % ({low} … {high})"
 
 
 def nothing_left(left: Unexplained) -> bool:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 from vsalog.core.finding import Finding, Severity
-from vsalog.report.chart import Chart
+from vsalog.core.notation import transmission_title
+from vsalog.figures.chart import Chart, Charts
 
 Tone = Literal["", "good", "open", "bad"]
 """How a verdict is coloured; its word says the same."""
@@ -197,6 +198,28 @@ def charts_in(items: Sequence[Block]) -> Iterator[Chart]:
             yield from charts_in(item.items)
         elif isinstance(item, Figures):
             yield from item.charts
+
+
+def led(
+    charts: Charts, name: str, key: str, about: Mapping[str, Sequence[Block]] | None = None
+) -> tuple[list[Block], list[Block]]:
+    """Return the figure that a joint begins with, of its last transmission, which is the sum of several; and its other figures.
+
+    Parameters
+    ----------
+    charts : of a joint
+    name : of the chart that leads
+    key : of the joint: its figures over time are zoomed together, transmission by transmission
+    about : what stands ahead of a transmission's figures
+    """
+    last = list(charts)[-1] if charts else ""
+    lead = [chart for chart in charts.get(last, ()) if chart.name == name]
+    rest: list[Block] = []
+    for part, own in charts.items():
+        shown = tuple(chart for chart in own if part != last or chart.name != name)
+        title = "" if len(charts) == 1 else transmission_title(part)
+        rest.append(Section(title, (*(about or {}).get(part, ()), Figures(shown, f"{key}{part}"))))
+    return [Figures(tuple(lead), f"{key}{last}")] if lead else [], rest
 
 
 def provenance(pairs: Sequence[tuple[str, str]], rig: str) -> Section:

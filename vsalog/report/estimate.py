@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 import pyarrow as pa
 
 from vsalog.core.errors import WriteError
+from vsalog.core.notation import between, number, percent, transmission_title
 from vsalog.core.printable import printable
 from vsalog.core.trace import Trace
 from vsalog.estimation.evidence import setpoint_unit
@@ -19,13 +20,12 @@ from vsalog.estimation.joint import JointEstimate
 from vsalog.estimation.summary import TransmissionSummary
 from vsalog.estimation.trace_evidence import distinct, evidence_of, thinned
 from vsalog.estimators.equation import SUPPORTED_SHARE
-from vsalog.report.decimation import FIGURE_COLUMNS
-from vsalog.report.document import Block, Cell, Document, Facts, Notes, Section, Table, Verdict, Words, provenance
+from vsalog.figures.decimation import FIGURE_COLUMNS
+from vsalog.figures.joint_figures import columns_for, joint_charts
+from vsalog.figures.paper import write_figures
+from vsalog.report.document import Block, Cell, Document, Facts, Notes, Section, Table, Verdict, Words, led, provenance
 from vsalog.report.html import page_of
-from vsalog.report.joint_figures import columns_for, joint_charts, led, part_title
 from vsalog.report.outputs import Outputs
-from vsalog.report.paper_figures import write_figures
-from vsalog.report.quantities import between, number, percent
 from vsalog.writers.atomic import atomic_path
 from vsalog.writers.trace import TraceWriter
 from vsalog.writers.trace_mcap import write_trace_mcap
@@ -178,7 +178,7 @@ def _said(p: TransmissionSummary) -> str:
     span, std = between(p.stiffness_low, p.stiffness_high), percent(p.relative_std)
     excited = percent(p.excited_share)
     stiffness = f"stiffness {span} N·m/rad (1 % to 99 % of the samples) ± {std} (1 std)"
-    return f"{part_title(p.transmission)}: {stiffness}, excited {excited} of the time."
+    return f"{transmission_title(p.transmission)}: {stiffness}, excited {excited} of the time."
 
 
 def _table(parts: Sequence[TransmissionSummary]) -> Table:

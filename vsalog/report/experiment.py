@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.documents import toml_tables
+from vsalog.core.notation import listed, part_name, signal_name, unit_of
 from vsalog.core.units import shown
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.experiment_design import DESIGN
 from vsalog.diagnosis.suggest import Suggestion
 from vsalog.diagnosis.suggest_questions import Question, Questions
-from vsalog.report.quantities import listed, part_name, signal_name, unit_of
 from vsalog.simulation.scenario import unit_of as driven_unit
 from vsalog.simulation.scenario_parts import sum_of_parts
 from vsalog.simulation.scenario_schema import ScenarioFile, ServoDrive

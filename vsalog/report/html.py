@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 from vsalog.core.finding_texts import by_severity
 from vsalog.core.printable import printable
-from vsalog.report.chart import chart_data
+from vsalog.figures.chart import chart_data
 from vsalog.report.document import SEVERITIES, Document, charts_in
 
 

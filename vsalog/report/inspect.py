@@ -8,11 +8,11 @@ from pathlib import Path
 
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
+from vsalog.core.notation import between, number, percent
 from vsalog.core.printable import plural, printable, size_text
 from vsalog.inspection.document import ChannelReport, HeadReport, Inspection, LogReport, StreamReport
 from vsalog.readers.base import DOUBTFUL
 from vsalog.report.document import SEVERITIES, Block, Cell, Document, Section, Table, Tone, Verdict, Words
-from vsalog.report.quantities import between, number, percent
 from vsalog.rig.guess_types import Guess, JointGuess
 from vsalog.writers.repaired import Repaired
 

@@ -13,8 +13,8 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
 from rich.status import Status
 
+from vsalog.core.notation import duration
 from vsalog.core.printable import plural, printable
-from vsalog.report.quantities import duration
 
 LINE_INTERVAL = 30.0
 """Seconds between two lines of progress where there is no terminal: a job's log stays short, and shows that work goes on."""

@@ -9,6 +9,11 @@ from msgspec.structs import replace
 
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import says, sentence, sentences_of
+from vsalog.core.notation import between, number, unit_text
+from vsalog.figures.chart import Charts
+from vsalog.figures.dot_plots import logs_chart
+from vsalog.figures.joint_figures import Drawings
+from vsalog.figures.paper import write_figures
 from vsalog.report.document import (
     TONES,
     Block,
@@ -21,13 +26,10 @@ from vsalog.report.document import (
     Table,
     Verdict,
     Words,
+    led,
     provenance,
 )
-from vsalog.report.dot_plots import logs_chart
-from vsalog.report.joint_figures import Charts, Drawings, led
 from vsalog.report.outputs import write_report
-from vsalog.report.paper_figures import write_figures
-from vsalog.report.quantities import between, number, unit_text
 from vsalog.validation.document import Comparison, Dependence, Figure, JointReport, Report, Score, TransmissionReport
 from vsalog.validation.frozen import frozen
 from vsalog.validation.run import Options, validate

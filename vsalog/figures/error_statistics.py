@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from vsalog.core.notation import number
 from vsalog.core.resolution import spread_over
 from vsalog.estimation.evidence import JointEvidence, TransmissionEvidence
-from vsalog.report.characteristic import NODES, setpoint_label
-from vsalog.report.chart import Axes, Chart, Curve, strokes
-from vsalog.report.decimation import gaps_of
-from vsalog.report.equation_residuals import bins_for
-from vsalog.report.quantities import number
-from vsalog.report.time_series import DEFLECTION, TIME
+from vsalog.figures.characteristic import NODES, setpoint_label
+from vsalog.figures.chart import Axes, Chart, Curve, strokes
+from vsalog.figures.decimation import gaps_of
+from vsalog.figures.equation_residuals import bins_for
+from vsalog.figures.time_series import DEFLECTION, TIME
 from vsalog.validation.document import Figure
 from vsalog.validation.scores import bins_of
 

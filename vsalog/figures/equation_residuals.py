@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.notation import axis_label, number, share_text, signal_name, unit_of
 from vsalog.diagnosis.document import Bin, Unexplained
 from vsalog.diagnosis.evidence import CauseEvidence, JointEvidence
-from vsalog.report.chart import TWO_STD, Axes, Chart, Curve, OverTime, outline, points
-from vsalog.report.decimation import FIGURE_COLUMNS, one_after_the_other, rms
-from vsalog.report.quantities import axis_label, number, share_text, signal_name, span_words, unit_of
+from vsalog.figures.chart import TWO_STD, Axes, Chart, Curve, OverTime, outline, points, span_words
+from vsalog.figures.decimation import FIGURE_COLUMNS, one_after_the_other, rms
 from vsalog.validation.scores import binned
 
 Array = NDArray[np.float64]

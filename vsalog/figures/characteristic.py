@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.model import JointModel, TransmissionModel
+from vsalog.core.notation import number
 from vsalog.estimation.evidence import JointEvidence, TransmissionEvidence
-from vsalog.report.chart import TWO_STD, Axes, Chart, Curve, Surface, outline, points
-from vsalog.report.decimation import FIGURE_COLUMNS, extent, scattered
-from vsalog.report.quantities import number, span_words
-from vsalog.report.time_series import DEFLECTION, TORQUE, measured_name
+from vsalog.figures.chart import TWO_STD, Axes, Chart, Curve, Surface, outline, points, span_words
+from vsalog.figures.decimation import FIGURE_COLUMNS, extent, scattered
+from vsalog.figures.time_series import DEFLECTION, TORQUE, measured_name
 
 Array = NDArray[np.float64]
 

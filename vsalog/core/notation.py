@@ -2,25 +2,13 @@
 
 from __future__ import annotations
 
-import html
 import math
 import re
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
-from vsalog.core.printable import printable
-from vsalog.report.decimation import extent
-
 # Decimal exponents that are printed without a power of ten.
 PLAIN = range(-4, 6)
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
-def label(text: str) -> str:
-    """Return a text for plotly, whose labels know some tags of their own; it turns entities back into characters."""
-    return html.escape(printable(text), quote=False)
 
 
 def number(value: float | None, digits: int = 3, most: float = math.inf, least: float = -math.inf) -> str:
@@ -48,14 +36,6 @@ def percent(share: float | None, digits: int = 3) -> str:
 def unit_text(unit: str) -> str:
     """Return a unit as it is printed: N·m/rad."""
     return unit.replace("*", "·").replace("^2", "²").replace("^3", "³")
-
-
-def span_words(values: NDArray[np.float64], unit: str) -> str:
-    """Return the range of values, shape (N,), in words; where there is none, that."""
-    low, high, _ = extent(values)
-    if low > high:
-        return "nothing that is known"
-    return f"{number(low)} to {number(high)} {unit}".rstrip()
 
 
 def unit_of(unit: str) -> str:
@@ -128,3 +108,8 @@ def duration(seconds: float) -> str:
     if seconds < 100.0:
         return f"{seconds:.0f} s"
     return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
+
+
+def transmission_title(part: str) -> str:
+    """Return what a transmission is called."""
+    return "Both transmissions together" if part == "total" else f"Transmission {part}"

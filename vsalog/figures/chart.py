@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import base64
+import html
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsalog.report.decimation import band, decimated, gaps_of, scattered
-from vsalog.report.quantities import label
+from vsalog.core.notation import number
+from vsalog.core.printable import printable
+from vsalog.figures.decimation import band, decimated, extent, gaps_of, scattered
 
 Array = NDArray[np.float64]
 
@@ -150,6 +153,18 @@ class Chart:
     surface: Surface | None = None
 
 
+Charts = Mapping[str, Sequence[Chart]]
+"""Transmission → figures."""
+
+
+def span_words(values: NDArray[np.float64], unit: str) -> str:
+    """Return the range of values, shape (N,), in words; where there is none, that."""
+    low, high, _ = extent(values)
+    if low > high:
+        return "nothing that is known"
+    return f"{number(low)} to {number(high)} {unit}".rstrip()
+
+
 def chart_data(part: Any) -> Any:
     """Return a chart, or a part of one, as JSON that the page's script hands to plotly: labels escaped, arrays as bytes."""
     if isinstance(part, Surface):
@@ -189,3 +204,8 @@ def array(values: Array) -> dict[str, str]:
             kind = "f8"
     data = {"dtype": kind, "bdata": base64.b64encode(values.astype(f"<{kind}").tobytes()).decode("ascii")}
     return data if values.ndim == 1 else {**data, "shape": ",".join(map(str, values.shape))}
+
+
+def label(text: str) -> str:
+    """Return a text for plotly, whose labels know some tags of their own; it turns entities back into characters."""
+    return html.escape(printable(text), quote=False)

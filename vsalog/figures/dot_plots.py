@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from vsalog.core.notation import number, signal_name
 from vsalog.diagnosis.document import EquationError, Gain
-from vsalog.report.chart import Axes, Chart, Curve, strokes
-from vsalog.report.diagnosis_sentences import reduction_text
-from vsalog.report.quantities import number, signal_name
+from vsalog.figures.chart import Axes, Chart, Curve, strokes
 from vsalog.validation.verdict import HOLDING_ERROR, Line
 
 
@@ -44,6 +44,18 @@ def gain_chart(gains: Sequence[Gain], where: str) -> Chart | None:
         f"Error of the simulation (root mean square) on {where}, as a multiple of the noise floor: {'; '.join(each)}."
     )
     return _before_and_after("gain", "Error of the simulation, before and after", words, "error / noise floor", rows)
+
+
+def reduction_text(gain: Gain) -> str:
+    """Return a reduction with its 95 % interval, to the digits that the interval allows."""
+    values = (gain.reduction, *gain.ci95)
+    if not all(map(math.isfinite, values)):
+        return "–"
+    if gain.rmse_after > 10.0 * gain.rmse_before:
+        return "worse, more than tenfold"
+    digits = 1 if values[2] - values[1] < 0.02 else 0
+    middle, low, high = (f"{100.0 * value:.{digits}f}".replace("-", "−") for value in values)
+    return f"{middle} % ({low} … {high})"
 
 
 def equations_chart(errors: Sequence[EquationError]) -> Chart | None:

@@ -10,8 +10,7 @@ import numpy as np
 
 from vsalog.core.errors import VsalogError, WriteError
 from vsalog.core.printable import printable
-from vsalog.report.chart import Axes, Chart, Curve, Surface
-from vsalog.report.joint_figures import Charts
+from vsalog.figures.chart import Axes, Chart, Charts, Curve, Surface
 from vsalog.writers.atomic import write_text
 
 FORMATS = ("svg", "png", "pdf")

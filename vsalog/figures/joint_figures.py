@@ -6,20 +6,16 @@ An hour's samples need not be kept for them.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from vsalog.core.model import ModelFile
 from vsalog.estimation.evidence import JointEvidence
-from vsalog.report.characteristic import characteristic_charts
-from vsalog.report.chart import Chart
-from vsalog.report.decimation import FIGURE_COLUMNS, one_after_the_other
-from vsalog.report.document import Block, Figures, Section
-from vsalog.report.error_statistics import error_charts
-from vsalog.report.time_series import convergence_charts, expanded_chart, stiffness_chart, torque_chart
-
-Charts = Mapping[str, Sequence[Chart]]
-"""Transmission → figures."""
+from vsalog.figures.characteristic import characteristic_charts
+from vsalog.figures.chart import Chart
+from vsalog.figures.decimation import FIGURE_COLUMNS, one_after_the_other
+from vsalog.figures.error_statistics import error_charts
+from vsalog.figures.time_series import convergence_charts, expanded_chart, stiffness_chart, torque_chart
 
 
 class Drawings:
@@ -72,30 +68,3 @@ def joint_charts(joint: JointEvidence, columns: int) -> dict[str, Sequence[Chart
             *([] if found else convergence_charts(joint, columns)),
         ]
     return found
-
-
-def led(
-    charts: Charts, name: str, key: str, about: Mapping[str, Sequence[Block]] | None = None
-) -> tuple[list[Block], list[Block]]:
-    """Return the figure that a joint begins with, of its last transmission, which is the sum of several; and its other figures.
-
-    Parameters
-    ----------
-    charts : of a joint
-    name : of the chart that leads
-    key : of the joint: its figures over time are zoomed together, transmission by transmission
-    about : what stands ahead of a transmission's figures
-    """
-    last = list(charts)[-1] if charts else ""
-    lead = [chart for chart in charts.get(last, ()) if chart.name == name]
-    rest: list[Block] = []
-    for part, own in charts.items():
-        shown = tuple(chart for chart in own if part != last or chart.name != name)
-        title = "" if len(charts) == 1 else part_title(part)
-        rest.append(Section(title, (*(about or {}).get(part, ()), Figures(shown, f"{key}{part}"))))
-    return [Figures(tuple(lead), f"{key}{last}")] if lead else [], rest
-
-
-def part_title(part: str) -> str:
-    """Return what a transmission is called."""
-    return "Both transmissions together" if part == "total" else f"Transmission {part}"

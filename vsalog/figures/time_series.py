@@ -9,10 +9,10 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.notation import number, term_name, unit_text
 from vsalog.estimation.evidence import JointEvidence, TransmissionEvidence
-from vsalog.report.chart import TWO_STD, Axes, Chart, Curve, OverTime
-from vsalog.report.decimation import around, extent, rms, spans
-from vsalog.report.quantities import number, span_words, term_name, unit_text
+from vsalog.figures.chart import TWO_STD, Axes, Chart, Curve, OverTime, span_words
+from vsalog.figures.decimation import around, extent, rms, spans
 
 Array = NDArray[np.float64]
 Evidence = TypeVar("Evidence", JointEvidence, TransmissionEvidence)

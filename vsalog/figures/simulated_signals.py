@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.notation import axis_label, number, signal_name, unit_of
 from vsalog.diagnosis.evidence import JointEvidence, SignalEvidence
-from vsalog.report.chart import Axes, Chart, Curve, OverTime, outline
-from vsalog.report.decimation import around, gaps_of, one_after_the_other, pause_after, rms
-from vsalog.report.quantities import axis_label, number, signal_name, span_words, unit_of
-from vsalog.report.time_series import TIME
+from vsalog.figures.chart import Axes, Chart, Curve, OverTime, outline, span_words
+from vsalog.figures.decimation import around, gaps_of, one_after_the_other, pause_after, rms
+from vsalog.figures.time_series import TIME
 
 Array = NDArray[np.float64]
 
