@@ -14,7 +14,6 @@ import pytest
 from batch_bench import Here, do_batch
 
 from vsalog.batch import run as whole_run
-from vsalog.batch.dataset import day, in_dataset
 from vsalog.batch.records import Record, Settings
 from vsalog.batch.summary import page_columns, rows_of
 from vsalog.core.model import ModelFile
@@ -23,6 +22,7 @@ from vsalog.estimation.job import Options, prepare
 from vsalog.report.batch import batch_page
 from vsalog.report.estimate import write_estimate
 from vsalog.report.outputs import Outputs
+from vsalog.writers.dataset import day, in_dataset
 from vsalog.writers.trace import TraceWriter
 
 PAGE = Path(__file__).parent.parent.parent / "docs" / "batch.md"

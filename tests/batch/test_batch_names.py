@@ -12,8 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsalog.batch.dataset import trace_name
-from vsalog.batch.names import device_name, encoded, readable, told_apart
+from vsalog.batch.names import device_name, encoded, readable, told_apart, trace_name
 from vsalog.core.printable import LONGEST_NAME
 
 HOSTILE = [

@@ -11,11 +11,12 @@ from pathlib import Path
 import pytest
 from work_by_name import do_by_name, load_nothing
 
-from vsalog.batch import memory, pool
-from vsalog.batch.memory import BASE, expected
+from vsalog.batch import pool
+from vsalog.batch.memory import BASE, expected, free
 from vsalog.batch.records import Log, Settings, Task
 from vsalog.cli.batch import parse_size
 from vsalog.core.errors import BatchError
+from vsalog.core.memory import cores
 
 
 @pytest.fixture
@@ -209,5 +210,5 @@ def test_sizes_that_cannot_be(text):
 
 
 def test_what_is_free_is_something():
-    assert memory.free() >= BASE
-    assert memory.cores() >= 1
+    assert free() >= BASE
+    assert cores() >= 1

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-from contextlib import suppress
-from pathlib import Path
 
 from vsalog.batch.records import Log, Settings
 from vsalog.core.memory import usable_memory
@@ -38,16 +35,3 @@ def expected(log: Log, settings: Settings) -> int:
 def free() -> int:
     """Return the bytes that can be used without pushing others out: of the machine, or of the group the process is in."""
     return max(BASE, usable_memory())
-
-
-def resident() -> int:
-    """Return the bytes of memory that this process holds; 0 where the system does not say."""
-    with suppress(OSError, ValueError, IndexError, AttributeError):
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-        return pages * os.sysconf("SC_PAGE_SIZE")
-    return 0
-
-
-def cores() -> int:
-    """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

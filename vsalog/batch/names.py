@@ -8,6 +8,8 @@ from urllib.parse import quote
 
 from vsalog.core.printable import LONGEST_NAME
 
+TRACES = "traces"
+PART = "part.parquet"
 # Readers take this for "no value".
 UNNAMED = "unnamed"
 
@@ -23,6 +25,11 @@ def encoded(text: str) -> str:
     """
     name = quote(text, safe="").replace("~", "%7E")
     return f"%2E{name[1:]}" if name.startswith(".") else name
+
+
+def trace_name(device: str, date: str, log: str) -> str:
+    """Return where a log's trace lies in the batch; all three are encoded, so that none can be a path."""
+    return f"{TRACES}/device={encoded(device)}/date={encoded(date)}/log={encoded(log)}/{PART}"
 
 
 def shown(text: str) -> str:

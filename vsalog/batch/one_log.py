@@ -12,9 +12,8 @@ from typing import Any
 
 import msgspec
 
-from vsalog.batch.dataset import PART, day, in_dataset, trace_name
-from vsalog.batch.figures import of_diagnosis, of_estimate, of_validation
-from vsalog.batch.names import device_name, encoded
+from vsalog.batch.key_figures import of_diagnosis, of_estimate, of_validation
+from vsalog.batch.names import PART, device_name, encoded, trace_name
 from vsalog.batch.records import Log, Settings
 from vsalog.core.errors import ReadError
 from vsalog.diagnosis.run import Options as DiagnoseOptions
@@ -31,6 +30,7 @@ from vsalog.report.validate import write_validation
 from vsalog.rig import Rig
 from vsalog.validation.frozen import frozen
 from vsalog.validation.run import Options as ValidateOptions
+from vsalog.writers.dataset import day, in_dataset
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import msgspec
 
 from vsalog._version import __version__
-from vsalog.batch import memory
 from vsalog.batch.cluster import Cluster
 from vsalog.batch.lock import locked
+from vsalog.batch.memory import free
 from vsalog.batch.outcome import Outcome
 from vsalog.batch.plan import Plan, make_plan
 from vsalog.batch.pool import Pool
@@ -31,6 +31,7 @@ from vsalog.batch.records import (
 from vsalog.batch.storage import Store, StoreError
 from vsalog.batch.summary import page_columns, rows_of, write_summary
 from vsalog.core.errors import BatchError
+from vsalog.core.memory import cores
 from vsalog.core.printable import plural
 from vsalog.report.batch import batch_page
 from vsalog.report.progress import BatchProgress
@@ -114,8 +115,8 @@ def run_batch(asked: Asked, shown: BatchProgress) -> Outcome:
 def _executor(asked: Asked, shown: BatchProgress, logs: int) -> Pool:
     if asked.scheduler is not None:
         return Cluster(asked.scheduler, shown.say)
-    bound = memory.free() if asked.memory is None else asked.memory
-    return Pool(min(asked.jobs or memory.cores(), max(logs, 1)), bound, asked.timeout, shown.say)
+    bound = free() if asked.memory is None else asked.memory
+    return Pool(min(asked.jobs or cores(), max(logs, 1)), bound, asked.timeout, shown.say)
 
 
 def _check_place(store: Store, asked: Asked) -> Manifest | None:

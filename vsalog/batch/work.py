@@ -14,7 +14,6 @@ from typing import Any
 import msgspec
 
 from vsalog._version import __version__
-from vsalog.batch.memory import resident
 from vsalog.batch.names import shown
 from vsalog.batch.one_log import check, run_one
 from vsalog.batch.records import (
@@ -34,6 +33,7 @@ from vsalog.batch.records import (
 )
 from vsalog.batch.storage import Store, StoreError, file_system, is_address
 from vsalog.core.errors import VsalogError, WriteError
+from vsalog.core.memory import resident
 from vsalog.estimation.job import sha256
 from vsalog.readers.remote import download
 from vsalog.rig.find import rig_beside

@@ -1,4 +1,4 @@
-"""How much memory there is: of the machine, or of the group that the process is in."""
+"""How much memory there is, of the machine or of the group that the process is in; what a process holds, and its cores."""
 
 from __future__ import annotations
 
@@ -41,3 +41,16 @@ def _group() -> int | None:
         with suppress(OSError, ValueError):
             return max(int(Path(most).read_text()) - int(Path(used).read_text()), 0)
     return None
+
+
+def resident() -> int:
+    """Return the bytes of memory that this process holds; 0 where the system does not say."""
+    with suppress(OSError, ValueError, IndexError, AttributeError):
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE")
+    return 0
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,4 +1,4 @@
-"""The data set's files: every trace with the same columns in the same order, whichever estimator wrote it."""
+"""Traces of a data set: all with the same columns in the same order, whichever estimator wrote them."""
 
 from __future__ import annotations
 
@@ -9,20 +9,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vsalog.batch.names import encoded
 from vsalog.core.arrow import arrow_column
 from vsalog.core.trace import EXTRA_UNITS, trace_schema
 from vsalog.writers.trace import widened
 
-TRACES = "traces"
-PART = "part.parquet"
 COEFFICIENT, COEFFICIENTS = "coefficient_", "coefficients"
 STAMP = "stamp"
-
-
-def trace_name(device: str, date: str, log: str) -> str:
-    """Return where a log's trace lies in the batch; all three are encoded, so that none can be a path."""
-    return f"{TRACES}/device={encoded(device)}/date={encoded(date)}/log={encoded(log)}/{PART}"
 
 
 def in_dataset(table: pa.Table) -> pa.Table:
