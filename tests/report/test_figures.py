@@ -13,9 +13,12 @@ from vsalog.core.printable import printable
 from vsalog.estimation.evidence import JointEvidence, TransmissionEvidence
 from vsalog.figures.chart import Axes, Chart, Curve, chart_data, label
 from vsalog.figures.joint_figures import columns_for, joint_charts
-from vsalog.figures.paper import write_figures
+from vsalog.figures.paper import write_figures, write_reproduced
 from vsalog.report.document import Document, Figures
 from vsalog.report.html import page_of
+from vsalog.reproduce.rows import Curve as Paper
+from vsalog.reproduce.rows import Figure as Reproduced
+from vsalog.reproduce.rows import Panel
 
 NAMES = {
     "torque", "torque_expanded", "torque_over_deflection", "surface", "slices", "stiffness", "error_distribution",
@@ -144,3 +147,13 @@ def test_equal_results_make_equal_figures(tmp_path):
 @pytest.mark.parametrize(("transmissions", "columns"), [(0, 1200), (1, 1200), (4, 600), (9, 400)])
 def test_figures_share_the_columns_of_a_page(transmissions, columns):
     assert columns_for(transmissions) == columns
+
+
+def test_ticks_of_a_logarithmic_axis_are_numbers(tmp_path):
+    pytest.importorskip("matplotlib")
+    x = np.geomspace(1e-3, 1.0, 30)
+    panel = Panel(x_label="a", y_label="b", curves=(Paper("c", x, x**2, "dashdot"),), log_x=True, log_y=True)
+    (path,) = write_reproduced(tmp_path, [Reproduced("name", "title", (panel,))])
+    text = path.read_text(encoding="utf-8")
+    assert "<!-- 0.01 -->" in text
+    assert "math" not in text

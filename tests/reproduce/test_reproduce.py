@@ -14,11 +14,11 @@ from vsalog.cli import cli
 from vsalog.core.errors import VsalogError
 from vsalog.estimators import registry
 from vsalog.estimators.registry import built_in
+from vsalog.figures.paper import FigureError, prepare_folder, write_reproduced
 from vsalog.reproduce import flacco2012, flacco2014, serio2011, shin
 from vsalog.reproduce.catalogue import ITEMS, select
 from vsalog.reproduce.measure import Setting, Study, estimate, mse, msrep, with_noise
 from vsalog.reproduce.planned import Column, Planned, mean_relative, row_of
-from vsalog.reproduce.plots import PlotError, prepare_folder, write_figures
 from vsalog.reproduce.rows import Result, Row, Spread
 from vsalog.simulation.experiments import vsa2_experiment
 
@@ -305,10 +305,10 @@ def test_the_table_marks_worse_by_a_word(two_quick_items):
 def test_plots_without_matplotlib_say_what_to_install(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(PlotError, match=r"pip install 'vsalog\[plots\]'"):
-        prepare_folder(tmp_path / "figures")
+    with pytest.raises(FigureError, match=r"pip install 'vsalog\[plots\]'"):
+        prepare_folder(tmp_path / "figures", "--plots")
     result = CliRunner().invoke(cli, ["reproduce", "--plots", str(tmp_path / "figures")])
-    assert isinstance(result.exception, PlotError)  # before anything is computed or written
+    assert isinstance(result.exception, FigureError)  # before anything is computed or written
     assert not (tmp_path / "figures").exists()
 
 
@@ -324,12 +324,12 @@ def test_figures_are_written(results, tmp_path):
     pytest.importorskip("matplotlib")
     figures = results("flacco2012-table1").figures
     for folder in ("new/folder", "again"):
-        prepare_folder(tmp_path / folder)
-    written = write_figures(figures, tmp_path / "new" / "folder")
+        prepare_folder(tmp_path / folder, "--plots")
+    written = write_reproduced(tmp_path / "new" / "folder", figures)
     assert [p.name for p in written] == ["flacco2012-fig6.svg", "flacco2012-fig8.svg"]
     text = written[0].read_text(encoding="utf-8")
     assert text.startswith("<?xml")
     assert "<svg" in text
-    again = write_figures(figures, tmp_path / "again")
+    again = write_reproduced(tmp_path / "again", figures)
     assert again[0].read_bytes() == written[0].read_bytes()
     assert not list(tmp_path.rglob("*.part"))

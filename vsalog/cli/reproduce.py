@@ -24,19 +24,19 @@ def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path 
     noise seeds. Each row says under which conditions, what the paper leaves open and was chosen, and why ours is worse where
     it is; docs/reproduce.md explains them.
     """
+    from vsalog.figures.paper import prepare_folder, write_reproduced
     from vsalog.report.progress import Progress
     from vsalog.report.reproduce import items_document, rows_document
     from vsalog.report.terminal import print_data, print_document
     from vsalog.reproduce.catalogue import select
     from vsalog.reproduce.measure import Study
-    from vsalog.reproduce.plots import prepare_folder, write_figures
 
     if listing:
         print_document(items_document())
         return
     items = select(names)
     if plots is not None:
-        prepare_folder(plots)
+        prepare_folder(plots, "--plots")
     with Progress() as progress:
         study = Study(say=progress.say)
         with progress.saying_when_compiling():
@@ -44,6 +44,6 @@ def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path 
         figures = []
         if plots is not None:
             progress.say("drawing")
-            figures = write_figures([f for r in results.values() for f in r.figures], plots)
+            figures = write_reproduced(plots, [f for r in results.values() for f in r.figures])
     rows = {name: result.rows for name, result in results.items()}
     (print_data if as_json else print_document)(rows_document(items, rows, study.seeds, figures))

@@ -102,7 +102,8 @@ class Axes:
     shade_label : what the colour of points means
     x_ticks : places that are marked, and with what; plotly's own when empty
     rows : names of the rows of a chart that has no y: row i is at y = −i
-    x_log : x is logarithmic
+    x_log, y_log : logarithmic
+    title, y_range : above them, and what is shown of y, in files for papers
     """
 
     x_label: str
@@ -114,6 +115,9 @@ class Axes:
     x_ticks: tuple[tuple[float, str], ...] = ()
     rows: tuple[str, ...] = ()
     x_log: bool = False
+    y_log: bool = False
+    title: str = ""
+    y_range: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,8 @@
-"""A report's figures as files for papers, drawn by matplotlib, which is an optional extra."""
+"""Figures as files for papers, drawn by matplotlib, which is an optional extra."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,9 @@ import numpy as np
 from vsalog.core.errors import VsalogError, WriteError
 from vsalog.core.printable import printable
 from vsalog.figures.chart import Axes, Chart, Charts, Curve, Surface
-from vsalog.writers.atomic import write_text
+from vsalog.reproduce.rows import Figure as Reproduced
+from vsalog.reproduce.rows import Panel
+from vsalog.writers.atomic import atomic_path, write_text
 
 FORMATS = ("svg", "png", "pdf")
 
@@ -19,6 +22,7 @@ FORMATS = ("svg", "png", "pdf")
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#000000")
 COLOURS = {"model": "#0072B2", "measured": "#D55E00", "truth": "#009E73", "error": "#5F5F5F"}
 DASHES = ("-", "--", ":", "-.")
+STYLES = ("solid", "dashed", "dotted", "dashdot")
 # Journals want text as text, equal results make equal files, and a name's dollar signs are no formulas.
 STYLE: Any = {
     "font.size": 8.0,
@@ -39,8 +43,12 @@ class FigureError(VsalogError):
     """Figures are asked for, but cannot be drawn."""
 
 
-def check_matplotlib() -> None:
+def check_matplotlib(option: str = "--figures") -> None:
     """Refuse to draw without matplotlib, before anything is computed.
+
+    Parameters
+    ----------
+    option : that asks for figures
 
     Raises
     ------
@@ -51,7 +59,7 @@ def check_matplotlib() -> None:
         import matplotlib.figure  # noqa: F401
     except ImportError:
         raise FigureError(
-            "--figures needs matplotlib, which is not installed: pip install 'vsalog[plots]' (or pip install matplotlib)"
+            f"{option} needs matplotlib, which is not installed: pip install 'vsalog[plots]' (or pip install matplotlib)"
         ) from None
 
 
@@ -104,6 +112,65 @@ def write_figures(
     return written
 
 
+def prepare_folder(folder: Path, option: str) -> None:
+    """See, before anything is computed, that figures can be drawn and written; makes the folder.
+
+    Parameters
+    ----------
+    folder : where to
+    option : that asks for figures
+
+    Raises
+    ------
+    FigureError
+        matplotlib is not installed.
+    WriteError
+        The folder cannot be made or written to.
+    """
+    check_matplotlib(option)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WriteError(f"{folder}: cannot be made: {error.strerror}; name another folder with {option}") from error
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise WriteError(f"{folder}: cannot be written to; name another folder with {option}")
+
+
+def write_reproduced(folder: Path, figures: Sequence[Reproduced]) -> list[Path]:
+    """Write figures like the papers' as NAME.svg into a folder that is there, each whole or not at all; return the files.
+
+    Raises
+    ------
+    WriteError
+        A file cannot be written.
+    """
+    from matplotlib import rc_context
+
+    written = []
+    with rc_context(STYLE):
+        for figure in figures:
+            canvas = _drawn(Chart(figure.name, figure.title, "", tuple(map(_axes, figure.panels))))
+            canvas.suptitle(printable(figure.title))
+            path = folder / f"{figure.name}.svg"
+            with atomic_path(path) as temporary:
+                canvas.savefig(temporary, format="svg", metadata=METADATA["svg"])
+            written.append(path)
+    return written
+
+
+def _axes(panel: Panel) -> Axes:
+    curves = []
+    for i, curve in enumerate(panel.curves):
+        kind = "points" if curve.style == "points" else "line" if curve.x.size >= 20 else "marked"
+        # Curves differ by their dashes too, not by colour alone.
+        dash = STYLES.index(curve.style) if curve.style in STYLES else 0
+        curves.append(Curve(curve.label, curve.x, curve.y, str(i % len(PALETTE) + dash * len(PALETTE)), kind))
+    return Axes(
+        panel.x_label, panel.y_label, tuple(curves), x_log=panel.log_x, y_log=panel.log_y, title=panel.title,
+        y_range=panel.y_range,
+    )  # fmt: skip
+
+
 def _named(drawn: Sequence[Mapping[str, Charts]], logs: Sequence[str]) -> Iterator[tuple[str, str, Chart]]:
     """Give each chart its file's name and a heading in words."""
     for i, joints in enumerate(drawn):
@@ -140,6 +207,16 @@ def _panel(canvas: Any, axes: Any, panel: Axes, last: bool) -> None:
         drawn = _curve(axes, curve)
         if curve.shade is not None:
             canvas.colorbar(drawn, ax=axes, label=printable(panel.shade_label), pad=0.01)
+    for name, is_log in (("x", panel.x_log), ("y", panel.y_log)):
+        if is_log:
+            axes.set(**{f"{name}scale": "log"})
+            # matplotlib's own are formulas, which are not read.
+            getattr(axes, f"{name}axis").set_major_formatter("{x:g}")
+            getattr(axes, f"{name}axis").set_minor_formatter("")
+    if panel.y_range is not None:
+        axes.set_ylim(*panel.y_range)
+    if panel.title:
+        axes.set_title(printable(panel.title), loc="right", fontsize="medium")
     if last:
         axes.set_xlabel(printable(panel.x_label))
     axes.set_ylabel(printable(panel.y_label))

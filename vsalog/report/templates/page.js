@@ -91,6 +91,7 @@
       layout[`xaxis${id}`] = axis(spec.linked && !last ? "" : axes.x_label, { domain: at[i].slice(0, 2), anchor: `y${id}`, ...link });
       layout[`yaxis${id}`] = axis(axes.y_label, { domain: at[i].slice(2), anchor: `x${id}` });
       if (axes.x_log) layout[`xaxis${id}`].type = "log";
+      if (axes.y_log) layout[`yaxis${id}`].type = "log";
       if (axes.x_ticks.length) Object.assign(layout[`xaxis${id}`], { tickvals: axes.x_ticks.map((t) => t[0]), ticktext: axes.x_ticks.map((t) => t[1]) });
       if (axes.rows.length) {
         const named = { tickvals: axes.rows.map((_, k) => -k), ticktext: axes.rows, range: [0.6 - axes.rows.length, 0.6], zeroline: false };
