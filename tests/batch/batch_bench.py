@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 
 from vsalog.batch.records import Answer, Settings
 from vsalog.batch.run import Asked, run_batch
-from vsalog.batch.work import check_json, do_json
+from vsalog.batch.worker import check_settings, do_task
 from vsalog.core.errors import BatchError
 
 RIG = """
@@ -77,14 +77,14 @@ class Here:
         pass
 
     def check(self, settings):
-        if said := check_json(msgspec.json.encode(settings)):
+        if said := check_settings(msgspec.json.encode(settings)):
             raise BatchError(said)
 
     def run(self, tasks):
         self.answers = {}
         for task in tasks:
             self.before(task)
-            answer = self.answers[task.log.name] = msgspec.json.decode(do_json(msgspec.json.encode(task)), type=Answer)
+            answer = self.answers[task.log.name] = msgspec.json.decode(do_task(msgspec.json.encode(task)), type=Answer)
             yield task, answer
 
 

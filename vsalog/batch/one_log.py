@@ -6,7 +6,6 @@ import hashlib
 import json
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,6 @@ import msgspec
 from vsalog.batch.key_figures import of_diagnosis, of_estimate, of_validation
 from vsalog.batch.names import PART, device_name, encoded, trace_name
 from vsalog.batch.records import Log, Settings
-from vsalog.core.errors import ReadError
 from vsalog.diagnosis.run import Options as DiagnoseOptions
 from vsalog.estimation.job import Options as EstimateOptions
 from vsalog.estimation.job import prepare
@@ -32,19 +30,10 @@ from vsalog.validation.frozen import frozen
 from vsalog.validation.run import Options as ValidateOptions
 from vsalog.writers.dataset import day, in_dataset
 
-
-@dataclass(frozen=True, slots=True)
-class Result:
-    """What came of a log.
-
-    Attributes
-    ----------
-    files : what → (file in the scratch folder, name in the batch)
-    said : fields of its record (`vsalog.batch.records.Record`)
-    """
-
-    files: dict[str, tuple[Path, str]]
-    said: dict[str, Any]
+Files = dict[str, tuple[Path, str]]
+"""What → (file in the scratch folder, name in the batch)."""
+Said = dict[str, Any]
+"""Fields of a log's record (`vsalog.batch.records.Record`)."""
 
 
 def check(settings: Settings) -> None:
@@ -70,7 +59,7 @@ def check(settings: Settings) -> None:
         read_tuning(method(estimator).TUNING, estimator, {k: v for k, v in tune.items() if k != PRESET})
 
 
-def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
+def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[Files, Said]:
     """Estimate the joints of a log: a trace, a model and, where asked for, a page.
 
     Raises
@@ -98,10 +87,10 @@ def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
         "rig_sha256": _sha256(provenance["vsalog.rig"]),
         "input_sha256": next(iter(json.loads(provenance["vsalog.input"]).values()), ""),
     }
-    return Result(files, said)
+    return files, said
 
 
-def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
+def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[Files, Said]:
     """Hold the model against a log: a report and its page.
 
     Raises
@@ -118,10 +107,10 @@ def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
         "input_sha256": report.logs[0].sha256,
         "met": all(t.met for t in report.thresholds),
     }
-    return Result(_reports(log, files), said)
+    return _reports(log, files), said
 
 
-def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
+def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[Files, Said]:
     """Hold the rig's simulation against a log: a diagnosis, its page and, where causes were found, the extended rig.
 
     Raises
@@ -142,44 +131,14 @@ def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
         "input_sha256": diagnosis.log_sha256,
         "met": not settings.fail_on_cause or diagnosis.verdict.startswith("consistent"),
     }
-    return Result(_reports(log, files), said)
+    return _reports(log, files), said
 
 
-COMMANDS: dict[str, Callable[[Log, Path, Settings, Path], Result]] = {
+COMMANDS: dict[str, Callable[[Log, Path, Settings, Path], tuple[Files, Said]]] = {
     "estimate": estimate,
     "validate": validate,
     "diagnose": diagnose,
 }
-
-
-def run_one(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
-    """Do what is asked for to a log, and see that it stayed what it was.
-
-    Parameters
-    ----------
-    log : of the plan
-    path : of it here
-    settings : what is asked for
-    scratch : an empty folder for what is written
-
-    Raises
-    ------
-    VsalogError
-        The log is at fault, changed meanwhile, or a file cannot be written.
-    """
-    before = _state(path)
-    result = COMMANDS[settings.do](log, path, settings, scratch)
-    if _state(path) != before:
-        raise ReadError(f"{log.name}: changed while it was worked on; run again with --resume when it is complete")
-    return result
-
-
-def _state(path: Path) -> list[tuple[str, int, int, int]]:
-    """Return what changes when a log does; its hash, which is taken only once, would not tell when it was taken."""
-    if not path.exists():
-        raise ReadError(f"{path}: there is no such file")
-    files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
-    return [(str(p), s.st_size, s.st_mtime_ns, s.st_ino) for p in files for s in (p.stat(),)]
 
 
 def _rig(settings: Settings) -> Rig | None:
@@ -195,7 +154,7 @@ def _model(settings: Settings, folder: Path) -> Path:
     return file
 
 
-def _reports(log: Log, files: Mapping[str, str]) -> dict[str, tuple[Path, str]]:
+def _reports(log: Log, files: Mapping[str, str]) -> Files:
     """Return the files of a report by what the batch calls them."""
     kinds = {"report": "report", "data": "document", "extended rig": "rig"}
     found = {kinds[what]: Path(file) for what, file in files.items() if what in kinds}

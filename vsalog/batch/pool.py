@@ -17,7 +17,6 @@ import msgspec
 from pebble import CONSTS, ProcessExpired, ProcessPool
 
 import vsalog
-from vsalog._version import __version__
 from vsalog.batch.memory import BASE, expected
 from vsalog.batch.records import Answer, Kind, Settings, Task, failed
 from vsalog.batch.worker import check_settings, do_task, prepare
@@ -216,7 +215,7 @@ def _end(workers: Sequence[Worker]) -> None:
 
 def failure(job: Job, kind: Kind, reason: str) -> Answer:
     """Return the answer of a task that nobody could do."""
-    return Answer(record=failed(job.task.log, job.task.settings, kind, reason, __version__))
+    return Answer(record=failed(job.task, kind, reason))
 
 
 def _ended(code: int) -> str:

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from vsalog._version import __version__
 from vsalog.batch.names import encoded
 from vsalog.batch.storage import Store
 
@@ -154,15 +155,15 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     resident: int = 0
 
 
-def record_of(log: Log, settings: Settings, vsalog: str, **fields: Any) -> Record:
-    """Return a log's record: what the plan says of it, and fields by name as they come from outside."""
-    known = {"log": log.name, "do": settings.do, "vsalog": vsalog, "input_bytes": log.size}
+def record_of(task: Task, **fields: Any) -> Record:
+    """Return the record of a task's log: what the plan says of it, and fields by name as they come from outside."""
+    known = {"log": task.log.name, "do": task.settings.do, "vsalog": __version__, "input_bytes": task.log.size}
     return msgspec.convert(known | fields, Record)
 
 
-def failed(log: Log, settings: Settings, kind: Kind, reason: str, vsalog: str) -> Record:
-    """Return the record of a log that nobody could do."""
-    return record_of(log, settings, vsalog, status="failed", kind=kind, reason=reason)
+def failed(task: Task, kind: Kind, reason: str, seconds: float = 0.0) -> Record:
+    """Return the record of a log that nobody could do, or that failed after some seconds."""
+    return record_of(task, status="failed", kind=kind, reason=reason, run_seconds=seconds)
 
 
 def record_name(log: str) -> str:

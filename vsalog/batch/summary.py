@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from datetime import date
 from typing import Any, NamedTuple
 
 import msgspec
@@ -145,18 +144,14 @@ def write_summary(records: Iterable[Record], do: Do) -> bytes:
 
 def _table(rows: Iterable[dict[str, Any]], schema: pa.Schema) -> pa.Table:
     """Return rows as a table, by way of JSON: `Table.from_pylist` imports pandas, to see whether it was given any; a second."""
-    days = (row | {"date": row["date"] and _day(row["date"])} for row in rows)
-    lines = b"\n".join(msgspec.json.encode({name: row.get(name) for name in schema.names}) for row in days)
+    lines = b"\n".join(msgspec.json.encode({name: row.get(name) for name in schema.names}) for row in rows)
     if not lines:
         return schema.empty_table()
+    # Dates are read as texts.
+    read = pa.schema([field.with_type(TEXT) if pa.types.is_date(field.type) else field for field in schema])
     table = pj.read_json(
         pa.BufferReader(lines),
         pj.ReadOptions(use_threads=False, block_size=len(lines) + 1),
-        pj.ParseOptions(explicit_schema=pa.schema(list(schema)), unexpected_field_behavior="ignore"),
+        pj.ParseOptions(explicit_schema=read, unexpected_field_behavior="ignore"),
     )
     return table.select(schema.names).cast(schema)
-
-
-def _day(text: str) -> int:
-    """Return the days since 1970, which Arrow's reader takes for a date."""
-    return (date.fromisoformat(text) - date(1970, 1, 1)).days

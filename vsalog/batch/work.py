@@ -1,4 +1,4 @@
-"""A task done, wherever that is: JSON in, JSON out."""
+"""A task done, wherever that is."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import msgspec
 
 from vsalog._version import __version__
 from vsalog.batch.names import shown
-from vsalog.batch.one_log import check, run_one
+from vsalog.batch.one_log import COMMANDS
 from vsalog.batch.records import (
     MANIFEST,
     Answer,
@@ -23,8 +23,8 @@ from vsalog.batch.records import (
     Log,
     Output,
     Record,
-    Settings,
     Task,
+    failed,
     read_record,
     record_name,
     record_of,
@@ -32,34 +32,20 @@ from vsalog.batch.records import (
     write_record,
 )
 from vsalog.batch.storage import Store, StoreError, file_system, is_address
-from vsalog.core.errors import VsalogError, WriteError
+from vsalog.core.errors import ReadError, VsalogError, WriteError
 from vsalog.core.memory import resident
 from vsalog.estimation.job import sha256
 from vsalog.readers.remote import download
 from vsalog.rig.find import rig_beside
 
 
-def check_json(settings: bytes) -> str:
-    """Return what is wrong with what is asked for, whatever the log; nothing where nothing is."""
-    try:
-        check(msgspec.json.decode(settings, type=Settings))
-    except VsalogError as error:
-        return str(error)
-    return ""
-
-
-def do_json(data: bytes) -> bytes:
+def do(task: Task) -> Answer:
     """Do a task: all files of a log, then its record.
-
-    Parameters
-    ----------
-    data : a `Task` as JSON, so that nothing else goes between processes
 
     Returns
     -------
-    An `Answer` as JSON: the record, also of a log that failed; or why nothing can be written at all
+    The record, also of a log that failed; or why nothing can be written at all
     """
-    task = msgspec.json.decode(data, type=Task)
     try:
         if task.vsalog != __version__:
             raise StoreError(f"this worker has vsalog {__version__}, but {task.vsalog} was asked for")
@@ -70,8 +56,8 @@ def do_json(data: bytes) -> bytes:
         if not kept:
             write_record(store, record)
     except StoreError as error:
-        return msgspec.json.encode(Answer(stop=str(error)))
-    return msgspec.json.encode(Answer(record=record, kept=kept, written=True, resident=resident()))
+        return Answer(stop=str(error))
+    return Answer(record=record, kept=kept, written=True, resident=resident())
 
 
 def _done(task: Task, store: Store) -> tuple[Record, bool]:
@@ -79,8 +65,7 @@ def _done(task: Task, store: Store) -> tuple[Record, bool]:
     log, start = task.log, time.perf_counter()
 
     def gone(kind: Kind, reason: str) -> tuple[Record, bool]:
-        fields = {"status": "failed", "kind": kind, "reason": shown(reason), "run_seconds": time.perf_counter() - start}
-        return record_of(log, task.settings, __version__, **fields), False
+        return failed(task, kind, shown(reason), time.perf_counter() - start), False
 
     try:
         with _here(log) as path:
@@ -121,18 +106,32 @@ def _here(log: Log) -> Iterator[Path]:
 
 
 def _fresh(task: Task, store: Store, path: Path, start: float) -> Record:
+    """Do what is asked for to a log, see that it stayed what it was, and put the files into the batch."""
     log = task.log
     with store.scratch() as scratch:
         try:
-            result = run_one(log, path, task.settings, scratch)
+            before = _state(path)
+            files, said = COMMANDS[task.settings.do](log, path, task.settings, scratch)
+            if _state(path) != before:
+                raise ReadError(
+                    f"{log.name}: changed while it was worked on; run again with --resume when it is complete"
+                )
         except VsalogError as error:
             raise type(error)(_named(str(error), path, log)) from error
-        said = _named(msgspec.to_builtins(result.said), path, log)
-        outputs = {what: Output(name=n, size=f.stat().st_size) for what, (f, n) in result.files.items()}
-        for what, (file, _) in result.files.items():
-            store.put(file, outputs[what].name)
-    said |= {"key": _key(task, path, said["input_sha256"]), "run_seconds": time.perf_counter() - start}
-    return record_of(log, task.settings, __version__, outputs=outputs, **said)
+        said = _named(msgspec.to_builtins(said), path, log)
+        outputs = {what: Output(name=name, size=file.stat().st_size) for what, (file, name) in files.items()}
+        for file, name in files.values():
+            store.put(file, name)
+    key = _key(task, path, said["input_sha256"])
+    return record_of(task, outputs=outputs, key=key, run_seconds=time.perf_counter() - start, **said)
+
+
+def _state(path: Path) -> list[tuple[str, int, int, int]]:
+    """Return what changes when a log does; its hash, which is taken only once, would not tell when it was taken."""
+    if not path.exists():
+        raise ReadError(f"{path}: there is no such file")
+    files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    return [(str(p), s.st_size, s.st_mtime_ns, s.st_ino) for p in files for s in (p.stat(),)]
 
 
 def _named(value: Any, path: Path, log: Log) -> Any:

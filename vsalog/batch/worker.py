@@ -12,6 +12,11 @@ import threading
 from multiprocessing.connection import wait
 from multiprocessing.process import parent_process
 
+import msgspec
+
+from vsalog.batch.records import Settings, Task
+from vsalog.core.errors import VsalogError
+
 # One thread per worker: the cores are shared among workers, not within one.
 LIBRARIES = ("OPENBLAS", "OMP", "MKL", "NUMEXPR", "NUMBA")
 THREADS = {"VECLIB_MAXIMUM_THREADS": "1"} | {f"{library}_NUM_THREADS": "1" for library in LIBRARIES}
@@ -31,17 +36,21 @@ def prepare() -> None:
 
 
 def do_task(task: bytes) -> bytes:
-    """Do a task; both it and the answer are JSON."""
-    from vsalog.batch.work import do_json
+    """Do a task; both it and the answer are JSON, so that nothing else goes between processes."""
+    from vsalog.batch.work import do
 
-    return do_json(task)
+    return msgspec.json.encode(do(msgspec.json.decode(task, type=Task)))
 
 
 def check_settings(settings: bytes) -> str:
     """Return what is wrong with what is asked for, whatever the log; nothing where nothing is."""
-    from vsalog.batch.work import check_json
+    from vsalog.batch.one_log import check
 
-    return check_json(settings)
+    try:
+        check(msgspec.json.decode(settings, type=Settings))
+    except VsalogError as error:
+        return str(error)
+    return ""
 
 
 def _leave_with_parent() -> None:
