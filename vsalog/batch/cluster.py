@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from vsalog.batch.pool import Job, Pool, Say, failure
+from vsalog.batch.pool import Job, Pool, Say
 from vsalog.batch.records import Answer, Settings
 from vsalog.batch.worker import check_settings
 from vsalog.core.errors import BatchError
@@ -117,7 +117,7 @@ class Cluster(Pool):
         except CancelledError:
             return Answer(stop=f"{self._lost}, and with it what was being worked on")
         except Exception as error:
-            return failure(job, "killed", self._words(error))
+            return job.failed("killed", self._words(error))
 
     def _words(self, error: Exception) -> str:
         if isinstance(error, self._dask.KilledWorker):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Sequence
 from urllib.parse import quote
 
@@ -69,9 +70,7 @@ def told_apart(texts: Sequence[str]) -> list[str]:
     ----------
     texts : all different
     """
-    seen: dict[str, int] = {}
-    for text in texts:
-        seen[text.casefold()] = seen.get(text.casefold(), 0) + 1
+    seen = Counter(text.casefold() for text in texts)
     return [
         _cut(text, text.encode()) if seen[text.casefold()] > 1 and text != text.casefold() else text for text in texts
     ]

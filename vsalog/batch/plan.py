@@ -16,7 +16,7 @@ from fsspec.utils import glob_translate
 
 from vsalog.batch.names import readable, shown, told_apart
 from vsalog.batch.records import Log
-from vsalog.batch.storage import address, file_system, is_local
+from vsalog.batch.storage import address, explained, file_system, is_local
 from vsalog.core.errors import BatchError
 
 BAG = "metadata.yaml"
@@ -96,7 +96,7 @@ def _listed(text: str) -> list[str]:
 
 def _found(system: Any, path: str, word: str) -> tuple[dict[str, int], str]:
     """Return path → size [bytes] of the logs that a word means, and the folder that their names begin below."""
-    try:
+    with explained(shown(word), "looked at"):
         kind = _kind(system, path)
         if kind == "file":
             return {path: int(system.info(path)["size"] or 0)}, path.rpartition("/")[0]
@@ -111,10 +111,6 @@ def _found(system: Any, path: str, word: str) -> tuple[dict[str, int], str]:
             logs = _logs(there, lambda path: matches(path.removeprefix(top).lstrip("/")) is not None)
         else:
             raise BatchError(f"{shown(word)}: {'is no file' if kind else 'there is no such file'}")
-    except BatchError:
-        raise
-    except Exception as error:
-        raise BatchError(f"{shown(word)}: cannot be looked at: {type(error).__name__}: {error}") from error
     if not logs and kind:
         raise BatchError(f"{shown(word)}: there is no log in this folder (endings: {', '.join(ENDINGS)})")
     if not logs:

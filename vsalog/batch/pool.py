@@ -36,6 +36,10 @@ class Job:
     need: int
     deaths: int = 0
 
+    def failed(self, kind: Kind, reason: str) -> Answer:
+        """Return the answer of a task that nobody could do."""
+        return Answer(record=failed(self.task, kind, reason))
+
 
 class Pool:
     """Do tasks on this machine.
@@ -119,7 +123,7 @@ class Pool:
                 what = f"a log of {size_text(job.task.log.size)} is expected to need {size_text(job.need)} of memory"
                 advice = "give more with --memory, or do a part with --start and --end"
                 reason = f"{what}, and {size_text(self.memory)} are allowed: {advice}"
-                yield job.task, failure(job, "memory", reason)
+                yield job.task, job.failed("memory", reason)
         # From the large ones down, so that the last ones end together.
         waiting = [job for job in jobs if job.need <= self.memory]
         waiting.sort(key=lambda job: (-job.need, job.task.log.name))
@@ -178,10 +182,10 @@ class Pool:
             return msgspec.json.decode(future.result(), type=Answer)
         if isinstance(error, TimeoutError):
             advice = "give more, or do a part with --start and --end"
-            return failure(job, "time", f"took longer than --timeout allows; {advice}")
+            return job.failed("time", f"took longer than --timeout allows; {advice}")
         job.deaths += 1
         end = _ended(error.exitcode) if isinstance(error, ProcessExpired) else "ended before it began"
-        return None if job.deaths < 2 else failure(job, "killed", f"the process that worked on it {end}, twice")
+        return None if job.deaths < 2 else job.failed("killed", f"the process that worked on it {end}, twice")
 
     def _keep(self, worker: Worker, answer: Answer | None) -> None:
         """Keep a worker for the next log, unless it died, or holds twice what one that waits is counted with: what leaks goes."""
@@ -211,11 +215,6 @@ def _end(workers: Sequence[Worker]) -> None:
         worker.stop()  # type: ignore[no-untyped-call]
     for worker in workers:
         worker.join()
-
-
-def failure(job: Job, kind: Kind, reason: str) -> Answer:
-    """Return the answer of a task that nobody could do."""
-    return Answer(record=failed(job.task, kind, reason))
 
 
 def _ended(code: int) -> str:

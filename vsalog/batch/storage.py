@@ -62,11 +62,11 @@ def address(system: Any, path: str) -> str:
 
 
 @contextmanager
-def _explained(where: str, what: str = "written") -> Iterator[None]:
+def explained(where: str, what: str = "written") -> Iterator[None]:
     """Turn what a storage raises, which may be of any kind, into one line."""
     try:
         yield
-    except StoreError:
+    except BatchError:
         raise
     except OSError as error:
         raise StoreError(f"{where}: cannot be {what}: {error.strerror or error}") from error
@@ -102,7 +102,7 @@ class Store:
     def put(self, source: Path, name: str) -> None:
         """Move a file into the batch, over one that is there."""
         target, draft = self._at(name), str(source)
-        with _explained(self.shown):
+        with explained(self.shown):
             if not _OBJECTS.isdisjoint(self._system.protocol):
                 # Object stores show an object when it is whole.
                 self._system.put_file(draft, target)
@@ -115,13 +115,13 @@ class Store:
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file, over one that is there."""
-        with self.scratch() as folder, _explained(self.shown):
+        with self.scratch() as folder, explained(self.shown):
             (folder / "file").write_bytes(data)
             self.put(folder / "file", name)
 
     def read(self, name: str) -> bytes | None:
         """Return what a file holds; None where there is none."""
-        with _explained(f"{self.shown}/{name}", "read"):
+        with explained(f"{self.shown}/{name}", "read"):
             self._system.invalidate_cache()
             with suppress(*_NOTHING):
                 return bytes(self._system.cat_file(self._at(name)))
@@ -129,20 +129,20 @@ class Store:
 
     def size(self, name: str) -> int | None:
         """Return a file's size [bytes]; None where there is none."""
-        with _explained(f"{self.shown}/{name}", "read"), suppress(*_NOTHING):
+        with explained(f"{self.shown}/{name}", "read"), suppress(*_NOTHING):
             return int(self._system.info(self._at(name))["size"])
         return None
 
     def files(self, below: str) -> list[str]:
         """Return the names of all files below a folder, sorted; of none where there is no such folder."""
-        with _explained(self.shown, "read"), suppress(*_NOTHING):
+        with explained(self.shown, "read"), suppress(*_NOTHING):
             self._system.invalidate_cache()
             return sorted(str(path)[len(self._root) + 1 :] for path in self._system.find(self._at(below)))
         return []
 
     def names(self) -> list[str]:
         """Return the names of what lies in the batch, not below its folders."""
-        with _explained(self.shown, "read"), suppress(*_NOTHING):
+        with explained(self.shown, "read"), suppress(*_NOTHING):
             self._system.invalidate_cache()
             if self._system.isfile(self._root):
                 raise StoreError(f"{self.shown}: is a file, no folder; name a folder for the batch with -o")
@@ -151,7 +151,7 @@ class Store:
 
     def remove(self, name: str) -> None:
         """Remove a file, and the folders above it that hold nothing any more."""
-        with _explained(self.shown):
+        with explained(self.shown):
             with suppress(FileNotFoundError):
                 self._system.rm_file(self._at(name))
             if is_local(self._system):
@@ -163,7 +163,7 @@ class Store:
     def scratch(self) -> Iterator[Path]:
         """Give a folder to write files in before they are put: where moving them takes no copy."""
         above = self._at(SCRATCH) if is_local(self._system) else None
-        with _explained(self.shown):
+        with explained(self.shown):
             if above is not None:
                 self._system.makedirs(above, exist_ok=True)
             folder = Path(tempfile.mkdtemp(prefix="vsalog-", dir=above))
