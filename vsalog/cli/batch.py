@@ -179,7 +179,7 @@ def batch(
     from vsalog.core.printable import plural
     from vsalog.report.batch import failure_words, outcome_document
     from vsalog.report.progress import BatchProgress
-    from vsalog.report.terminal import print_data, print_document
+    from vsalog.report.terminal import print_out
 
     given = {
         "--estimator": (estimator is not None, "estimate"),
@@ -230,7 +230,7 @@ def batch(
             )
             context.exit(130)
     found = outcome.document()
-    (print_data if as_json else print_document)(outcome_document(found))
+    print_out(outcome_document(found), as_json)
     if failed := failure_words(found):
         click.echo(failed, err=True)
     context.exit(outcome.code)

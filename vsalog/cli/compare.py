@@ -49,7 +49,7 @@ def compare(
     from vsalog.report.html import page_of
     from vsalog.report.outputs import inputs_of, keep_inputs
     from vsalog.report.progress import Progress
-    from vsalog.report.terminal import print_data, print_document
+    from vsalog.report.terminal import print_out
     from vsalog.writers.atomic import write_text
 
     asked = [name for text in estimators for name in text.split(",") if name.strip()]
@@ -65,7 +65,7 @@ def compare(
         if report is not None:
             progress.say("writing the report")
             write_text(report, page_of(comparison_document(found, runs, references)))
-    (print_data if as_json else print_document)(comparison_document(found))
+    print_out(comparison_document(found), as_json)
     if report is None and not as_json:
         click.echo("--report FILE.html draws them in one plot")
     if found.failed:

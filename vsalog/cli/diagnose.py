@@ -69,7 +69,7 @@ def diagnose(
     from vsalog.report.diagnose import diagnosis_document, extra_paths, write_diagnosis
     from vsalog.report.outputs import inputs_of, keep_inputs, report_paths
     from vsalog.report.progress import Progress
-    from vsalog.report.terminal import print_data, print_document
+    from vsalog.report.terminal import print_out
 
     options = Options(rig, joints, settings, rate, time, suggest, start, end)
     extended, experiment = extra_paths(output)
@@ -77,7 +77,7 @@ def diagnose(
     keep_inputs(written, inputs_of([log] if holdout is None else [log, holdout], rig))
     with Progress() as progress, progress.saying_when_compiling():
         diagnosis, files = write_diagnosis(log, holdout, options, output, progress.say)
-    (print_data if as_json else print_document)(diagnosis_document(diagnosis, files))
+    print_out(diagnosis_document(diagnosis, files), as_json)
     verdict = diagnosis.verdict
     unchecked = verdict == "consistent as far as checked"
     if (fail_on_unchecked and unchecked) or (fail_on_cause and not unchecked and verdict != "consistent"):

@@ -96,7 +96,7 @@ def estimate(
     from vsalog.report.estimate import estimate_document, write_estimate
     from vsalog.report.outputs import Outputs, inputs_of, keep_inputs
     from vsalog.report.progress import Progress
-    from vsalog.report.terminal import print_data, print_document
+    from vsalog.report.terminal import print_out
 
     preset = {} if preset_tuning is None else {"preset": preset_tuning}
     options = Options(rig, joints, estimator, preset | tune, settings, rate, time, start, end)
@@ -121,4 +121,4 @@ def estimate(
         job = prepare(logs, options, progress.say)
         with progress.saying_when_compiling():
             estimates = write_estimate(job, outputs, progress=progress.say)
-    (print_data if as_json else print_document)(estimate_document(job, estimates, outputs))
+    print_out(estimate_document(job, estimates, outputs), as_json)

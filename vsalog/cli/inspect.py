@@ -59,7 +59,7 @@ def inspect(
     from vsalog.readers import read
     from vsalog.readers.sampling import read_sample
     from vsalog.report.inspect import inspection_document, repair_words
-    from vsalog.report.terminal import print_data, print_document
+    from vsalog.report.terminal import print_out
     from vsalog.rig.guess import guess_roles
 
     if repaired is not None and len(logs) > 1:
@@ -88,7 +88,7 @@ def inspect(
         written = repair(logs[0], repaired, rate)
         click.echo(printable(repair_words(written)), err=True)
     found = inspection_document(Inspection(tuple(reports), written, tuple(unreadable)))
-    (print_data if as_json else print_document)(found)
+    print_out(found, as_json)
     for one in unreadable:
         click.echo(f"vsalog: {printable(one.error)}", err=True)
     if unreadable:

@@ -27,7 +27,7 @@ def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path 
     from vsalog.figures.paper import prepare_folder, write_reproduced
     from vsalog.report.progress import Progress
     from vsalog.report.reproduce import items_document, rows_document
-    from vsalog.report.terminal import print_data, print_document
+    from vsalog.report.terminal import print_document, print_out
     from vsalog.reproduce.catalogue import select
     from vsalog.reproduce.measure import Study
 
@@ -46,4 +46,4 @@ def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path 
             progress.say("drawing")
             figures = write_reproduced(plots, [f for r in results.values() for f in r.figures])
     rows = {name: result.rows for name, result in results.items()}
-    (print_data if as_json else print_document)(rows_document(items, rows, study.seeds, figures))
+    print_out(rows_document(items, rows, study.seeds, figures), as_json)

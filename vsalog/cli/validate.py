@@ -84,7 +84,7 @@ def validate(
     from vsalog.figures.paper import check_matplotlib
     from vsalog.report.outputs import inputs_of, keep_inputs, report_paths
     from vsalog.report.progress import Progress
-    from vsalog.report.terminal import print_data, print_document
+    from vsalog.report.terminal import print_out
     from vsalog.report.validate import report_document, write_validation
     from vsalog.validation.run import Options
 
@@ -94,6 +94,6 @@ def validate(
     keep_inputs(report_paths(output, "report"), [model, *inputs_of(logs, rig)])
     with Progress() as progress, progress.saying_when_compiling():
         report, files = write_validation(model, logs, options, output, figures, progress.say)
-    (print_data if as_json else print_document)(report_document(report, files))
+    print_out(report_document(report, files), as_json)
     if any(not threshold.met for threshold in report.thresholds):
         context.exit(3)

@@ -30,6 +30,14 @@ def console_for(stream: str = "stdout") -> Console:
     return Console(stderr=stream == "stderr", highlight=False, emoji=False, markup=False, width=width)
 
 
+def print_out(document: Document, as_json: bool) -> None:
+    """Print a document for people, or its data as JSON."""
+    if as_json:
+        print_data(document)
+    else:
+        print_document(document)
+
+
 def print_document(document: Document, console: Console | None = None) -> None:
     """Print a document for people: findings on stderr, where a pipe does not lose them."""
     _print(document.items, console or console_for(), 0)
