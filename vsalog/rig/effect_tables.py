@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import msgspec
 
+from vsalog.core.errors import ExtensionError
 from vsalog.core.quantities import Base
 from vsalog.effects import effects
 from vsalog.effects.base import Key
@@ -62,8 +63,19 @@ class Sensor(Part, frozen=True):
 
 
 def composed(core: type[Part], part: str) -> type[msgspec.Struct]:
-    """Return a part of the rig with the keys that effects add to it."""
+    """Return a part of the rig with the keys that effects add to it.
+
+    Raises
+    ------
+    ExtensionError
+        An effect of a third party adds a key that the part has.
+    """
     keys = tuple(key for effect in effects().values() for key in effect.keys if key.part == part)
+    for key in keys:
+        if hasattr(core, key.name):
+            raise ExtensionError(
+                f"the key '{key.name}' that an effect adds to each {part} is there already; name it otherwise"
+            )
     fields: list[tuple[str, Any, Any]] = [(key.name, _kind(key), _absent(key)) for key in keys]
     words = inspect.cleandoc(core.__doc__ or "") + "".join(f"\n{key.name} : {key.says}" for key in keys)
     names = {"__doc__": words, "__module__": core.__module__, "KEYS": keys}

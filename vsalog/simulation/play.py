@@ -7,14 +7,16 @@ from itertools import pairwise
 from typing import cast
 
 import numpy as np
+from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from vsalog.core.errors import SimulationError
+from vsalog.core.errors import ExtensionError, SimulationError
 from vsalog.effects.backlash import engaged
 from vsalog.effects.drive import delivered
 from vsalog.effects.quantisation import rounded
 from vsalog.mechanics import flexibility_torque, reaction_torque, stiffness
+from vsalog.mechanics._atoms import TORQUES
 from vsalog.readers.limits import BLOCK_ROWS
 from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, SerialJoint
 from vsalog.simulation._integrate import integrate
@@ -79,12 +81,32 @@ def play(
         if restarts is not None and restarted:
             _put(machine, restarts[first], x)
         # The last sample ends the motion: its period is begun for the acceleration's sake, and goes nowhere.
-        integrate(
+        _integrated(
             machine.numbers, at, stiff, first == 0 or restarted, period / count, float(time[first]), *drives.chunk(part), first,
             x, modes, work, room, states[part], accelerations[part],
         )  # fmt: skip
     _require_finite(states, time)
     return _truth(machine, drives, states, accelerations, slice(None))
+
+
+def _integrated(*arguments: object) -> None:
+    """Integrate a part of the motion.
+
+    Raises
+    ------
+    ExtensionError
+        A formula that a package adds cannot be compiled.
+    """
+    try:
+        integrate(*arguments)
+    except NumbaError as error:
+        where = sorted({table.formula.__module__ for table in TORQUES if not table.__module__.startswith("vsalog.")})
+        if not where:
+            raise
+        raise ExtensionError(
+            f"the formula of an effect cannot be compiled ({', '.join(where)}): it may use arithmetic, and NumPy's functions of"
+            " numbers; correct the package, or uninstall it"
+        ) from error
 
 
 def _truth(

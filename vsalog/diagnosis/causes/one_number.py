@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from msgspec.structs import replace
 
 from vsalog.binding.joint import signal_of
+from vsalog.core.errors import ExtensionError
 from vsalog.diagnosis.causes.base import (
     Cause,
     Parameter,
@@ -27,7 +28,8 @@ from vsalog.diagnosis.causes.base import (
 from vsalog.diagnosis.causes.pneumatic import TWINS, filled, pulls
 from vsalog.effects.base import OneNumber, Place, Sizes, valued
 from vsalog.mechanics.links import link_weight
-from vsalog.rig.schema import PneumaticJoint
+from vsalog.rig.schema import Link, Motor, PneumaticJoint, Signal
+from vsalog.rig.tolerance import default_deviation
 
 TORQUES = ("torque_sensor", "torque_sensor_1", "torque_sensor_2")
 ANGLES = ("motor_position", "motor_position_1", "motor_position_2", "link_position")
@@ -50,6 +52,7 @@ class OneNumberCause(Cause):
     """A cause that is one number of the rig."""
 
     def __init__(self, row: OneNumber) -> None:
+        _require_known(row)
         self.row = row
         self.name, self.title, self.says, self.confirm = row.name, row.title, row.says, row.confirm
         self.reference, self.signature, self.order, self.exact = row.reference, row.signature, row.order, row.exact
@@ -90,6 +93,19 @@ class OneNumberCause(Cause):
 
         doubles = row.doubles if row.doubled(sizes) else ()
         return Site(row.name, part, (parameter,), apply, starts if row.starts else None, doubles=doubles)
+
+
+def _require_known(row: OneNumber) -> None:
+    """Require that a row's key is a number of the part where it sits, and that how well it is known is said."""
+    part, path = PARTS.get(row.place, (None, ""))
+    try:
+        if part is not None and not isinstance(attrgetter(row.key)(part), float):
+            raise AttributeError
+        default_deviation(f"{path}{row.key}", 0.0, 1.0)
+    except (AttributeError, KeyError):
+        raise ExtensionError(
+            f"the cause '{row.name}' is of '{row.key}', which is no number of a {row.place}, or one without a tolerance"
+        ) from None
 
 
 def with_number(part: Any, key: str, number: float) -> Any:
@@ -174,3 +190,11 @@ PLACES: dict[Place, Callable[[Setting], Iterator[Found]]] = {
     "pulling muscle": _pulling_muscles,
 }
 SENSORS = frozenset({"torque sensor", "encoder", "clock"})
+# What the keys of rows are looked for in, and where it stands in the rig.
+PARTS: dict[Place, tuple[Any, str]] = {
+    "motor": (Motor(inertia=1.0), "motor."),
+    "link": (Link(inertia=1.0), "link."),
+    "torque sensor": (Signal(), "signals.torque_sensor."),
+    "encoder": (Signal(), "signals.link_position."),
+    "clock": (Signal(), "signals.link_position."),
+}
