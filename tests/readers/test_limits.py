@@ -11,7 +11,6 @@ from write_logs import START, McapLog
 from vsalog.core.errors import ReadError
 from vsalog.core.recording import Recording
 from vsalog.readers import sampling
-from vsalog.readers.bad_stamps import are_few
 from vsalog.readers.bag import BagReader
 from vsalog.readers.base import Block
 from vsalog.readers.compression import DamagedDataError, refuse_bomb
@@ -19,6 +18,7 @@ from vsalog.readers.definitions import DefinitionError, parse_definition
 from vsalog.readers.fields import Fields
 from vsalog.readers.frames import Frames, stated_frames
 from vsalog.readers.gathered import Gathered
+from vsalog.readers.header_stamps import are_few
 from vsalog.readers.json_messages import JsonDecoder
 from vsalog.readers.labels import usable_labels
 from vsalog.readers.layout import TooManyPartsError, learn

@@ -4,26 +4,24 @@ import numpy as np
 import pytest
 
 from vsalog.readers.alternating import alternating
-from vsalog.readers.bad_stamps import bad_stamps
+from vsalog.readers.header_stamps import HeaderStamps, far_from_others
 from vsalog.readers.tables.time_sizes import guessed_unit
 
 MS = 10**6
 EVENLY = np.arange(1000) * 10 * MS
 
 
-@pytest.mark.parametrize(("late", "bad"), [(0.7, False), (1.5, True)])
-def test_delays_vary_by_a_second(late, bad):
-    header = EVENLY.copy()
-    header[500] -= round(late * 1000) * MS
-    assert np.flatnonzero(bad_stamps(header, EVENLY)).tolist() == [500] * bad
+@pytest.mark.parametrize(("ahead", "found"), [(0.7, 0.0), (1.5, 1.5)])
+def test_delays_vary_by_a_second(ahead, found):
+    header = EVENLY + (EVENLY[500] <= EVENLY) * round(ahead * 1000) * MS
+    assert HeaderStamps.of(header, EVENLY).ahead == found * 1000 * MS
 
 
-@pytest.mark.parametrize(("late", "bad"), [(45, False), (80, True)])
-def test_what_comes_a_minute_late_is_none(late, bad):
-    """No stamp is missing where it came, so that it may be a sample that had to wait."""
-    header = np.insert(EVENLY, 500, EVENLY[500] - late * 1000 * MS)
-    log = np.insert(EVENLY, 500, EVENLY[500] - 5 * MS)
-    assert np.flatnonzero(bad_stamps(header, log)).tolist() == [500] * bad
+@pytest.mark.parametrize(("late", "off"), [(45, False), (80, True)])
+def test_what_comes_a_minute_late_is_none(late, off):
+    delay = np.zeros(1000, np.int64)
+    delay[500] = late * 1000 * MS
+    assert np.flatnonzero(far_from_others(delay)).tolist() == [500] * off
 
 
 @pytest.mark.parametrize(("swing", "found"), [(1.6, True), (3.0, False)])

@@ -16,7 +16,7 @@ import numpy as np
 from vsalog.core.errors import ReadError
 from vsalog.core.recording import Stamps
 from vsalog.core.significance import REPEATS
-from vsalog.readers.clock_steps import DELAY_VARIATION, LARGEST_LEAP
+from vsalog.readers.header_stamps import DELAY_VARIATION, LARGEST_LEAP
 from vsalog.readers.reach import Nanoseconds, Stamp
 
 

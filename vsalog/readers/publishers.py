@@ -15,11 +15,11 @@ import numpy as np
 from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps
-from vsalog.readers.bad_stamps import MOST_BAD_STAMPS
 from vsalog.readers.container import Connection
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError
 from vsalog.readers.frames import Frames
+from vsalog.readers.header_stamps import MOST_BAD_STAMPS
 from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS, MOST_EXCEPTIONS
 from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages, Packet

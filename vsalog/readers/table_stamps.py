@@ -10,8 +10,7 @@ import numpy as np
 from vsalog.core.column import parts
 from vsalog.core.recording import Stamps
 from vsalog.core.resolution import LONGEST_OUTLIER as REACH
-from vsalog.readers.bad_stamps import are_few
-from vsalog.readers.clock_steps import LARGEST_LEAP
+from vsalog.readers.header_stamps import LARGEST_LEAP, are_few
 from vsalog.readers.reach import Stamp
 
 

@@ -1,0 +1,182 @@
+"""Header stamps held against the log's times: which of them are none, and whether the others can be times of measurements.
+
+What tells is the *delay* of a sample, its log time less its header stamp. A few stamps with a delay unlike that of their
+neighbours are none: nobody filled them in, or a bit of them flipped. Where the delay changes for good at once, since stamps step
+back or ahead, the header's clock was set, as by NTP or a restarted controller. Samples that come late step as well; but after
+those the delay is what it was before, or the log's times come in a burst.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.core.column import parts
+from vsalog.core.finding import Finding
+from vsalog.core.recording import Stamps
+from vsalog.core.resolution import LONGEST_OUTLIER
+from vsalog.core.significance import REPEATS
+from vsalog.readers.limits import MOST_EXCEPTIONS, MOST_PARTS
+from vsalog.readers.reach import Nanoseconds, Stamp
+
+LARGEST_LEAP = 60_000_000_000
+"""A stamp that is farther [ns] from those around it is none; less may be a message that was late."""
+
+DELAY_VARIATION = 1_000_000_000
+"""So much [ns] do the delays of samples vary by themselves."""
+
+DELAY_SAMPLES = round(REPEATS / MOST_EXCEPTIONS)
+"""Samples that tell how far stamps are from the log's times: on either side as many are exceptions as show a pattern."""
+
+MOST_BAD_STAMPS = 0.05
+"""Part of the stamps that may be none; of more, it is the clock that is not believed."""
+
+MANY_BAD = Finding(code="clock.many_stamps_far", limit=round(1 / MOST_BAD_STAMPS))
+
+
+def are_few(bad: int, count: int) -> bool:
+    """Tell whether so few of the stamps are none that the others are believed."""
+    return 0 < bad <= MOST_BAD_STAMPS * count
+
+
+@dataclass(slots=True)
+class HeaderStamps:
+    """What there is to say of a stream's header stamps.
+
+    Attributes
+    ----------
+    count, zero, distant, off : int
+        Stamps; those that are zero, over a day off the log's times, and off in any way, which are none.
+    latest, earliest_log : int
+        The latest stamp and the earliest log time [ns].
+    standing : bool
+        Stamps that are not off never change, while log times do.
+    back, ahead : int
+        How far the clock was set [ns], at most; 0 for never.
+    """
+
+    count: int = 0
+    zero: int = 0
+    distant: int = 0
+    off: int = 0
+    latest: int = -Stamp.FARTHEST
+    earliest_log: int = Stamp.FARTHEST
+    standing: bool = False
+    back: int = 0
+    ahead: int = 0
+    _rows: list[Stamps] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, header: Stamps, log: Stamps) -> HeaderStamps:
+        """Look at header stamps and log times [ns], shape (n,), in the order of the log."""
+        found = cls(len(header))
+        same, same_log, lowest = True, True, float("inf")
+        first_good: int | None = None
+        for first, last in parts(header, log):
+            # With the rows next to them that those at the ends are held against.
+            begin, end = max(0, first - DELAY_SAMPLES), min(len(header), last + DELAY_SAMPLES)
+            stamps, times = header[begin:end], log[begin:end]
+            off = far_from_others(times - stamps)
+            found._count(stamps[first - begin : last - begin], times[first - begin : last - begin])
+            found._take_off(np.flatnonzero(off[first - begin : last - begin]) + first)
+            stamps, times, rows = stamps[~off], times[~off], np.flatnonzero(~off) + begin
+            if not stamps.size:
+                continue
+            first_good = int(stamps[0]) if first_good is None else first_good
+            same, same_log = same and bool((stamps == first_good).all()), same_log and bool((times == log[0]).all())
+            own = slice(*np.searchsorted(rows, (first, last)))
+            lowest = found._look_for_steps(stamps, times, own, lowest)
+        found.standing = found.count - found.off > 2 and same and not same_log
+        return found
+
+    @property
+    def rows_off(self) -> Stamps:
+        """The rows whose stamp is none, in order; none where these are not few."""
+        few = are_few(self.off, self.count)
+        return np.concatenate(self._rows) if few else np.empty(0, np.int64)
+
+    def doubt(self) -> Finding | None:
+        """Return why the stamps cannot be the times of their samples, None where they can, but for a few."""
+        evidence = {"stamps": self.count}
+        many = self.off > 0 and not are_few(self.off, self.count)
+        if many and self.distant:
+            if self.zero:
+                return Finding(code="clock.stamps_zero", value=self.zero, evidence=evidence)
+            if self.distant == self.count and self.latest < Stamp.YEAR_2000 <= self.earliest_log:
+                return Finding(code="clock.stamps_before_2000")
+            return Finding(code="clock.stamps_far", value=self.distant, evidence=evidence)
+        if self.standing:
+            return Finding(code="clock.stamps_all_same")
+        for way, size in ("back", self.back), ("ahead", self.ahead):
+            if size:
+                return Finding(code="clock.stamps_step", value=size * 1e-9, unit="s", evidence={"way": way})
+        return MANY_BAD if many else None
+
+    def _count(self, header: Stamps, log: Stamps) -> None:
+        self.zero += int(np.count_nonzero(header == 0))
+        self.distant += int(np.count_nonzero(np.abs(header - log) > Nanoseconds.DAY))
+        self.latest, self.earliest_log = max(self.latest, int(header.max())), min(self.earliest_log, int(log.min()))
+
+    def _take_off(self, rows: Stamps) -> None:
+        """Take note of rows whose stamp is none; of no more than are needed to see that they are not few."""
+        if self.off <= MOST_BAD_STAMPS * self.count:
+            self._rows.append(rows)
+        self.off += rows.size
+
+    def _look_for_steps(self, header: Stamps, log: Stamps, own: slice, lowest: float) -> float:
+        """Look for steps behind a slice of samples; takes and returns the lowest level of the delay that was ever before."""
+        if header.size <= 2 * LONGEST_OUTLIER:
+            return lowest
+        delay, steps = log - header, np.diff(header)
+        leads = steps - np.diff(log)
+        # A clock that was set back needs some samples to catch up, and late samples may be early again.
+        later = np.concatenate((header[1 + LONGEST_OUTLIER :], header[-1:].repeat(LONGEST_OUTLIER)))
+        back = (steps < 0) & (later < header[:-1])
+        ahead = (steps > DELAY_VARIATION) & (leads > DELAY_VARIATION)
+        places = np.flatnonzero((back | ahead)[own.start : own.stop]) + own.start
+        for k in places[np.argsort(-np.abs(leads[places]), kind="stable")[:MOST_PARTS]].tolist():
+            before, after = slice(max(0, k + 1 - DELAY_SAMPLES), k + 1), slice(k + 1, k + 1 + DELAY_SAMPLES)
+            size = _moved(delay[before], delay[after])
+            if 2 * size * np.sign(-leads[k]) <= abs(leads[k]) or _is_burst(header, log, before, after):
+                continue
+            if size > 0:
+                self.back = max(self.back, size)
+            # Not where the delay is again what it was before samples had to wait.
+            elif 2 * min(lowest, _lowest(delay[: k + 1])) > np.median(delay[before]) + np.median(delay[after]):
+                self.ahead = max(self.ahead, -size)
+        return min(lowest, _lowest(delay[own]))
+
+
+def far_from_others(delay: Stamps) -> NDArray[np.bool_]:
+    """Tell which header stamps cannot be the time of their samples by the delays [ns], shape (n,), of all."""
+    off: NDArray[np.bool_] = np.abs(delay) > Nanoseconds.DAY
+    if delay.size > 2 * LONGEST_OUTLIER and delay.max() - delay.min() > LARGEST_LEAP:
+        # At either end those beside the last are looked at twice, lest it vouch for itself.
+        padded = np.pad(delay, LONGEST_OUTLIER, mode="reflect")
+        around = np.lib.stride_tricks.sliding_window_view(padded, 2 * LONGEST_OUTLIER + 1)
+        off |= np.abs(delay - np.median(around, axis=1)) > LARGEST_LEAP
+    return off
+
+
+def _lowest(delay: Stamps) -> float:
+    """Return the lowest level [ns] that the delay had for a while; infinity without samples."""
+    if not delay.size:
+        return float("inf")
+    whole = delay[: delay.size // DELAY_SAMPLES * DELAY_SAMPLES].reshape(-1, DELAY_SAMPLES)
+    return float(np.median(whole if whole.size else delay[None], axis=1).min())
+
+
+def _moved(before: Stamps, after: Stamps) -> int:
+    """Return how much more delay [ns] samples have behind a step than before it, 0 where that may be jitter."""
+    if min(before.size, after.size) <= LONGEST_OUTLIER:
+        return 0
+    low, level, high = np.quantile(before, (MOST_EXCEPTIONS, 0.5, 1 - MOST_EXCEPTIONS))
+    new_low, new_level, new_high = np.quantile(after, (MOST_EXCEPTIONS, 0.5, 1 - MOST_EXCEPTIONS))
+    return int(new_level - level) if new_low > high or new_high < low else 0
+
+
+def _is_burst(header: Stamps, log: Stamps, *sides: slice) -> bool:
+    """Tell whether samples on either side of a step were recorded in less than half of the time in which they were taken."""
+    return any(2 * np.ptp(log[side]) < np.ptp(header[side]) for side in sides)
