@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.core.column import Column, is_mapped, parts
+from vsalog.core.column import Column, is_mapped, let_go, parts
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.limits import MOST_WAITING
 
 Number = TypeVar("Number", np.int64, np.float64)
+
+_COUNTS = ("inversions", "duplicates", "conflicts")
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +30,7 @@ class Order:
         Samples earlier than one before them, exact copies, and samples with the stamp of another but other values.
         Samples that have values where others of their stamp have none are none of these: nothing of them is lost.
     late : float
-        How late samples of a file came that had to be sorted in memory for that [s]; 0 where there are none.
+        How late samples of a file came of which very many had to be sorted at once for that [s]; 0 where there are none.
     """
 
     keep: NDArray[np.intp] | None
@@ -58,7 +61,7 @@ def put_in_order(stamps: Stamps, columns: list[NDArray[np.float64]]) -> Order:
     if not len(steps) or steps.min() > 0:
         return Order(None, 0, 0, 0)
     inversions = int(np.count_nonzero(stamps < np.maximum.accumulate(stamps)))
-    if not columns:  # nothing to keep or to compare
+    if not columns:  # nothing to compare
         return Order(None, inversions, 0, 0)
     order = np.argsort(stamps, kind="stable") if inversions else np.arange(len(stamps))
     ordered = stamps[order]
@@ -78,90 +81,43 @@ def put_in_order(stamps: Stamps, columns: list[NDArray[np.float64]]) -> Order:
 
 def in_order(stamps: Stamps, columns: dict[str, Values]) -> tuple[Stamps, dict[str, Values], Order]:
     """Return a stream's stamps, strictly increasing, its columns, which are taken, and what was done; see `put_in_order`."""
-    if not is_mapped(stamps):
-        return _at_once(stamps, columns)
-    disorder = Disorder.of(stamps)
-    if disorder.increasing or not columns:
-        return stamps, columns, Order(None, disorder.inversions, 0, 0)
-    if disorder.waiting > MOST_WAITING:
-        return _at_once(stamps, columns, disorder.late * 1e-9)
-    return _piece_by_piece(stamps, columns, disorder)
-
-
-def _at_once(stamps: Stamps, columns: dict[str, Values], late: float = 0.0) -> tuple[Stamps, dict[str, Values], Order]:
-    order = replace(put_in_order(stamps, [*columns.values()]), late=late)
-    # Taken one by one, so that there are not two of each at once.
-    return order.kept(stamps), {name: order.kept(columns.pop(name)) for name in list(columns)}, order
-
-
-def _piece_by_piece(
-    stamps: Stamps, columns: dict[str, Values], disorder: Disorder
-) -> tuple[Stamps, dict[str, Values], Order]:
+    if all(bool((np.diff(stamps[max(0, first - 1) : last]) > 0).all()) for first, last in parts(stamps)):
+        return stamps, columns, Order(None, 0, 0, 0)
+    if not columns or not is_mapped(stamps):
+        order = put_in_order(stamps, [*columns.values()])
+        # Taken one by one, so that there are not two of each at once.
+        return order.kept(stamps), {name: order.kept(columns.pop(name)) for name in list(columns)}, order
     out = Column(np.int64, in_file=True)
     out_columns = {name: Column(np.float64, in_file=True) for name in columns}
-    duplicates = conflicts = 0
-    waiting, waiting_columns = stamps[:0], {name: values[:0] for name, values in columns.items()}
-    for first, last in parts(stamps, *columns.values()):
-        waiting = np.concatenate((waiting, stamps[first:last]))
-        for name, values in columns.items():
-            waiting_columns[name] = np.concatenate((waiting_columns[name], values[first:last]))
-        # Nothing that is still to come is earlier than this.
-        sure = (waiting < waiting.max() - disorder.late) | (last == len(stamps))
-        done = [values[sure] for values in waiting_columns.values()]
-        order = put_in_order(waiting[sure], done)
-        out.append(order.kept(waiting[sure]))
-        for column, values in zip(out_columns.values(), done, strict=True):
-            column.append(order.kept(values))
-        duplicates, conflicts = duplicates + order.duplicates, conflicts + order.conflicts
-        waiting, waiting_columns = waiting[~sure], {name: values[~sure] for name, values in waiting_columns.items()}
+    orders, late = [], 0
+    for first, last in _pieces(stamps):
+        piece, values = stamps[first:last], [column[first:last].copy() for column in columns.values()]
+        let_go(*(column[first:last] for column in columns.values()))
+        order = put_in_order(piece, values)
+        out.append(order.kept(piece))
+        for column, some in zip(out_columns.values(), values, strict=True):
+            column.append(order.kept(some))
+        orders.append(order)
+        if last - first > MOST_WAITING:
+            late = max(late, int((np.maximum.accumulate(piece) - piece).max()))
     count = len(out)
-    return (
-        out.whole(count),
-        {name: column.whole(count) for name, column in out_columns.items()},
-        Order(None, disorder.inversions, duplicates, conflicts),
-    )
+    done = Order(None, *(sum(getattr(one, name) for one in orders) for name in _COUNTS), late * 1e-9)
+    return out.whole(count), {name: column.whole(count) for name, column in out_columns.items()}, done
 
 
-class Disorder:
-    """How far a stream's stamps are from strictly increasing.
-
-    Attributes
-    ----------
-    inversions : samples earlier than one before them
-    late : how much a sample is earlier than the latest one before it, at most [ns]
-    waiting : so many samples are at most less than `late` apart
-    increasing : no stamp comes twice or out of order
-    """
-
-    def __init__(self) -> None:
-        self.inversions, self.late, self.waiting, self.increasing = 0, 0, 0, True
-
-    @classmethod
-    def of(cls, stamps: Stamps) -> Disorder:
-        """Go through a stream's stamps."""
-        found = cls()
-        latest: int | None = None
-        before: int | None = None
-        for first, last in parts(stamps):
-            now = stamps[first:last]
-            steps = np.diff(now, prepend=now[0] - 1 if before is None else before)
-            found.increasing = found.increasing and bool(steps.min() > 0)
-            so_far = np.maximum.accumulate(now if latest is None else np.maximum(now, latest))
-            found.inversions += int(np.count_nonzero(now < so_far))
-            found.late = max(found.late, int((so_far - now).max()))
-            latest, before = int(so_far[-1]), int(now[-1])
-        if found.late:
-            found.waiting = found._most_waiting(stamps)
-        return found
-
-    def _most_waiting(self, stamps: Stamps) -> int:
-        """Return how many samples have to be kept at most, until none can come that belongs before them."""
-        most = 0
-        waiting = np.empty(0, np.int64)
-        for first, last in parts(stamps):
-            waiting = np.concatenate((waiting, stamps[first:last]))
-            most = max(most, waiting.size)
-            if most > MOST_WAITING:
-                break
-            waiting = waiting[waiting >= waiting.max() - self.late]
-        return most
+def _pieces(stamps: Stamps) -> Iterator[tuple[int, int]]:
+    """Yield first row and last row, that one excluded, of pieces of a stream behind which no sample is as early as one in them."""
+    earliest = [int(stamps[first:last].min()) for first, last in parts(stamps)]
+    behind = [*np.minimum.accumulate(earliest[:0:-1])[::-1].tolist(), np.iinfo(np.int64).max]
+    begin, latest = 0, np.iinfo(np.int64).min
+    for (first, last), least in zip(parts(stamps), behind, strict=True):
+        now = stamps[first:last]
+        so_far = np.maximum(np.maximum.accumulate(now), latest)
+        still_to_come = np.minimum(np.append(np.minimum.accumulate(now[:0:-1])[::-1], least), least)
+        ends = np.flatnonzero(so_far < still_to_come) + first + 1
+        if ends.size:
+            yield begin, int(ends[-1])
+            begin = int(ends[-1])
+        latest = int(so_far[-1])
+    if begin < len(stamps):
+        yield begin, len(stamps)
