@@ -7,7 +7,6 @@ from enum import IntEnum
 
 import numpy as np
 
-from vsalog.core.compiled import compiled
 from vsalog.core.printable import LONGEST_TEXT
 from vsalog.readers.definitions import Scalar, Struct, Text, Time
 from vsalog.readers.limits import MOST_PARTS
@@ -32,21 +31,26 @@ def has_frame(root: Struct, cdr: bool) -> bool:
 
 def header_frames(messages: Messages, cdr: bool) -> Messages:
     """Return the frames in headers that messages, of ROS 2's encoding or ROS 1's, begin with; length -1 where none is clear."""
-    at, size = np.empty(len(messages), np.int64), np.empty(len(messages), np.int64)
-    data = messages.data.view()
-    data.flags.writeable = False  # always, so that the loops are compiled once
-    _places(data, messages.start, messages.length, cdr, at, size)
-    return Messages(data, at, size)
+    place, length = messages.start + (At.FRAME + 4), np.full(len(messages), -1, np.int64)
+    rows = np.flatnonzero(messages.length >= At.FRAME + 4)
+    number = messages.data[place[rows, None] - np.arange(4, 0, -1)].astype(np.int64)
+    if cdr:
+        big_endian = messages.data[messages.start[rows] + 1] == 0
+        number[big_endian] = number[big_endian, ::-1]
+    size = number @ (256 ** np.arange(4))
+    fits = size <= messages.start[rows] + messages.length[rows] - place[rows]
+    rows, size = rows[fits], size[fits]
+    some = np.flatnonzero(size)
+    size[some] -= messages.data[place[rows[some]] + size[some] - 1] == 0  # the zero at the end of a text in ROS 2
+    length[rows] = size
+    return Messages(messages.data, place, length)
 
 
 def stated_frames(frames: Sequence[object]) -> Messages:
     """Return frames as `header_frames` does; what is no text is none."""
     texts = [frame.encode("utf-8", "surrogatepass") if isinstance(frame, str) else None for frame in frames]
     joined = Messages.of([text or b"" for text in texts])
-    length = np.where([text is None for text in texts], -1, joined.length)
-    data = joined.data.view()
-    data.flags.writeable = False
-    return Messages(data, joined.start, length)
+    return Messages(joined.data, joined.start, np.where([text is None for text in texts], -1, joined.length))
 
 
 class Frames:
@@ -59,81 +63,30 @@ class Frames:
     """
 
     def __init__(self, known: Sequence[str] = ()) -> None:
-        self._pool, self._sizes, self._count = (
-            np.zeros((1, LONGEST_TEXT), np.uint8),
-            np.zeros(1, np.int64),
-            len(known),
-        )
-        while self._count > len(self._sizes):
-            self._grow()
-        for k, name in enumerate(known):
-            raw = np.frombuffer(name.encode("utf-8", "surrogateescape"), np.uint8)
-            self._pool[k, : raw.size], self._sizes[k] = raw, raw.size
+        self._known = {name.encode("utf-8", "surrogateescape"): k for k, name in enumerate(known)}
 
     @property
     def names(self) -> list[str]:
-        """The frames, in the order in which they were met."""
-        texts = (self._pool[k, : self._sizes[k]].tobytes() for k in range(self._count))
-        return [text.decode("utf-8", "surrogateescape") for text in texts]
+        """The frames, by their numbers."""
+        return [text.decode("utf-8", "surrogateescape") for text in self._known]
 
     def numbers(self, frames: Messages) -> Integers:
         """Return which frame each message has, shape (n,), of the texts of their frames; -1 where that is not clear."""
         found = np.full(len(frames), -1, np.int64)
-        done = 0
-        while True:
-            done, self._count = _numbers(
-                frames.data, frames.start, frames.length, self._pool, self._sizes, self._count, found, done
-            )
-            if done == found.size:
-                return found
-            self._grow()
+        for rows in frames.by_length():
+            size = int(frames.length[rows[0]])
+            if 0 <= size <= LONGEST_TEXT:
+                texts = frames.data[frames.start[rows, None] + np.arange(size)]
+                found[rows] = self._number(texts[0]) if (texts == texts[0]).all() else self._several(texts)
+        return found
 
-    def _grow(self) -> None:
-        more = 3 * len(self._sizes)
-        self._pool = np.concatenate((self._pool, np.zeros((more, LONGEST_TEXT), np.uint8)))
-        self._sizes = np.concatenate((self._sizes, np.zeros(more, np.int64)))
+    def _several(self, texts: Bytes) -> Integers:
+        """Return the numbers of texts, shape (n, size), of one length."""
+        different, which = np.unique(texts, axis=0, return_inverse=True)
+        return np.array([self._number(text) for text in different])[which.ravel()]
 
-
-@compiled
-def _places(data: Bytes, start: Integers, length: Integers, cdr: bool, place: Integers, sizes: Integers) -> None:
-    """Write down where each message's frame begins and how long it is, -1 where that is not clear."""
-    for k in range(start.size):
-        at, place[k], sizes[k] = start[k] + At.FRAME, 0, -1
-        if length[k] < At.FRAME + 4:
-            continue
-        size = 0
-        for i in range(4):
-            size = size * 256 + int(data[at + (i if cdr and data[start[k] + 1] == 0 else 3 - i)])
-        at += 4
-        if size > start[k] + length[k] - at:
-            continue
-        while size and data[at + size - 1] == 0:
-            size -= 1
-        place[k], sizes[k] = at, size
-
-
-@compiled
-def _numbers(
-    data: Bytes, start: Integers, length: Integers, pool: Bytes, sizes: Integers, count: int, out: Integers, begin: int
-) -> tuple[int, int]:
-    """Write down which frame each message has, from one on; returns how far there was room for them, and how many are known."""
-    for k in range(begin, start.size):
-        at, size = start[k], length[k]
-        if size < 0 or size > LONGEST_TEXT:
-            continue
-        for j in range(count):
-            i = 0
-            while sizes[j] == size and i < size and pool[j, i] == data[at + i]:
-                i += 1
-            if sizes[j] == size and i == size:
-                out[k] = j
-                break
-        if out[k] >= 0 or count == MOST_PARTS:
-            continue
-        if count == sizes.size:
-            return k, count
-        for i in range(size):
-            pool[count, i] = data[at + i]
-        sizes[count], out[k] = size, count
-        count += 1
-    return start.size, count
+    def _number(self, text: Bytes) -> int:
+        raw = text.tobytes()
+        if raw not in self._known and len(self._known) < MOST_PARTS:
+            self._known[raw] = len(self._known)
+        return self._known.get(raw, -1)
