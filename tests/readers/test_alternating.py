@@ -44,34 +44,6 @@ def test_values_of_two_by_turns_are_told(tmp_path, joints):
     assert told(log_of(tmp_path / "log", *joints))
 
 
-THIRD = 1.5 * np.sin(3 * T + 1)
-PHASE = np.arange(T.size)
-
-
-@pytest.mark.parametrize("turns", ["abc", "aab", "aaab", "abac", "abcabb"])
-@pytest.mark.parametrize("digits", [2, 9])
-def test_values_of_more_or_of_one_that_is_faster_are_told(tmp_path, turns, digits):
-    which = np.array([ord(turn) - ord("a") for turn in turns])[PHASE % len(turns)]
-    assert told(log_of(tmp_path / "log", np.round(np.choose(which, (ONE, OTHER, THIRD)) + NOISE, digits)))
-
-
-@pytest.mark.every(3)
-@pytest.mark.parametrize("turns", [3, 4, 5, 6])
-@pytest.mark.parametrize("off", [0, 1e-3])
-def test_vibrations_and_pulses_as_fast_are_those_of_one(tmp_path, turns, off):
-    beat = PHASE * (1 / turns + off)
-    for k, values in enumerate(
-        (
-            np.sin(2 * np.pi * beat + 0.3),
-            np.sin(2 * np.pi * beat + 0.3) * np.exp(-T),
-            1.0 * (beat % 1 < 0.5),
-            1.0 * (beat % 1 < 0.5 + 0.4 * np.sin(2 * T)),
-        )
-    ):
-        for noise in (0, 1, 100):
-            assert not told(log_of(tmp_path / f"{k}{noise}", values + noise * NOISE))
-
-
 @pytest.mark.filterwarnings("error")
 def test_values_at_the_end_of_the_range_are_looked_at_too(tmp_path):
     huge = 1.7e308 * RNG.uniform(0.5, 1, T.size)

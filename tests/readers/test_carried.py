@@ -136,27 +136,7 @@ def test_values_that_are_sent_seldom_have_a_stream_of_their_own(tmp_path):
     np.testing.assert_array_equal(recording.channel("/q.temperature").stamps, np.arange(4) * 10**9)
 
 
-@pytest.mark.parametrize("large", [False, True])
-@pytest.mark.parametrize("alone", [False, True])
-def test_a_damaged_name_is_told_and_costs_the_others_nothing_else(tmp_path, alone, large):
-    sent = []
-    for i in range(1200):
-        for k, names in enumerate([["elbow"], ["wrist"]] if alone else [["elbow", "wrist"]]):
-            shown = [name if (i, name) != (700, "elbow") else "elbnw" for name in names]
-            sent.append((START + i * MS + k, START + i * MS + k, shown, [i] * len(names)))
-    path = mcap(tmp_path / "log", sent)
-    recording = read(path, room=0) if large else read(path)
-    (stray,) = recording.findings
-    assert (stray.code, stray.value, stray.evidence["messages"]) == ("recording.stray_names", 1, len(sent))
-    assert stray.evidence["names"] == "position[elbnw]"
-    stamps = START + np.arange(1200) * MS
-    expected = np.where(np.arange(1200) == 700, np.nan, np.arange(1200))
-    np.testing.assert_array_equal(at(recording.channel("/j.position[elbow]"), stamps), expected)
-    np.testing.assert_array_equal(at(recording.channel("/j.position[wrist]"), stamps + alone), np.arange(1200))
-    assert recording.channel("/j.position[elbnw]").values.tolist() == [700]
-
-
-def test_what_comes_seldom_without_taking_another_ones_place_is_not_told(tmp_path):
+def test_what_comes_seldom_is_not_told(tmp_path):
     log = McapLog()
     for i in range(1200):
         log.add_json("/q", {"q": i, "tau": -i, **({"error": 3} if i == 600 else {})}, START + i * MS)

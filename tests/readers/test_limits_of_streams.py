@@ -24,14 +24,6 @@ def test_values_come_together_in_three_of_four_messages(shared, groups):
     assert len(together(["a", "b"], carried, 200)) == groups
 
 
-@pytest.mark.parametrize(("count", "stray"), [(2, True), (3, False)])
-def test_a_damaged_name_is_in_two_messages(count, stray):
-    damaged = np.arange(2000) < count
-    partial = {"t.arm": np.packbits(~damaged), "t.arl": np.packbits(damaged)}
-    parts = together(["t.x", "t.arm", "t.arl"], partial, 2000)
-    assert [part.columns for part in parts if part.stray] == [["t.arl"]] * stray
-
-
 @pytest.mark.parametrize(("count", "good"), [(2**14, True), (2**14 + 1, False)])
 def test_a_log_has_16384_topics(count, good):
     named = [(Connection(k, f"/t{k}", "a/T", "cdr", "msg", ""), f"/t{k}") for k in range(count)]

@@ -103,10 +103,6 @@ LOG_TEXTS: Mapping[str, Text] = {
         "{part}: its values go back and forth from sample to sample, as when two publishers of different values share a topic.",
         "If so, no values of it are those of either.",
     ),
-    "recording.stray_names": Text(
-        "{part}: {names}: in {value:.0f} of {messages:n message} only, in place of others, as when a byte of a name has changed.",
-        "The others' samples of these messages are missing.",
-    ),
     "recording.copies_dropped": Text("{part}: {value:n exact copy} of samples dropped."),
     "recording.conflicts_dropped": Text(
         "{part}: {value:n sample} with the stamp of another but other values dropped.", "The first of each was kept."

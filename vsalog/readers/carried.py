@@ -13,17 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.column import ABSENT_BITS, PART, let_go
-from vsalog.core.finding import Evidence, Finding
 from vsalog.core.recording import Values
-from vsalog.core.significance import REPEATS
-from vsalog.readers.limits import MOST_DAMAGED, MOST_PARTS
+from vsalog.readers.limits import MOST_PARTS
 
 LEAST_TOGETHER = 0.75
 """Values come together that share this part of the messages that have either; the others of these lack it, NaN."""
 
-
-MOST_STRAYS = 2
-"""Messages that may carry a damaged name: it is another one the next time. Such names are few, and among many messages."""
 
 _Bits = NDArray[np.uint8]
 
@@ -40,14 +35,11 @@ class Together:
         Of the stream.
     bits : uint8 array, or None
         A bit for each of its messages: any of the columns is in it; None where that is so in all of them.
-    stray : bool
-        Hardly any message has them, and these lack what all others of their kind have.
     """
 
     columns: list[str]
     messages: int
     bits: _Bits | None = None
-    stray: bool = False
 
     @property
     def count(self) -> int:
@@ -99,14 +91,12 @@ def together(columns: Sequence[str], partial: Mapping[str, _Bits], messages: int
     if full:
         alike.setdefault(np.packbits(np.ones(messages, np.bool_)).tobytes(), []).extend(full)
     patterns, members = [np.frombuffer(raw, np.uint8) for raw in alike], [*alike.values()]
-    groups = _alike(patterns)
-    strays = _strays(patterns, members, groups, messages)
     place = {name: k for k, name in enumerate(columns)}
     found = []
-    for k, group in enumerate(groups):
+    for group in _alike(patterns):
         names = sorted((name for i in group for name in members[i]), key=place.__getitem__)
         bits = np.bitwise_or.reduce([patterns[i] for i in group])
-        found.append(Together(names, messages, None if _count(bits) == messages else bits, k in strays))
+        found.append(Together(names, messages, None if _count(bits) == messages else bits))
     return sorted(found, key=lambda one: place[one.columns[0]])
 
 
@@ -128,39 +118,6 @@ def _alike(patterns: Sequence[_Bits]) -> list[list[int]]:
     return groups
 
 
-def _strays(
-    patterns: Sequence[_Bits], members: Sequence[Sequence[str]], groups: Sequence[Sequence[int]], count: int
-) -> set[int]:
-    """Return the groups in hardly any message that took the place of others, as a name does that has changed.
-
-    Beside them is a choice of others that no other message has, or nothing at all, and they are called much as others are.
-    """
-    few = [k for k, group in enumerate(groups) if _count(patterns[group[0]]) <= MOST_STRAYS]
-    if count * MOST_DAMAGED < 1 or len(few) > REPEATS:
-        return set()
-    others = [i for k, group in enumerate(groups) if k not in few for i in group]
-    strays = set()
-    for k in few:
-        own = patterns[groups[k][0]]
-        byte = int(np.argmax(own > 0))
-        bit = np.uint8(1 << (int(own[byte]).bit_length() - 1))
-        beside = [i for i in others if patterns[i][byte] & bit]
-        alike = np.full(own.size, 255, np.uint8)
-        for i in others:
-            alike &= patterns[i] if i in beside else ~patterns[i]
-        if _count(alike[: count // 8]) <= MOST_STRAYS and (
-            beside or _resembles(members[groups[k][0]][0], others, members)
-        ):
-            strays.add(k)
-    return strays
-
-
-def _resembles(name: str, others: Sequence[int], members: Sequence[Sequence[str]]) -> bool:
-    """Tell whether a name differs from another one in a single character."""
-    same_length = (other for i in others for other in members[i] if len(other) == len(name))
-    return any(sum(a != b for a, b in zip(name, other, strict=True)) == 1 for other in same_length)
-
-
 def _count(bits: _Bits) -> int:
     return int(np.bitwise_count(bits).sum(dtype=np.int64))
 
@@ -170,15 +127,3 @@ def part_stream(stream: str, part: Together) -> str:
     if part.count >= LEAST_TOGETHER * part.messages:
         return stream
     return f"{stream} ({part.columns[0].removeprefix(f'{stream}.')} …)"
-
-
-def stray_names(stream: str, parts: Sequence[Together]) -> list[Finding]:
-    """Return that parts may be damaged names; nothing where none is."""
-    strays = [part for part in parts if part.stray]
-    names = [name.removeprefix(f"{stream}.") for part in strays for name in part.columns]
-    if not names:
-        return []
-    shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-    count = sum(part.count for part in strays)
-    evidence: Evidence = {"names": shown, "messages": strays[0].messages}
-    return [Finding(code="recording.stray_names", part=stream, value=count, evidence=evidence)]

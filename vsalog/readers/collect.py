@@ -14,7 +14,7 @@ from vsalog.core.printable import plural
 from vsalog.core.recording import Channel, Recording, Stamps, Stream, Values
 from vsalog.readers.alternating import alternating
 from vsalog.readers.base import Reader
-from vsalog.readers.carried import part_stream, stray_names
+from vsalog.readers.carried import part_stream
 from vsalog.readers.compression import FILE_RATIO
 from vsalog.readers.gathered import Gathered
 from vsalog.readers.order import Order, in_order
@@ -94,10 +94,10 @@ def gather(path: Path, reader: Reader, wanted: Collection[str] | None, room: int
     for one in gathered.values():
         for column in [column for column in one.columns if column in reader.unread]:
             del one.columns[column]  # only the last block tells that a column holds no number at all
-    return _apart(gathered, reader.findings)
+    return _apart(gathered)
 
 
-def _apart(gathered: dict[str, Gathered], findings: Findings) -> dict[str, Gathered]:
+def _apart(gathered: dict[str, Gathered]) -> dict[str, Gathered]:
     """Make streams of their own of what comes in messages of its own."""
     found: dict[str, Gathered] = {}
     for stream in list(gathered):
@@ -106,7 +106,6 @@ def _apart(gathered: dict[str, Gathered], findings: Findings) -> dict[str, Gathe
         if len(parts) == 1 and parts[0].bits is None:
             found[stream] = one
             continue
-        findings.add(*stray_names(stream, parts))
         for part in parts:
             found[part_stream(stream, part)] = one.take_part(part)
     return found
