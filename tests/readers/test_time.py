@@ -366,7 +366,7 @@ def a_first_one_of_old():
 def test_samples_that_had_to_wait_keep_their_stamps(samples):
     stamps, times = (START + np.round(np.asarray(part) * MS).astype(np.int64) for part in samples())
     clock = choose_clock({"header": stamps, "log": times}, "auto")
-    assert (clock.source, clock.bad.size, clock.reason) == ("header", 0, None)
+    assert (clock.source, clock.off.size, clock.reason) == ("header", 0, None)
 
 
 @pytest.mark.parametrize("log_time", [0, START, START + 5 * 10**9])

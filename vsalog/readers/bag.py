@@ -19,7 +19,7 @@ from vsalog.readers.compressed_messages import plain, plain_packets
 from vsalog.readers.container import Connection, Container
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError, normal_type
-from vsalog.readers.delays import Delays, Promise
+from vsalog.readers.delays import Delays
 from vsalog.readers.fields import MAX_FIELDS
 from vsalog.readers.frames import Frames
 from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS, MOST_STEPS, PACKED_BYTES, SAMPLE_ROWS
@@ -88,7 +88,9 @@ class BagReader:
         self.unfit: list[Finding] = []  # of streams with messages that do not fit their definition
         self._channels: set[str] = set()
         self._streams = Streams(container, self._first_of, self.unread)
-        self._promise: Promise | None = None
+        self._sampled: Delays | None = None  # of messages from all over the log, where only a part of it is read
+        self._read = Delays()
+        self._rare: set[str] = set()  # streams that are read throughout
         self._narrowed = False
 
     @property
@@ -131,26 +133,24 @@ class BagReader:
         if time == "log" or not stamped:
             self._narrowed = self._container.narrow(Part(low, high))
             return self._narrowed
-        delays = self._sampled(stamped) if self._container.size() >= LOOK_BYTES else None
-        if delays is None:
+        delays = self._delays(stamped) if self._container.size() >= LOOK_BYTES else None
+        if delays is None or not delays.tells():
             return False
-        rare = delays.rare({batch.stream for batch in stamped.values()})
-        self._promise = Promise(delays, rare)
-        throughout = frozenset(number for number, batch in stamped.items() if batch.stream in rare)
+        self._sampled, self._rare = delays, delays.rare({batch.stream for batch in stamped.values()})
+        throughout = frozenset(number for number, batch in stamped.items() if batch.stream in self._rare)
         self._narrowed = self._container.narrow(Part(*delays.widened(low, high), throughout))
         return self._narrowed
 
-    def _sampled(self, batches: Mapping[int, _Batch]) -> Delays | None:
-        """Return how far header stamps are from the log's times in samples; None where these may not be believed."""
+    def _delays(self, batches: Mapping[int, _Batch]) -> Delays:
+        """Return how far header stamps are from the log's times in samples."""
         delays = Delays()
         for packet in map(plain, self._container.glimpses(batches.keys())):
             for batch, rows in _shared_out(packet, batches):
                 decoded = batch.decoder.decode(packet.messages.some(rows))
                 good = rows[decoded.good]
                 stamps = np.zeros(good.size, np.int64) if decoded.stamps is None else decoded.stamps[decoded.good]
-                if not delays.add(batch.stream, stamps, packet.log[good]):
-                    return None
-        return None if delays.standing() or delays.stepping else delays
+                delays.add(batch.stream, stamps, packet.log[good])
+        return delays
 
     def _blocks(self, wanted: frozenset[str] | None, first_only: bool) -> Iterator[Block]:
         batches = self._batches(wanted)
@@ -175,8 +175,8 @@ class BagReader:
         for batch in _all(batches):
             if batch.messages:
                 yield self._flush(batch, total, damaged)
-        if self._promise is not None:
-            self._promise.end()
+        if self._sampled is not None and (standing := self._read.standing()):
+            raise ReadError(f"{standing.pop()}: its header stamps are all the same in this part of the log")
         self._report(batches, total, damaged)
 
     def _first_of(self, ids: Collection[int]) -> Iterator[Packet]:
@@ -263,8 +263,10 @@ class BagReader:
             clocks["publish"] = log if np.array_equal(publish, log) else publish
         if decoded.stamps is not None:
             clocks["header"] = decoded.stamps
-            if self._promise is not None:
-                self._promise.keep(batch.stream, decoded.stamps[decoded.good], log[decoded.good])
+            if self._sampled is not None and batch.stream not in self._rare:
+                self._read.add(batch.stream, decoded.stamps[decoded.good], log[decoded.good])
+                if not self._sampled.promised(self._read):
+                    raise ReadError(f"{batch.stream}: its header stamps are far from the log's times")
         columns: dict[str, Values] = decoded.columns
         if not decoded.good.all():
             alike = clocks.get("publish") is clocks["log"]

@@ -6,7 +6,7 @@ a clock of its own then: with the messages of the others in between, every secon
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,15 +46,11 @@ class Together:
         """In how many messages any of the columns is."""
         return self.messages if self.bits is None else _count(self.bits)
 
-    def pieces(self) -> Iterator[tuple[int, int, NDArray[np.bool_]]]:
-        """Yield first row, last row, that one excluded, and which of the rows there are of the part, piece by piece."""
-        for first in range(0, self.messages, PART):
-            last = min(first + PART, self.messages)
-            if self.bits is None:
-                yield first, last, np.ones(last - first, np.bool_)
-            else:
-                bits = self.bits[first // 8 : first // 8 + PART // 8]
-                yield first, last, np.unpackbits(bits, count=last - first).astype(np.bool_)
+    def has(self, first: int, last: int) -> NDArray[np.bool_]:
+        """Tell which rows from one to another, that one excluded, any of the columns is in."""
+        if self.bits is None:
+            return np.ones(last - first, np.bool_)
+        return np.unpackbits(self.bits[first // 8 : -(-last // 8)])[first % 8 :][: last - first].astype(np.bool_)
 
 
 def lacks_any(values: Values) -> bool:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
 from pathlib import Path
+
+from msgspec import structs
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
@@ -14,46 +15,15 @@ from vsalog.core.printable import plural
 from vsalog.core.recording import Channel, Recording, Stamps, Stream, Values
 from vsalog.readers.alternating import alternating
 from vsalog.readers.base import Reader
-from vsalog.readers.carried import part_stream
 from vsalog.readers.compression import FILE_RATIO
-from vsalog.readers.gathered import Gathered
-from vsalog.readers.order import Order, in_order
+from vsalog.readers.gathered import Gathered, Samples
+from vsalog.readers.order import in_order
 from vsalog.readers.reach import BEYOND, Stamp, within_reach
-from vsalog.readers.timing import Clock, choose_clock, of_stream, without
+from vsalog.readers.timing import choose_clock, delay_of
 
 
-@dataclass(frozen=True, slots=True)
-class Placed:
-    """A stream on its clock and in order: what is known of it, its stamps, and its columns by name.
-
-    Of `left_out` samples the header stamp is none; `late` is of `Order`.
-    """
-
-    stream: Stream
-    stamps: Stamps
-    columns: dict[str, Values]
-    left_out: int
-    late: float
-
-
-def gather(path: Path, reader: Reader, wanted: Collection[str] | None, room: int | None = None) -> dict[str, Gathered]:
-    """Read a log's blocks, stream by stream.
-
-    Parameters
-    ----------
-    path : Path
-        Where the log is.
-    reader : Reader
-        It, opened.
-    wanted : collection of str or None
-        Channels to read and keep; None is all of them.
-    room : int or None
-        Bytes of samples beyond which they go to temporary files; None keeps all in memory.
-
-    Returns
-    -------
-    dict of str to Gathered
-        By stream, without the columns that turned out to be text.
+def _gather(path: Path, reader: Reader, wanted: Collection[str] | None, room: int | None) -> dict[str, Gathered]:
+    """Read a log's blocks, stream by stream, without the columns that turned out to be text; parameters as for `collect`.
 
     Raises
     ------
@@ -94,50 +64,50 @@ def gather(path: Path, reader: Reader, wanted: Collection[str] | None, room: int
     for one in gathered.values():
         for column in [column for column in one.columns if column in reader.unread]:
             del one.columns[column]  # only the last block tells that a column holds no number at all
-    return _apart(gathered)
-
-
-def _apart(gathered: dict[str, Gathered]) -> dict[str, Gathered]:
-    """Make streams of their own of what comes in messages of its own."""
-    found: dict[str, Gathered] = {}
-    for stream in list(gathered):
-        one = gathered.pop(stream)
-        parts = one.parts()
-        if len(parts) == 1 and parts[0].bits is None:
-            found[stream] = one
-            continue
-        for part in parts:
-            found[part_stream(stream, part)] = one.take_part(part)
-    return found
+    return gathered
 
 
 def collect(
     path: Path, reader: Reader, wanted: Collection[str] | None, time: str, room: int | None = None
 ) -> Recording:
-    """Read a log's blocks into a recording; parameters and errors as for `gather`.
+    """Read a log's blocks into a recording.
 
     Parameters
     ----------
+    path : Path
+        Where the log is.
+    reader : Reader
+        It, opened.
+    wanted : collection of str or None
+        Channels to read and keep; None is all of them.
     time : str
         ``auto``, ``header``, ``log`` or ``publish``, see `vsalog.readers.read`.
+    room : int or None
+        Bytes of samples beyond which they go to temporary files; None keeps all in memory.
+
+    Raises
+    ------
+    ReadError
+        The log cannot be read, or holds far more samples than a log of its size can.
     """
-    gathered = gather(path, reader, wanted, room)
+    gathered = _gather(path, reader, wanted, room)
     channels: dict[str, Channel] = {}
     streams: dict[str, Stream] = {}
     findings = Findings(reader.findings)
     dates: list[bool] = []
-    for name, one in gathered.items():
-        placed = _placed(name, one, time)
-        streams[name] = placed.stream
-        findings.add(*clock_findings(placed), *alternating(name, placed.columns))
-        if len(placed.stamps):
-            dates.append(bool(placed.stamps[0] >= Stamp.YEAR_2000))
-        if placed.stream.time_source == "column" and placed.stream.conflicts > placed.stream.count:
-            # What is left would look like a log of few samples, far apart.
-            reader.unread.update(dict.fromkeys(placed.columns, _coarse(placed.stream)))
-            continue
-        for column, values in placed.columns.items():
-            channels[column] = Channel(column, placed.stamps, values, one.units.get(column), name, one.type)
+    for topic in list(gathered):
+        for name, samples in gathered.pop(topic).streams(topic):
+            stream, stamps, columns, found = _placed(name, samples, time)
+            streams[name] = stream
+            findings.add(*found, *alternating(name, columns))
+            if len(stamps):
+                dates.append(bool(stamps[0] >= Stamp.YEAR_2000))
+            if stream.time_source == "column" and stream.conflicts > stream.count:
+                # What is left would look like a log of few samples, far apart.
+                reader.unread.update(dict.fromkeys(columns, _coarse(stream)))
+                continue
+            for column, values in columns.items():
+                channels[column] = Channel(column, stamps, values, samples.units.get(column), name, samples.type)
     return Recording(
         path=path,
         format=reader.format,
@@ -165,46 +135,34 @@ def _bytes_of(path: Path) -> int:
     return sum(file.stat().st_size for file in files if file.is_file())
 
 
-def _placed(name: str, one: Gathered, time: str) -> Placed:
-    """Put a stream on its clock and in order."""
-    clock = choose_clock(one.joined_clocks(), time)
-    if clock.source == "none":
-        clock = replace(clock, reason=one.timeless)
-    columns = {column: without(clock.bad, one.take_column(column)) for column in list(one.columns)}
-    stamps, columns, order = in_order(clock.stamps, columns)
-    return Placed(summary(name, one.type, len(stamps), clock, order), stamps, columns, clock.bad.size, order.late)
-
-
-def summary(name: str, kind: str, count: int, clock: Clock, order: Order) -> Stream:
-    """Return what is known of a stream."""
-    return Stream(
+def _placed(name: str, samples: Samples, time: str) -> tuple[Stream, Stamps, dict[str, Values], list[Finding]]:
+    """Put a stream on its clock and in order: what is known of it, its stamps, its columns, and what is odd about its time."""
+    clock = choose_clock(samples.clocks, time)
+    reason = samples.timeless if clock.source == "none" else clock.reason
+    if reason is not None and clock.source != "none":
+        reason = structs.replace(reason, part=name, evidence={**reason.evidence, "used": clock.source})
+    samples = samples.without(clock.off)
+    delay_median, delay_spread = delay_of(samples.clocks, clock.source)
+    stamps, columns, order = in_order(samples.clocks[clock.source], samples.columns)
+    stream = Stream(
         name=name,
-        type=kind,
-        count=count,
+        type=samples.type,
+        count=len(stamps),
         time_source=clock.source,
-        time_finding=of_stream(clock.reason, name, clock.source),
+        time_finding=reason,
         inversions=order.inversions,
         duplicates=order.duplicates,
         conflicts=order.conflicts,
-        delay_median=clock.delay_median,
-        delay_spread=clock.delay_spread,
+        delay_median=delay_median,
+        delay_spread=delay_spread,
     )
-
-
-def clock_findings(placed: Placed) -> list[Finding]:
-    """Return what is odd about a stream's time."""
-    stream = placed.stream
-    found = [] if stream.time_finding is None or stream.time_source == "none" else [stream.time_finding]
-    own_clock = stream.time_source == "column"
+    left_out = "clock.times_left_out" if clock.source == "column" else "clock.stamps_left_out"
     counts = (
-        Finding(code="clock.out_of_order", part=stream.name, value=stream.inversions),
-        Finding(code="recording.copies_dropped", part=stream.name, value=stream.duplicates),
-        Finding(code="recording.conflicts_dropped", part=stream.name, value=stream.conflicts),
-        Finding(
-            code="clock.times_left_out" if own_clock else "clock.stamps_left_out",
-            part=stream.name,
-            value=placed.left_out,
-        ),
-        Finding(code="recording.held_in_memory", part=stream.name, value=placed.late, unit="s"),
+        Finding(code="clock.out_of_order", part=name, value=order.inversions),
+        Finding(code="recording.copies_dropped", part=name, value=order.duplicates),
+        Finding(code="recording.conflicts_dropped", part=name, value=order.conflicts),
+        Finding(code=left_out, part=name, value=clock.off.size),
+        Finding(code="recording.held_in_memory", part=name, value=order.late, unit="s"),
     )
-    return [*found, *(one for one in counts if one.value)]
+    found = [] if reason is None or clock.source == "none" else [reason]
+    return stream, stamps, columns, [*found, *(one for one in counts if one.value)]

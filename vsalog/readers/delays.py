@@ -8,59 +8,54 @@ farther off makes the whole log be read; only where a message is neither among t
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable
 
 import numpy as np
 
-from vsalog.core.errors import ReadError
 from vsalog.core.recording import Stamps
 from vsalog.core.significance import REPEATS
 from vsalog.readers.header_stamps import DELAY_VARIATION, LARGEST_LEAP
 from vsalog.readers.reach import Nanoseconds, Stamp
 
+_Range = tuple[int, int]
 
-@dataclass(slots=True)
+
 class Delays:
-    """Log time less header stamp [ns], from least to most, 0 included.
+    """Log time less header stamp [ns], from `least` to `most`, 0 included, over samples: messages that follow one another."""
 
-    By stream, `seen` counts the samples, `rows` their messages, `span` are their first and last stamp, and `level` is the median
-    of the last sample [ns]; of streams in `stepping` it changed at once, so that only the whole log tells which clock to believe.
-    """
+    def __init__(self) -> None:
+        self.least, self.most = 0, 0
+        self._samples: Counter[str] = Counter()
+        self._rows: Counter[str] = Counter()
+        # By stream, its stamps, and the medians of its samples: a clock may have been set between them.
+        self._stamps: dict[str, _Range] = {}
+        self._levels: dict[str, _Range] = {}
 
-    least: int = 0
-    most: int = 0
-    seen: Counter[str] = field(default_factory=Counter)
-    rows: Counter[str] = field(default_factory=Counter)
-    span: dict[str, tuple[int, int]] = field(default_factory=dict)
-    level: dict[str, int] = field(default_factory=dict)
-    stepping: set[str] = field(default_factory=set)
-
-    def add(self, stream: str, stamps: Stamps, log: Stamps) -> bool:
-        """Take note of a sample, shape (n,) [ns] each; tells whether its stamps can be times at all."""
+    def add(self, stream: str, stamps: Stamps, log: Stamps) -> None:
+        """Take note of a sample, shape (n,) [ns] each."""
         if not stamps.size:
-            return True
+            return
         delay = log - stamps
-        if delay.max() > Nanoseconds.DAY or delay.min() < -Nanoseconds.DAY:
-            return False
         self.least, self.most = min(self.least, int(delay.min())), max(self.most, int(delay.max()))
-        before, self.level[stream] = self.level.get(stream), int(np.median(delay))
-        # A clock may have been set between them.
-        if before is not None and abs(self.level[stream] - before) > DELAY_VARIATION:
-            self.stepping.add(stream)
-        self.seen[stream] += 1
-        self.rows[stream] += stamps.size
-        first, last = self.span.get(stream, (int(stamps[0]), int(stamps[0])))
-        self.span[stream] = min(first, int(stamps.min())), max(last, int(stamps.max()))
-        return True
+        self._samples[stream] += 1
+        self._rows[stream] += stamps.size
+        level = int(np.median(delay))
+        for ranges, low, high in (self._stamps, stamps.min(), stamps.max()), (self._levels, level, level):
+            before = ranges.get(stream, (low, high))
+            ranges[stream] = min(before[0], int(low)), max(before[1], int(high))
 
     def standing(self) -> set[str]:
         """Return the streams that have always the same stamp."""
-        return {stream for stream, (first, last) in self.span.items() if first == last and self.rows[stream] > 2}
+        return {stream for stream, (low, high) in self._stamps.items() if low == high and self._rows[stream] > 2}
+
+    def tells(self) -> bool:
+        """Tell whether samples tell where messages are; else only the whole log tells which clock to believe."""
+        near = max(-self.least, self.most) <= Nanoseconds.DAY
+        return near and not self.standing() and all(b - a <= DELAY_VARIATION for a, b in self._levels.values())
 
     def rare(self, streams: Iterable[str]) -> set[str]:
         """Return those of some streams that are in too few samples to know them by."""
-        return {stream for stream in streams if self.seen[stream] < REPEATS}
+        return {stream for stream in streams if self._samples[stream] < REPEATS}
 
     def widened(self, low: int, high: int) -> tuple[int, int]:
         """Return between which log times [ns] all messages lie whose stamps are in a window."""
@@ -68,44 +63,6 @@ class Delays:
             high + self.most + LARGEST_LEAP, Stamp.FARTHEST
         )
 
-
-class Promise:
-    """Holds what is read against the samples.
-
-    Parameters
-    ----------
-    delays : Delays
-        Of the samples.
-    rare : collection of str
-        Streams that are read throughout.
-    """
-
-    def __init__(self, delays: Delays, rare: Collection[str]) -> None:
-        self._delays, self._rare = delays, rare
-        self._read = Delays()
-
-    def keep(self, stream: str, stamps: Stamps, log: Stamps) -> None:
-        """Take note of stamps that were read.
-
-        Raises
-        ------
-        ReadError
-            They are farther from the log's times than they may be.
-        """
-        if stream in self._rare:
-            return
-        limits, read = self._delays, self._read
-        sound = read.add(stream, stamps, log)
-        if not sound or read.least < limits.least - LARGEST_LEAP or read.most > limits.most + LARGEST_LEAP:
-            raise ReadError(f"{stream}: its header stamps are far from the log's times")
-
-    def end(self) -> None:
-        """Take note that all was read.
-
-        Raises
-        ------
-        ReadError
-            A stream has always the same stamp here, unlike elsewhere, so that it is not clear which time to believe.
-        """
-        for stream in self._read.standing():
-            raise ReadError(f"{stream}: its header stamps are all the same in this part of the log")
+    def promised(self, read: Delays) -> bool:
+        """Tell whether stamps that were read are no farther from the log's times than samples promised."""
+        return self.least - LARGEST_LEAP <= read.least and read.most <= self.most + LARGEST_LEAP

@@ -2,24 +2,61 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.core.column import Column, let_go, parts
+from vsalog.core.column import Column, is_mapped, parts
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import Block
-from vsalog.readers.carried import Together, carried, lacks_any, together
+from vsalog.readers.carried import carried, lacks_any, part_stream, together
 from vsalog.readers.limits import MOST_WAITING
 
-# Samples that room is made for at once where a log promises them; the room is no memory before it is filled.
 HEADER = ".header."
 """In names of what is in a message's header."""
 
 T = TypeVar("T", np.int64, np.float64)
+
+Rows = Callable[[int, int], NDArray[np.bool_]]
+"""Tells of the rows from one to another, that one excluded, which of them are chosen."""
+
+
+@dataclass(slots=True)
+class Samples:
+    """All samples of a stream in the order of the log: stamps of the clocks that all of them have, and columns by name."""
+
+    type: str
+    clocks: dict[str, Stamps]
+    columns: dict[str, Values]
+    units: dict[str, str]
+    timeless: Finding | None = None
+
+    def chosen(self, rows: Rows, names: Collection[str]) -> Samples:
+        """Return some columns, which are forgotten here, in some rows."""
+        clocks = {kind: _chosen(stamps, rows) for kind, stamps in self.clocks.items()}
+        columns = {name: _chosen(self.columns.pop(name), rows) for name in list(names)}
+        return Samples(self.type, clocks, columns, self.units, self.timeless)
+
+    def without(self, rows: Stamps) -> Samples:
+        """Return all columns, which are forgotten here, without some rows, which are given in order."""
+
+        def others(first: int, last: int) -> NDArray[np.bool_]:
+            kept = np.ones(last - first, np.bool_)
+            kept[rows[slice(*np.searchsorted(rows, (first, last)))] - first] = False
+            return kept
+
+        return self.chosen(others, self.columns) if rows.size else self
+
+
+def _chosen(column: NDArray[T], rows: Rows) -> NDArray[T]:
+    some = Column(column.dtype.type, in_file=is_mapped(column))
+    for first, last in parts(column):
+        some.append(column[first:last][rows(first, last)])
+    return some.whole(len(some))
 
 
 @dataclass(slots=True)
@@ -42,6 +79,7 @@ class Gathered:
 
     def add(self, block: Block) -> None:
         """Take a block in."""
+        # Room for samples that a log promises is no memory before it is filled.
         room = min(block.expected, MOST_WAITING)
         log = block.clocks.get("log")
         for kind, stamps in block.clocks.items():
@@ -87,44 +125,22 @@ class Gathered:
         rows = len(next(iter(block.clocks.values())))
         return 8 * (rows * (len(self.columns) + len(new) + len(block.clocks)) + self.count * len(new))
 
-    def joined_clocks(self) -> dict[str, Stamps]:
-        """Return the clocks that every block has."""
-        found = {kind: clock.so_far() for kind, clock in self.clocks.items() if clock.blocks == self.blocks}
-        if "publish" not in self.clocks and self.alike == self.blocks and self.alike:
-            found["publish"] = found["log"]
-        return found
-
-    def take_column(self, name: str) -> Values:
-        """Return a column over all blocks, NaN where a block has none of it, and forget it here."""
-        return self.columns.pop(name).whole(self.count)
-
-    def parts(self) -> list[Together]:
-        """Return which columns come in the same messages; headers are in all of them, and tell nothing of that."""
+    def streams(self, name: str) -> Iterator[tuple[str, Samples]]:
+        """Yield what comes in the same messages as a stream, with what it is called; columns are forgotten here meanwhile."""
         self.partial |= {name for name, column in self.columns.items() if column.blocks < self.blocks}
-        heads = [name for name in self.columns if HEADER in name]
-        others = [name for name in self.columns if name not in heads]
-        partial = [name for name in others if name in self.partial]
-        if not partial:
-            return [Together([*self.columns], self.count)]
-        bits = {name: carried(self.columns[name].whole(self.count)) for name in partial}
-        found = together(others, bits, self.count)
-        max(found, key=lambda part: part.count).columns.extend(heads)
-        return found
-
-    def take_part(self, part: Together) -> Gathered:
-        """Return some columns, in those messages that have any of them, and forget them here."""
-        taken = Gathered(self.type, self.in_file, part.count, 1, units=self.units, timeless=self.timeless)
-        for kind, stamps in self.joined_clocks().items():
-            taken.clocks[kind] = self._some(stamps, part)
-        for name in part.columns:
-            taken.columns[name] = self._some(self.take_column(name), part)
-        return taken
-
-    def _some(self, column: NDArray[T], part: Together) -> Column[T]:
-        """Return those rows of a column that are of a part."""
-        some = Column(column.dtype.type, part.count, in_file=self.in_file)
-        for first, last, rows in part.pieces():
-            some.append(column[first:last][rows])
-            let_go(column[first:last])
-        some.blocks = 1
-        return some
+        clocks = {kind: clock.so_far() for kind, clock in self.clocks.items() if clock.blocks == self.blocks}
+        if "publish" not in self.clocks and self.alike == self.blocks and self.alike:
+            clocks["publish"] = clocks["log"]
+        names = [*self.columns]
+        columns = {column: self.columns.pop(column).whole(self.count) for column in names}
+        whole = Samples(self.type, clocks, columns, self.units, self.timeless)
+        heads = [column for column in names if HEADER in column]  # are in all messages, and tell nothing of that
+        others = [column for column in names if column not in heads]
+        partial = {column: carried(columns[column]) for column in others if column in self.partial}
+        parts = together(others, partial, self.count) if partial else []
+        if not parts:
+            yield name, whole
+            return
+        max(parts, key=lambda part: part.count).columns.extend(heads)
+        for part in parts:
+            yield part_stream(name, part), whole.chosen(part.has, part.columns)

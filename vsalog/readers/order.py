@@ -15,8 +15,6 @@ from vsalog.readers.limits import MOST_WAITING
 
 Number = TypeVar("Number", np.int64, np.float64)
 
-_COUNTS = ("inversions", "duplicates", "conflicts")
-
 
 @dataclass(frozen=True, slots=True)
 class Order:
@@ -101,12 +99,13 @@ def in_order(stamps: Stamps, columns: dict[str, Values]) -> tuple[Stamps, dict[s
         if last - first > MOST_WAITING:
             late = max(late, int((np.maximum.accumulate(piece) - piece).max()))
     count = len(out)
-    done = Order(None, *(sum(getattr(one, name) for one in orders) for name in _COUNTS), late * 1e-9)
+    inversions, duplicates = (sum(one.inversions for one in orders), sum(one.duplicates for one in orders))
+    done = Order(None, inversions, duplicates, sum(one.conflicts for one in orders), late * 1e-9)
     return out.whole(count), {name: column.whole(count) for name, column in out_columns.items()}, done
 
 
 def _pieces(stamps: Stamps) -> Iterator[tuple[int, int]]:
-    """Yield first row and last row, that one excluded, of pieces of a stream behind which no sample is as early as one in them."""
+    """Yield first row and last row, that one excluded, of pieces behind which no sample is as early as one in them."""
     earliest = [int(stamps[first:last].min()) for first, last in parts(stamps)]
     behind = [*np.minimum.accumulate(earliest[:0:-1])[::-1].tolist(), np.iinfo(np.int64).max]
     begin, latest = 0, np.iinfo(np.int64).min

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TypeVar
+from dataclasses import dataclass
 
 import numpy as np
-from msgspec import structs
-from numpy.typing import NDArray
 
-from vsalog.core.column import Column, is_mapped, parts
+from vsalog.core.column import is_mapped, parts
 from vsalog.core.finding import Finding
 from vsalog.core.look import joined, stretches
 from vsalog.core.recording import Stamps
@@ -23,35 +20,26 @@ from vsalog.readers.table_stamps import stamps_that_are_none
 STANDING = Finding(code="clock.log_stands")
 """Why a stream is on another clock than the log's, which stands still."""
 
-Number = TypeVar("Number", np.int64, np.float64)
-
 _NONE = np.empty(0, np.int64)
 
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """The time stamps a stream is put on.
+    """The clock whose stamps a stream is put on.
 
     Attributes
     ----------
     source : str
         One of `vsalog.readers.base.CLOCKS`.
-    stamps : int64 array, shape (n,)
-        Nanoseconds, in the order of the log.
     reason : Finding or None
         Why not the first choice, or what to doubt of it where it was asked for.
-    delay_median, delay_spread : float
-        Log time minus header stamp [s]: median and 5–95 % range; NaN where there is one clock only.
-    bad : int64 array
-        The log's samples that have a stamp that is none and are left out, in order.
+    off : int64 array
+        Samples that have a stamp that is none and are left out, by their places in the log, in order.
     """
 
     source: str
-    stamps: Stamps
     reason: Finding | None
-    delay_median: float
-    delay_spread: float
-    bad: Stamps = field(default_factory=lambda: _NONE)
+    off: Stamps
 
 
 def choose_clock(clocks: Mapping[str, Stamps], time: str) -> Clock:
@@ -83,23 +71,9 @@ def choose_clock(clocks: Mapping[str, Stamps], time: str) -> Clock:
         reason = Finding(code="clock.not_recorded", evidence={"asked": time})
     if len(running) < len(clocks):
         reason = STANDING
-    if source in ("header", "column"):
-        running = {kind: without(off, stamps) for kind, stamps in running.items()}
-    else:
+    if source not in ("header", "column"):
         off = _NONE
-    median, spread = _delay(running, source)
-    return Clock(source, running[source], reason, median, spread, off)
-
-
-def without(rows: Stamps, column: NDArray[Number]) -> NDArray[Number]:
-    """Return a column without some rows, given in order."""
-    if not rows.size:
-        return column
-    out = Column(column.dtype.type, len(column) - rows.size, in_file=is_mapped(column))
-    for first, last in parts(column):
-        own = rows[slice(*np.searchsorted(rows, (first, last)))]
-        out.append(np.delete(column[first:last], own - first))
-    return out.whole(len(out))
+    return Clock(source, reason, off)
 
 
 def _running(clocks: Mapping[str, Stamps], time: str) -> dict[str, Stamps]:
@@ -114,14 +88,7 @@ def _stands(stamps: Stamps) -> bool:
     return len(stamps) > 2 and all(bool((stamps[a:b] == stamps[0]).all()) for a, b in parts(stamps))
 
 
-def of_stream(reason: Finding | None, stream: str, source: str) -> Finding | None:
-    """Return why a stream is on a clock, with its name and the kind of the clock."""
-    if reason is None or source == "none":
-        return reason
-    return structs.replace(reason, part=stream, evidence={**reason.evidence, "used": source})
-
-
-def _delay(clocks: Mapping[str, Stamps], source: str) -> tuple[float, float]:
+def delay_of(clocks: Mapping[str, Stamps], source: str) -> tuple[float, float]:
     """Return log time minus header stamp [s], median and 5-95 % range; NaN where the stream is not on header stamps."""
     if source != "header" or "log" not in clocks or not len(clocks["log"]):
         return float("nan"), float("nan")

@@ -197,8 +197,12 @@ def said(stamp: int) -> str:
 
 def _beginning(reader: Reader, time: str) -> int | None:
     """Return the earliest stamp of any stream's first samples; None where none has a time."""
-    clocks = [choose_clock(within_reach(block)[0].clocks, time) for block in reader.heads()]
-    stamps = [int(clock.stamps.min()) for clock in clocks if clock.source != "none" and clock.stamps.size]
+    stamps: list[int] = []
+    for block in reader.heads():
+        clocks = within_reach(block)[0].clocks
+        clock = choose_clock(clocks, time)
+        placed = np.delete(clocks[clock.source], clock.off)
+        stamps += [int(placed.min())] if clock.source != "none" and placed.size else []
     return min(stamps, default=None)
 
 
