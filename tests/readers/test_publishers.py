@@ -51,7 +51,7 @@ def bag1(path, sent):
 @pytest.mark.parametrize(("write", "names"), [(mcap, "12"), (bag1, ["/node0", "/node1"])])
 def test_the_same_joint_of_two_at_a_time_is_two_streams(tmp_path, monkeypatch, write, names, shift, large):
     if large:
-        monkeypatch.setattr(streams, "LOOK_BYTES", 0)
+        monkeypatch.setattr(streams, "PACKED_BYTES", 0)
         monkeypatch.setattr("vsalog.readers.bag.LOOK_BYTES", 0)
     path = write(tmp_path / "log.bag", publications("aa", shift))
     for recording in (read(path), read(path, room=0), read(path, start=0)):
@@ -175,12 +175,11 @@ def test_frames_by_turns_are_streams_of_their_own(tmp_path, sent, json):
 
 
 @pytest.mark.parametrize("more", [1, 4])
-def test_frames_beyond_those_told_apart_are_alone_or_said_to_be_mixed(tmp_path, more):
+def test_frames_beyond_those_told_apart_are_a_stream_together(tmp_path, more):
     names = [f"imu{k}" for k in range(MOST_PARTS + more)]
     sent = in_time(*(at(name, np.arange(6) + k / 1000, 100 * k) for k, name in enumerate(names)))
     recording = read(framed(tmp_path / "log", sent))
     assert set(recording.streams) == {*(f"/j@{name}" for name in names[:MOST_PARTS]), "/j"}
-    assert values_of(recording, "recording.frames_mixed") == [more] * (more > 1)
 
 
 def as_json(path, sent, place="header"):
@@ -234,17 +233,6 @@ def test_a_frame_that_changes_for_a_moment_or_for_good_is_one_publishers(tmp_pat
         assert set(recording.streams) == {"/j"}
         assert recording.channel("/j.position[a]").values.size == len(sent)
         assert not recording.findings
-
-
-def test_frames_that_were_not_seen_in_time_are_told(tmp_path, monkeypatch):
-    """Of a large log without an index, only the beginning is looked at beforehand."""
-    monkeypatch.setattr(streams, "PACKED_BYTES", 0)
-    monkeypatch.setattr(streams, "REPEATS", 0)
-    monkeypatch.setattr("vsalog.readers.mcap_file.McapContainer.glimpses", lambda container, ids: iter(()))
-    recording = read(framed(tmp_path / "log", of_two(("left", "right"), 0.5)))
-    assert set(recording.streams) == {"/j"}
-    (mixed,) = found(recording, "recording.frames_mixed")
-    assert (mixed.value, mixed.evidence["frames"]) == (2, "'left', 'right'")
 
 
 def test_frames_in_messages_of_either_byte_order():

@@ -96,9 +96,6 @@ LOG_TEXTS: Mapping[str, Text] = {
     "recording.publishers_apart": Text(
         "{part}: {value:.0f} {what} give the same values at the same time.", "Each is a stream of its own: {streams}."
     ),
-    "recording.frames_mixed": Text(
-        "{part}: messages of {value:.0f} frames ({frames}) give the same values at the same time and are mixed."
-    ),
     "recording.values_alternate": Text(
         "{part}: its values go back and forth from sample to sample, as when two publishers of different values share a topic.",
         "If so, no values of it are those of either.",

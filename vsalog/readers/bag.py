@@ -25,7 +25,7 @@ from vsalog.readers.frames import Frames
 from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS, MOST_STEPS, PACKED_BYTES, SAMPLE_ROWS
 from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages, Packet
-from vsalog.readers.publishers import FrameWatch, mixed_up, publisher_stream
+from vsalog.readers.publishers import publisher_stream
 from vsalog.readers.streams import Named, Streams
 
 
@@ -34,7 +34,7 @@ class _Batch:
     """Messages of one stream and one definition that wait to be decoded; `rows` of them are, at once.
 
     `expected` is how many there are in all, where the log says so. Messages of the first of `frames` wait elsewhere,
-    `apart`; `watch` looks for such frames that were not seen before, or were too many.
+    `apart`.
     """
 
     stream: str
@@ -50,7 +50,6 @@ class _Batch:
     expected: int = 0
     apart: Sequence[_Batch] = ()
     frames: Frames = field(default_factory=Frames)
-    watch: FrameWatch | None = None
 
     def by_frame(self, messages: Messages, rows: Integers) -> Iterator[tuple[_Batch, Integers]]:
         """Yield each batch with those rows that belong to it."""
@@ -231,8 +230,6 @@ class BagReader:
             for stream in (named.stream, *(publisher_stream(named.stream, frame) for frame in named.frames))
         )
         batch.apart, batch.frames = others, Frames(named.frames)
-        if batch.decoder.framed and (batch.apart or not self._streams.seen_wholly()):
-            batch.watch = FrameWatch()
         return batch
 
     def _flush(self, batch: _Batch, total: Counter[str], damaged: Counter[str]) -> Block:
@@ -252,15 +249,12 @@ class BagReader:
         """Decode messages of a batch's stream."""
         messages, log = packet.messages.some(rows), packet.log[rows]
         decoded = batch.decoder.decode(messages)
-        if batch.watch is not None:
-            batch.watch.add(batch.connection, messages, log)
         batch.rows = min(BLOCK_ROWS, PACKED_BYTES // (8 * max(1, len(decoded.columns))))
         total[batch.stream] += rows.size
         damaged[batch.stream] += int(len(decoded.good) - decoded.good.sum())
         clocks: dict[str, Stamps] = {"log": log}
         if self._container.has_publish:
-            publish = packet.publish[rows]
-            clocks["publish"] = log if np.array_equal(publish, log) else publish
+            clocks["publish"] = packet.publish[rows]
         if decoded.stamps is not None:
             clocks["header"] = decoded.stamps
             if self._sampled is not None and batch.stream not in self._rare:
@@ -269,10 +263,7 @@ class BagReader:
                     raise ReadError(f"{batch.stream}: its header stamps are far from the log's times")
         columns: dict[str, Values] = decoded.columns
         if not decoded.good.all():
-            alike = clocks.get("publish") is clocks["log"]
             clocks = {kind: stamps[decoded.good] for kind, stamps in clocks.items()}
-            if alike:
-                clocks["publish"] = clocks["log"]
             columns = {name: values[decoded.good] for name, values in columns.items()}
         for name, reason in batch.decoder.unread.items():
             self.unread.setdefault(name, reason)
@@ -291,8 +282,6 @@ class BagReader:
         for batch in _all(batches):
             if not batch.apart or total[batch.stream]:
                 expected[batch.stream] += batch.expected
-            if batch.watch is not None and (mixed := batch.watch.mixed()):
-                self.findings.append(mixed_up(batch.stream, mixed))
         for stream in expected:
             if not total[stream]:
                 if not self._narrowed or (not expected[stream] and self._container.counts()):

@@ -68,8 +68,7 @@ class Block:
     stream, type : str
         Name of the stream and its message type.
     clocks : mapping of str to int64 array, shape (n,)
-        Nanoseconds by kind of clock (one of `CLOCKS`), each where the format has it. Publish times that are the log's are the
-        same array.
+        Nanoseconds by kind of clock (one of `CLOCKS`), each where the format has it.
     columns : mapping of str to float64 array, shape (n,)
         By channel name, NaN where a sample has no such value (`vsalog.core.column.ABSENT` where a message does not carry it).
     units : mapping of str to str

@@ -81,37 +81,31 @@ def together(columns: Sequence[str], partial: Mapping[str, _Bits], messages: int
     """
     # Nearly all columns are in the same messages as another one.
     alike: dict[bytes, list[str]] = {}
-    for name, bits in partial.items():
-        alike.setdefault(bits.tobytes(), []).append(name)
-    full = [name for name in columns if name not in partial]
-    if full:
-        alike.setdefault(np.packbits(np.ones(messages, np.bool_)).tobytes(), []).extend(full)
-    patterns, members = [np.frombuffer(raw, np.uint8) for raw in alike], [*alike.values()]
+    every = np.packbits(np.ones(messages, np.bool_))
+    for name in columns:
+        alike.setdefault(partial.get(name, every).tobytes(), []).append(name)
+    counts = {raw: _count(np.frombuffer(raw, np.uint8)) for raw in alike}
+    groups: list[list[bytes]] = []
+    for raw in sorted(alike, key=lambda raw: -counts[raw]):
+        fitting = (group for group in groups if _are_together(group[0], raw, counts[group[0]] + counts[raw]))
+        group = next(fitting, groups[-1] if len(groups) == MOST_PARTS else None)
+        if group is None:
+            groups.append([raw])
+        else:
+            group.append(raw)
     place = {name: k for k, name in enumerate(columns)}
     found = []
-    for group in _alike(patterns):
-        names = sorted((name for i in group for name in members[i]), key=place.__getitem__)
-        bits = np.bitwise_or.reduce([patterns[i] for i in group])
+    for group in groups:
+        bits = np.bitwise_or.reduce([np.frombuffer(raw, np.uint8) for raw in group])
+        names = sorted((name for raw in group for name in alike[raw]), key=place.__getitem__)
         found.append(Together(names, messages, None if _count(bits) == messages else bits))
     return sorted(found, key=lambda one: place[one.columns[0]])
 
 
-def _alike(patterns: Sequence[_Bits]) -> list[list[int]]:
-    """Group patterns that mostly agree with the one of a group that has most messages."""
-    counts = [_count(bits) for bits in patterns]
-    first = np.empty((min(len(patterns), MOST_PARTS), patterns[0].size), np.uint8)
-    groups: list[list[int]] = []
-    for k in sorted(range(len(patterns)), key=lambda k: -counts[k]):
-        known = first[: len(groups)]
-        both = np.bitwise_count(known & patterns[k]).sum(axis=1, dtype=np.int64)
-        either = counts[k] + np.array([counts[group[0]] for group in groups], np.int64) - both
-        fitting = np.flatnonzero(both >= LEAST_TOGETHER * either)
-        if fitting.size or len(groups) == MOST_PARTS:
-            groups[int(fitting[0]) if fitting.size else -1].append(k)
-        else:
-            first[len(groups)] = patterns[k]
-            groups.append([k])
-    return groups
+def _are_together(one: bytes, other: bytes, counts: int) -> bool:
+    """Tell whether most messages that have either of two columns, which have so many together, have both."""
+    both = _count(np.frombuffer(one, np.uint8) & np.frombuffer(other, np.uint8))
+    return both >= LEAST_TOGETHER * (counts - both)
 
 
 def _count(bits: _Bits) -> int:

@@ -61,10 +61,7 @@ def _chosen(column: NDArray[T], rows: Rows) -> NDArray[T]:
 
 @dataclass(slots=True)
 class Gathered:
-    """The blocks of one stream; in `alike` of them publish times are the log's.
-
-    Columns lie in files where they are `in_file`. Those in `partial` are not in all messages.
-    """
+    """The blocks of one stream. Columns lie in files where they are `in_file`; those in `partial` are not in all messages."""
 
     type: str
     in_file: bool = False
@@ -74,22 +71,15 @@ class Gathered:
     columns: dict[str, Column[np.float64]] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     timeless: Finding | None = None
-    alike: int = 0
     partial: set[str] = field(default_factory=set)
 
     def add(self, block: Block) -> None:
         """Take a block in."""
         # Room for samples that a log promises is no memory before it is filled.
         room = min(block.expected, MOST_WAITING)
-        log = block.clocks.get("log")
         for kind, stamps in block.clocks.items():
-            if kind == "publish" and stamps is log and kind not in self.clocks:
-                self.alike += 1  # one array does for both, until they differ
-                continue
             if kind not in self.clocks:
                 self.clocks[kind] = Column(np.int64, room, in_file=self.in_file)
-                if kind == "publish" and self.alike:
-                    self._as_the_log()
             # A clock that a block has not is none; the rest of it does not matter then.
             self.clocks[kind].append(stamps)
         for name, values in block.columns.items():
@@ -103,13 +93,6 @@ class Gathered:
         self.timeless = block.timeless
         self.count += len(next(iter(block.clocks.values())))
         self.blocks += 1
-
-    def _as_the_log(self) -> None:
-        """Begin the publish times with those of the log, which they were so far."""
-        log, publish = self.clocks["log"].so_far(), self.clocks["publish"]
-        for first, last in parts(log[: self.count]):
-            publish.append(log[first:last])
-        publish.blocks = self.alike
 
     def to_file(self) -> None:
         """Put what there is and what is to come into files."""
@@ -129,8 +112,6 @@ class Gathered:
         """Yield what comes in the same messages as a stream, with what it is called; columns are forgotten here meanwhile."""
         self.partial |= {name for name, column in self.columns.items() if column.blocks < self.blocks}
         clocks = {kind: clock.so_far() for kind, clock in self.clocks.items() if clock.blocks == self.blocks}
-        if "publish" not in self.clocks and self.alike == self.blocks and self.alike:
-            clocks["publish"] = clocks["log"]
         names = [*self.columns]
         columns = {column: self.columns.pop(column).whole(self.count) for column in names}
         whole = Samples(self.type, clocks, columns, self.units, self.timeless)

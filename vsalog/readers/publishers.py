@@ -6,7 +6,7 @@ tells no publishers apart, the frames in the headers of their messages may.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -21,7 +21,7 @@ from vsalog.readers.definitions import DefinitionError
 from vsalog.readers.frames import Frames
 from vsalog.readers.limits import FIRST_ROWS
 from vsalog.readers.messages import Decoder
-from vsalog.readers.packets import Messages, Packet
+from vsalog.readers.packets import Integers, Messages
 
 LEAST_RUNS = 3
 """Runs of messages that frames by turns have; one publisher that is set up again changes its frame fewer times."""
@@ -48,23 +48,30 @@ class _Publisher:
         return min(self.runs, other.runs) >= LEAST_RUNS or max(self.runs, other.runs) == 1
 
 
-class Publishers:
-    """Looks for publishers of one stream that give the same values at the same time."""
+class _Publishers:
+    """Publishers of a topic, or frames that stand for them; `decoder` gives what decodes messages of a connection."""
 
-    def __init__(self) -> None:
+    def __init__(self, decoder: Callable[[Connection], Decoder]) -> None:
+        self._decoder = decoder
         self._seen: dict[str, _Publisher] = {}
-        self._decoders: dict[int, Decoder] = {}
+        self._last = -1
 
-    def add(self, name: str, connection: Connection, messages: Messages, log: Stamps, runs: int = 1) -> None:
-        """Take note of messages of a publisher, at least one, and their log times [ns], shape (n,)."""
-        one = self._seen.get(name)
-        if one is None:
-            one = self._seen[name] = _Publisher(int(log[0]), int(log[0]), self._paths(connection, messages))
-        one.first, one.last = min(one.first, int(log.min())), max(one.last, int(log.max()))
-        one.runs += runs
+    def add(self, numbers: Integers, names: list[str], connection: Connection, messages: Messages, log: Stamps) -> None:
+        """Take note of messages with log times [ns], shape (n,); `numbers` tell whose they are by `names`, -1 where none does."""
+        begins = numbers != np.concatenate(([self._last], numbers[:-1]))
+        self._last = int(numbers[-1])
+        for number in np.unique(numbers[numbers >= 0]).tolist():
+            own = np.flatnonzero(numbers == number)
+            first, last = int(log[own].min()), int(log[own].max())
+            one = self._seen.get(names[number])
+            if one is None:
+                paths = self._paths(connection, messages.some(own[:FIRST_ROWS]))
+                one = self._seen[names[number]] = _Publisher(first, last, paths)
+            one.first, one.last = min(one.first, first), max(one.last, last)
+            one.runs += int(np.count_nonzero(begins[own]))
 
     def mixed(self, by_turns: bool = False) -> list[str]:
-        """Return those that have to be streams of their own; `by_turns` only those whose messages come by turns."""
+        """Return those that give the same values at the same time; `by_turns` only those whose messages come by turns."""
         found: set[str] = set()
         for pair in combinations(self._seen, 2):
             one, other = (self._seen[name] for name in pair)
@@ -72,64 +79,64 @@ class Publishers:
                 found |= {*pair}
         return [name for name in self._seen if name in found]
 
-    def decoder(self, connection: Connection) -> Decoder:
-        """Return what decodes messages of a connection; errors as for `decoder_of`."""
-        if connection.id not in self._decoders:
-            self._decoders[connection.id] = decoder_of(connection, "", None)
-        return self._decoders[connection.id]
-
     def _paths(self, connection: Connection, messages: Messages) -> set[str]:
         """Return the paths of the values in messages, but for those of the header, which all have."""
         try:
-            columns = self.decoder(connection).decode(messages.some(np.arange(len(messages))[:FIRST_ROWS])).columns
+            columns = self._decoder(connection).decode(messages).columns
         except DefinitionError:
             return set()
         return {path for path, found in columns.items() if not path.startswith(".header.") and np.isfinite(found).any()}
 
 
-def clashing(streams: Mapping[str, Collection[Connection]], packets: Iterable[Packet]) -> dict[str, list[str]]:
-    """Return those publishers of each stream that give the same values as another one of it at the same time.
+class TopicWatch:
+    """Looks at the messages of one topic for publishers, and frames that stand for them, that have to be streams of their own.
 
     Parameters
     ----------
-    streams : mapping of str to collection of Connection
-        The connections of each.
-    packets : iterable of Packet
-        Messages of these from all over the log.
+    connections : collection of Connection
+        Of the topic.
     """
-    known = {one.id: (stream, one) for stream, connections in streams.items() for one in connections}
-    seen = {stream: Publishers() for stream in streams}
-    for packet in packets:
-        for number in np.unique(packet.connection).tolist():
-            stream, connection = known[number]
-            rows = np.flatnonzero(packet.connection == number)
-            seen[stream].add(connection.publisher, connection, packet.messages.some(rows), packet.log[rows])
-    return {stream: mixed for stream, publishers in seen.items() if (mixed := publishers.mixed())}
 
+    def __init__(self, connections: Collection[Connection]) -> None:
+        self.several = len({one.publisher for one in connections}) > 1
+        self._decoders: dict[int, Decoder] = {}
+        self._publishers = _Publishers(self._decoder)
+        self._names = Frames()
+        self._frames: dict[str | None, _Publishers] = {}  # of all publishers together, and of each
+        self._framed = {one.id for one in connections if self._is_framed(one)}
 
-class FrameWatch:
-    """Looks for frames in one stream's messages that give the same values at the same time."""
-
-    def __init__(self) -> None:
-        self._frames, self._publishers = Frames(), Publishers()
-        self._last = -1
+    def looks_at(self, connection: Connection) -> bool:
+        """Tell whether messages of a connection tell anything."""
+        return self.several or connection.id in self._framed
 
     def add(self, connection: Connection, messages: Messages, log: Stamps) -> None:
-        """Take note of a connection's messages, which may name frames, and their log times [ns], shape (n,)."""
-        numbers = self._frames.numbers(self._publishers.decoder(connection).frames(messages))
-        if not numbers.size:
-            return
-        begins = numbers != np.concatenate(([self._last], numbers[:-1]))
-        self._last = int(numbers[-1])
-        names = self._frames.names
-        for number in np.unique(numbers[numbers >= 0]).tolist():
-            own = np.flatnonzero(numbers == number)
-            runs = int(np.count_nonzero(begins[own]))
-            self._publishers.add(names[number], connection, messages.some(own), log[own], runs)
+        """Take note of a connection's messages, at least one, and their log times [ns], shape (n,)."""
+        if self.several:
+            self._publishers.add(np.zeros(log.size, np.int64), [connection.publisher], connection, messages, log)
+        if connection.id in self._framed:
+            numbers = self._names.numbers(self._decoder(connection).frames(messages))
+            for publisher in {None, connection.publisher}:
+                frames = self._frames.setdefault(publisher, _Publishers(self._decoder))
+                frames.add(numbers, self._names.names, connection, messages, log)
 
-    def mixed(self) -> list[str]:
-        """Return the frames that have to be streams of their own."""
-        return self._publishers.mixed(by_turns=True)
+    def publishers(self) -> list[str]:
+        """Return the publishers that are streams of their own."""
+        return self._publishers.mixed()
+
+    def frames(self, publisher: str | None) -> list[str]:
+        """Return the frames that are streams of their own, of one publisher or of all."""
+        return self._frames[publisher].mixed(by_turns=True) if publisher in self._frames else []
+
+    def _decoder(self, connection: Connection) -> Decoder:
+        if connection.id not in self._decoders:
+            self._decoders[connection.id] = decoder_of(connection, "", None)
+        return self._decoders[connection.id]
+
+    def _is_framed(self, connection: Connection) -> bool:
+        try:
+            return self._decoder(connection).framed
+        except DefinitionError:
+            return False
 
 
 def publisher_stream(stream: str, publisher: str) -> str:
@@ -143,9 +150,3 @@ def told_apart(stream: str, publishers: Collection[str], what: str) -> Finding:
     shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
     evidence = {"what": what, "streams": shown}
     return Finding(code="recording.publishers_apart", part=stream, value=len(names), evidence=evidence)
-
-
-def mixed_up(stream: str, frames: list[str]) -> Finding:
-    """Return that frames of a stream were found too late to tell them apart."""
-    shown = ", ".join(map(repr, map(printable, frames[:5])))
-    return Finding(code="recording.frames_mixed", part=stream, value=len(frames), evidence={"frames": shown})
