@@ -12,8 +12,6 @@ from rosbags import rosbag1
 from write_logs import JOINT_STATE, MS, START, McapLog, joint_state, serialised
 
 from vsalog.readers import read
-from vsalog.readers.sampling_bags import cut_rosbag1
-from vsalog.readers.sampling_mcap import cut_mcap
 from vsalog.writers.repair import repair
 
 COUNT = 300
@@ -79,8 +77,6 @@ def test_all_logs_in_a_file_are_read_and_told(tmp_path, write, options, logs):
         (joined_logs,) = recording.findings
         assert (joined_logs.code, joined_logs.value) == ("recording.joined", len(logs))
         assert joined_logs.evidence["further"].split(", ")[0] == str(len(raws[0]))
-    cut = cut_mcap if write is mcap else cut_rosbag1
-    assert cut(path, tmp_path / "sample", 1) is None
 
 
 @pytest.mark.parametrize("options", OPTIONS)

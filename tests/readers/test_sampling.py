@@ -19,7 +19,6 @@ from write_logs import JOINT_STATE, MS, START, STORES, McapLog, joint_state, joi
 
 from vsalog.core.errors import ReadError
 from vsalog.readers import read, sampling, sampling_pieces
-from vsalog.readers.sniff import sniff
 
 ROWS = 12_000
 BUDGET = 10_000
@@ -182,8 +181,8 @@ def test_damage_is_no_crash(tmp_path, kind):
                 at = len(raw) - 9 - int(rng.integers(300))
                 raw[at : at + 8] = struct.pack("<Q", int(rng.integers(2**63)))
             file.write_bytes(raw)
-        with suppress(ReadError), sampling._cut(path, sniff(path)) as (small, _, _findings):
-            assert kind in ("sqlite", "folder") or read(small)
+        with suppress(ReadError):
+            sampling.read_sample(path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["log"]
 
 

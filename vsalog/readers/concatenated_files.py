@@ -31,7 +31,7 @@ def opened_mcap(path: Path) -> Container:
         The file cannot be opened.
     """
     first = McapContainer(path)
-    if first.has_summary():
+    if first.has_index():
         return first  # which is that of a file as long as this one
     return _opened(path, first, McapContainer, _MCAP_BEGINS, lambda file, at: not _is_attached(file, at))
 

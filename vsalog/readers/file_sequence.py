@@ -16,6 +16,7 @@ from vsalog.core.printable import printable
 from vsalog.readers.chunk_index import Needed, Part
 from vsalog.readers.container import Connection, Container
 from vsalog.readers.packets import Packet
+from vsalog.readers.sampling_pieces import Cut
 
 
 class SeveralContainer:
@@ -86,6 +87,27 @@ class SeveralContainer:
         ]
         self._narrowed = any(able)
         return self._narrowed
+
+    def sample(self, budget: int) -> Cut | None:
+        """From now on read stretches of each file; what cannot be cut is only taken where it is small."""
+        whole, cuts = self.size(), []
+        for part in self.parts:
+            size = part.size()
+            cut = part.sample(max(budget * size // whole, 1))
+            if cut is not None:
+                cuts.append(cut)
+            elif size > budget or isinstance(part, SeveralContainer):
+                return None
+        if not cuts:
+            return None
+        totals: Counter[str] = Counter()
+        for cut in cuts:
+            totals.update(cut.totals)
+        findings = Findings()
+        findings.add(*(one for cut in cuts for one in cut.findings))
+        self._narrowed = True
+        # What stretches of two files have between them is a seam, too.
+        return Cut(sum(cut.size for cut in cuts), sum(cut.stretches for cut in cuts), totals, tuple(findings))
 
     def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield messages from all over each file."""

@@ -11,6 +11,7 @@ import zlib
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from io import BytesIO
+from itertools import chain
 from pathlib import Path
 from typing import IO
 
@@ -22,17 +23,17 @@ from mcap.records import Channel, Metadata, MetadataIndex, Schema, Statistics
 from numpy.typing import NDArray
 
 from vsalog.core.errors import ReadError
-from vsalog.core.finding import Evidence, Finding, Findings
+from vsalog.core.finding import Evidence, Finding
 from vsalog.core.memory import AT_ONCE_BYTES
-from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
-from vsalog.readers.compression import DamagedDataError, beginning, decompress
+from vsalog.readers.chunk_index import Needed
+from vsalog.readers.chunked_file import ChunkedFile, Head
+from vsalog.readers.compression import DamagedDataError, decompress
 from vsalog.readers.container import Connection
-from vsalog.readers.limits import BLOCK_ROWS, GLANCE_BYTES
+from vsalog.readers.limits import GLANCE_BYTES
 from vsalog.readers.mcap_scan import ends_whole, messages_in, others_in
 from vsalog.readers.mcap_summary import chunk_in, states_checksum, summary_records, vouched
 from vsalog.readers.mcap_walk import MAGIC, Walk
-from vsalog.readers.opened import FilePart
-from vsalog.readers.packets import Packet, RawMessage, ahead, packet_of
+from vsalog.readers.packets import Bytes, Packet, RawMessage
 
 RIG_METADATA = "vsalog.rig"
 RIG_KEY = "toml"
@@ -44,46 +45,29 @@ _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")
 
 
-class McapContainer:
-    """One MCAP file; see `vsalog.readers.container.Container`.
-
-    Parameters
-    ----------
-    path : Path
-        Where it is.
-    span : (int, int), optional
-        From which byte of the file on and up to which, where others are in it, too.
+class McapContainer(ChunkedFile):
+    """One MCAP file; see `ChunkedFile`.
 
     Attributes
     ----------
     schemas, channels : dict of int to record
         Of the file, by their numbers; complete once `connections` was asked for.
-    chunks : dict of int to Chunk
-        What the summary tells of chunks, by their positions.
-
-    Raises
-    ------
-    ReadError
-        The file cannot be opened or is no MCAP file.
     """
 
     format = "mcap"
     has_publish = True
+    CHUNK, NO_INDEX = Opcode.CHUNK, "recording.no_summary"
+    DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
 
     def __init__(self, path: Path, span: tuple[int, int] | None = None) -> None:
-        self.path = path
-        self._span = span
-        self.findings = Findings()
+        super().__init__(path, span)
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
-        self._counts: dict[int, int] = {}
         self._rig_text: str | None = None
         self._scanned = False
         self._indexed: bool | None = None
         self._text = 0
-        self.chunks: dict[int, Chunk] = {}
         self._vouched = False
-        self._part: Part | None = None
         self._end: int | None = None
 
     @property
@@ -100,31 +84,13 @@ class McapContainer:
     def counts(self) -> Mapping[int, int]:
         """Return how many messages channels have, as the summary at the end says."""
         self._scan()
-        return self._counts
+        return self.counted if self._pieces is None else {}
 
-    def size(self) -> int:
-        """Return how many bytes the file has."""
-        return self.path.stat().st_size if self._span is None else self._span[1] - self._span[0]
-
-    def open(self) -> IO[bytes]:
-        """Open the file, or what is this one's part of it.
-
-        Raises
-        ------
-        ReadError
-            It cannot be opened or is no MCAP file.
-        """
-        try:
-            file = self.path.open("rb") if self._span is None else FilePart.opened(self.path, *self._span)
-        except OSError as error:
-            raise ReadError(f"cannot be opened: {error.strerror or error}", self.path) from error
+    def _check(self, file: IO[bytes]) -> None:
         if file.read(len(MAGIC)) != MAGIC:
-            file.close()
             raise ReadError("is no MCAP file", self.path)
-        file.seek(0)
-        return file
 
-    def has_summary(self) -> bool:
+    def has_index(self) -> bool:
         """Tell whether there is a sound summary at the end, and learn what it tells."""
         if self._indexed is None:
             try:
@@ -133,47 +99,34 @@ class McapContainer:
                 self._indexed = False  # damage anywhere in the summary: the walk will find what there is
         return self._indexed
 
-    def narrow(self, part: Part) -> bool:
-        """Pass by chunks without a message of a part of the log, where the summary at the end tells of chunks."""
-        self._scan()
-        self._part = part
-        return bool(self.chunks)
+    def _heads(self, file: IO[bytes], *position: int) -> Iterator[Head]:
+        return Walk(file, verify=False).heads(*position)
 
-    def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield the first messages of chunks from all over the file."""
-        self._scan()
+    def _beginning(self, file: IO[bytes], position: int) -> tuple[str, bytes] | None:
+        file.seek(position + _HEAD.size)
+        content = file.read(GLANCE_BYTES)
+        if len(content) < _CHUNK_HEAD.size:
+            return None
+        start = _CHUNK_HEAD.size + _CHUNK_HEAD.unpack_from(content)[4] + 8
+        return content[_CHUNK_HEAD.size : start - 8].decode("ascii", "replace"), content[start:]
+
+    def _messages(self, data: Bytes, ids: Collection[int]) -> Packet:
+        return messages_in(data, _flags(ids))
+
+    def _items(self, ids: Collection[int], needed: Needed | None) -> Iterator[Packet | RawMessage]:
         wanted = _flags(ids)
-        with self.open() as file:
-            for position in some_of(self.chunks, ids):
-                file.seek(position + _HEAD.size)
-                head = _chunk_head(file.read(GLANCE_BYTES))
-                if head is not None:
-                    yield messages_in(np.frombuffer(beginning(*head, GLANCE_BYTES), np.uint8), wanted)
-
-    def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
-        """Yield the messages of some channels in the order of the file; what is damaged is skipped and noted."""
-        return ahead(self._packets(_flags(ids), needed))
-
-    def _packets(self, wanted: NDArray[np.bool_], needed: Needed | None) -> Iterator[Packet]:
-        loose: list[RawMessage] = []  # outside of chunks
         count = 0
         for record, content in self.records(needed):
-            if loose and (record == Opcode.CHUNK or len(loose) >= BLOCK_ROWS):
-                yield packet_of(loose)
-                loose = []
             if record == Opcode.CHUNK:
                 packet = messages_in(np.frombuffer(content, np.uint8), wanted)
                 count += len(packet.messages)
-                if len(packet.messages):
-                    yield packet
+                yield packet
             elif record == Opcode.MESSAGE:
                 channel, _, log, publish = _MESSAGE_HEAD.unpack_from(content)
                 if wanted[channel]:
                     count += 1
-                    loose.append((channel, log, publish, content[_MESSAGE_HEAD.size :]))
-        if loose:
-            yield packet_of(loose)
-        expected = sum(self._counts.get(number, 0) for number in np.flatnonzero(wanted).tolist())
+                    yield channel, log, publish, content[_MESSAGE_HEAD.size :]
+        expected = sum(self.counts().get(number, 0) for number in ids)
         if count < expected and self._part is None and needed is None:
             self.findings.add(
                 Finding(
@@ -201,9 +154,9 @@ class McapContainer:
         if self._scanned:
             return
         self._scanned = True
-        if self.has_summary():
+        if self.has_index():
             return
-        self.schemas, self.channels, self._counts, self.chunks = {}, {}, {}, {}
+        self.schemas, self.channels, self.counted, self.chunks = {}, {}, {}, {}
         for record, content in self.records():
             if record == Opcode.CHUNK:
                 for inner, own in others_in(np.frombuffer(content, np.uint8)):
@@ -215,7 +168,7 @@ class McapContainer:
                 for kind, content in summary_records(file, self._end) or ():
                     if kind == Opcode.STATISTICS:
                         with suppress(ValueError, struct.error, McapError):
-                            self._counts = _statistics(content).channel_message_counts
+                            self.counted = _statistics(content).channel_message_counts
                     elif kind != Opcode.METADATA:
                         self._keep(kind, content)
 
@@ -245,7 +198,7 @@ class McapContainer:
                 kind, length = _HEAD.unpack(file.read(_HEAD.size))
                 self._keep(kind, file.read(min(length, index.length)))
             self._vouched = vouched(file)
-        self._counts = {number: statistics.channel_message_counts.get(number, 0) for number in self.channels}
+        self.counted = {number: statistics.channel_message_counts.get(number, 0) for number in self.channels}
         return True
 
     def _keep(self, record: int, content: bytes) -> None:
@@ -277,14 +230,14 @@ class McapContainer:
         damage: list[str] = []
         with self.open() as file:
             passed = self._passed_by(file)
-            whole = not passed and needed is None
+            whole = not passed and needed is None and self._pieces is None
             walk = Walk(
                 file,
                 whole and states_checksum(file),
                 lambda at: at in passed or not self._may_hold(at, needed),
                 chunked=bool(self.chunks),
             )
-            for record, content, position in walk.records():
+            for record, content, position in chain.from_iterable(walk.records(*span) for span in self._spans()):
                 if record != Opcode.CHUNK:
                     yield record, content
                     continue
@@ -339,14 +292,6 @@ def _flags(ids: Collection[int]) -> NDArray[np.bool_]:
     flags = np.zeros(2**16, dtype=np.bool_)
     flags[list(ids)] = True
     return flags
-
-
-def _chunk_head(content: bytes) -> tuple[str, bytes] | None:
-    """Return a chunk's compression and what there is of its compressed records."""
-    if len(content) < _CHUNK_HEAD.size:
-        return None
-    start = _CHUNK_HEAD.size + _CHUNK_HEAD.unpack_from(content)[4] + 8
-    return content[_CHUNK_HEAD.size : start - 8].decode("ascii", "replace"), content[start:]
 
 
 def _chunk_data(content: bytes) -> bytes:

@@ -93,10 +93,12 @@ class Walk:
         self._checksum = zlib.crc32(MAGIC)
         self._chunked = chunked
 
-    def records(self) -> Iterator[tuple[int, bytes, int]]:
-        """Yield kind, content and position of the records in `kept`, up to the end of the data section or of what there is."""
-        position = len(MAGIC)
-        while True:
+    def records(self, position: int = len(MAGIC), until: int | None = None) -> Iterator[tuple[int, bytes, int]]:
+        """Yield kind, content and position of the records in `kept`, from a position on and `until` another.
+
+        Without that up to the end of the data section or of what there is.
+        """
+        while until is None or position < until:
             kind, length = self._sound(position)
             if kind in (Opcode.DATA_END, Opcode.FOOTER):
                 self._end(kind, position)
@@ -125,9 +127,8 @@ class Walk:
                 yield kind, content, position
             position += _HEAD.size + length
 
-    def heads(self) -> Iterator[tuple[int, int, int]]:
-        """Yield kinds, beginnings and ends of the records of the data section, unread, up to its end or to damage."""
-        position = len(MAGIC)
+    def heads(self, position: int = len(MAGIC)) -> Iterator[tuple[int, int, int]]:
+        """Yield kinds, beginnings and ends of the records from a position on, unread, up to the data's end or to damage."""
         while True:
             kind, length = self._head(position)
             if kind in (-1, Opcode.FOOTER, Opcode.DATA_END):

@@ -12,6 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.readers.limits import BLOCK_ROWS
+
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
 
@@ -126,6 +128,21 @@ def ahead(items: Iterator[Item]) -> Iterator[Item]:
                 yield item  # type: ignore[misc]
     finally:
         sys.setswitchinterval(usual)
+
+
+def in_packets(items: Iterator[Packet | RawMessage]) -> Iterator[Packet]:
+    """Yield packets with messages as they are, and messages that come one by one in packets of some."""
+    loose: list[RawMessage] = []
+    for item in items:
+        if loose and (isinstance(item, Packet) or len(loose) >= BLOCK_ROWS):
+            yield packet_of(loose)
+            loose = []
+        if not isinstance(item, Packet):
+            loose.append(item)
+        elif len(item.messages):
+            yield item
+    if loose:
+        yield packet_of(loose)
 
 
 def packet_of(messages: Sequence[RawMessage]) -> Packet:

@@ -51,7 +51,12 @@ def open_reader(path: str | PathLike[str], rate: float | None = None) -> Reader:
         return ParquetReader(path, rate)
     if kind == "matlab":
         return MatlabReader(path, rate)
-    reader = BagReader(open_container(path, kind))
+    return message_reader(open_container(path, kind), rate)
+
+
+def message_reader(container: Container, rate: float | None) -> BagReader:
+    """Return what reads the messages of a container, which need no rate."""
+    reader = BagReader(container)
     if rate is not None:
         reader.findings.append(Finding(code="clock.rate_not_used", value=rate, unit="Hz"))
     return reader

@@ -6,6 +6,7 @@ import struct
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 from typing import IO
 
@@ -13,15 +14,14 @@ import numpy as np
 from rosbags.rosbag1.reader import RecordType
 
 from vsalog.core.errors import ReadError
-from vsalog.core.finding import Finding, Findings
+from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
-from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
-from vsalog.readers.compression import beginning
+from vsalog.readers.chunk_index import Chunk, Needed
+from vsalog.readers.chunked_file import ChunkedFile, Head
 from vsalog.readers.container import MOST_CONNECTIONS, Connection
 from vsalog.readers.definitions import DefinitionError, ros1_checksum
-from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS, GLANCE_BYTES
-from vsalog.readers.opened import FilePart
-from vsalog.readers.packets import Packet, RawMessage, ahead, packet_of
+from vsalog.readers.limits import FIRST_ROWS, GLANCE_BYTES
+from vsalog.readers.packets import Bytes, Packet, RawMessage
 from vsalog.readers.rosbag1_index import IndexCheck, chunk_told
 from vsalog.readers.rosbag1_scan import connections_in, messages_in
 from vsalog.readers.rosbag1_walk import (
@@ -41,50 +41,26 @@ Found = dict[int, tuple[Connection, bool]]
 """Connections by number, and whether what a bag tells twice of each agrees."""
 
 
-class Rosbag1Container:
-    """One ROS 1 bag; see `vsalog.readers.container.Container`.
-
-    Parameters
-    ----------
-    path : Path
-        Where it is.
-    span : (int, int), optional
-        From which byte of the file on and up to which, where others are in it, too.
-
-    Attributes
-    ----------
-    counted : Counter
-        Messages of connections, as the index tells.
-    chunks : dict of int to Chunk
-        What the index tells of chunks, by their positions.
-
-    Raises
-    ------
-    ReadError
-        The file cannot be opened, is encrypted or of an older version.
-    """
+class Rosbag1Container(ChunkedFile):
+    """One ROS 1 bag, neither encrypted nor of an older version; see `ChunkedFile`."""
 
     format = "rosbag1"
     has_publish = False
     rig_text: str | None = None
+    CHUNK, DEFINITIONS, NO_INDEX = RecordType.CHUNK, (RecordType.CONNECTION,), "recording.no_index"
 
     def __init__(self, path: Path, span: tuple[int, int] | None = None) -> None:
-        self.path = path
-        self._span = span
+        super().__init__(path, span)
         self._index: Found | None = None
-        self.findings = Findings()
         self._connections: dict[int, Connection] | None = None
-        self.counted: Counter[int] = Counter()
-        self.chunks: dict[int, Chunk] = {}
-        self._part: Part | None = None
 
     def connections(self) -> list[Connection]:
         """Return the bag's connections, from its index or else by walking the bag."""
         if self._connections is None:
-            with self._open() as file:
+            with self.open() as file:
                 found = dict(self._indexed(file))
                 if not found or not all(sound for _, sound in found.values()):
-                    for header, data in Walk(file).records():
+                    for header, data in self._records(Walk(file)):
                         self._keep_all(found, header, data)
             self._connections = {identity: connection for identity, (connection, _) in found.items()}
         return list(self._connections.values())
@@ -92,64 +68,41 @@ class Rosbag1Container:
     def counts(self) -> Mapping[int, int]:
         """Return how many messages connections have, as the index says, but no less than tell a connection's channels."""
         self.connections()
-        return {number: max(count, FIRST_ROWS) for number, count in self.counted.items()}
-
-    def size(self) -> int:
-        """Return how many bytes the bag has."""
-        return self.path.stat().st_size if self._span is None else self._span[1] - self._span[0]
+        return {} if self._pieces else {number: max(count, FIRST_ROWS) for number, count in self.counted.items()}
 
     def has_index(self) -> bool:
         """Tell whether there is a sound index at the end, and learn what it tells."""
-        with self._open() as file:
+        with self.open() as file:
             return bool(self._indexed(file))
 
-    def narrow(self, part: Part) -> bool:
-        """Pass by chunks without a message of a part of the log, where the index tells of chunks."""
-        self.connections()
-        self._part = part
-        return bool(self.chunks)
+    def _heads(self, file: IO[bytes], *position: int) -> Iterator[Head]:
+        return Walk(file).heads(*position)
 
-    def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield the first messages of chunks from all over the bag."""
-        self.connections()
+    def _beginning(self, file: IO[bytes], position: int) -> tuple[str, bytes] | None:
+        return Walk(file).beginning(position, GLANCE_BYTES)
+
+    def _messages(self, data: Bytes, ids: Collection[int]) -> Packet:
+        return messages_in(data, np.array(sorted(ids), dtype=np.int64))[0]
+
+    def _records(self, walk: Walk) -> Iterator[tuple[Header, bytes]]:
+        return chain.from_iterable(walk.records(*span) for span in self._spans())
+
+    def _items(self, ids: Collection[int], needed: Needed | None) -> Iterator[Packet | RawMessage]:
         wanted = np.array(sorted(ids), dtype=np.int64)
-        with self._open() as file:
-            walk = Walk(file)
-            for position in some_of(self.chunks, ids):
-                found = walk.beginning(position, GLANCE_BYTES)
-                if found is not None:
-                    yield messages_in(np.frombuffer(beginning(*found, GLANCE_BYTES), np.uint8), wanted)[0]
-
-    def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
-        """Yield the messages of some connections in the order of the file; what is damaged is skipped and noted.
-
-        Raises
-        ------
-        IndexContradictsError
-            Only a part is read, and the index tells two things of what is in it.
-        """
-        return ahead(self._packets(ids, needed))
-
-    def _packets(self, ids: Collection[int], needed: Needed | None) -> Iterator[Packet]:
-        wanted = np.array(sorted(ids), dtype=np.int64)
-        loose: list[RawMessage] = []  # outside of chunks
         part = self._part
-        whole = part is None and needed is None
+        whole = part is None and needed is None and self._pieces is None
 
         def leaves_out(chunk: Chunk) -> bool:
             outside = part is not None and part.leaves_out(chunk)
             return outside or (needed is not None and not chunk.may_hold(needed))
 
         check = IndexCheck(wanted, None if whole else leaves_out)
-        with self._open() as file:
+        with self.open() as file:
             known = {} if whole else self.chunks
             walk = Walk(file, lambda at: at in known and leaves_out(known[at]))
-            for header, data in walk.records():
+            for header, data in self._records(walk):
                 kind = op(header)
                 check.damaged(walk.damage)
-                if loose and (kind == RecordType.CHUNK or len(loose) >= BLOCK_ROWS):
-                    yield packet_of(loose)
-                    loose = []
                 if kind == RecordType.CHUNK:
                     packet, sound, connections = messages_in(np.frombuffer(data, np.uint8), wanted)
                     if connections:
@@ -157,13 +110,12 @@ class Rosbag1Container:
                     check.chunk(packet)
                     if not sound:
                         walk.lose(len(packet.messages), "some of its records cannot be read")
-                    if len(packet.messages):
-                        yield packet
+                    yield packet
                 elif kind == RecordType.MSGDATA:
                     one = number(header, b"conn")
                     if one in ids:
                         seconds, fraction = struct.unpack("<II", header[b"time"])
-                        loose.append((one, seconds * 1_000_000_000 + fraction, 0, data))
+                        yield one, seconds * 1_000_000_000 + fraction, 0, data
                 elif kind == RecordType.BAGHEADER:
                     self._note_index(struct.unpack("<Q", header[b"index_pos"])[0])
                     check.announced(header)
@@ -171,8 +123,6 @@ class Rosbag1Container:
                     check.passed(header, data)
                 else:
                     check.record(header, data)
-        if loose:
-            yield packet_of(loose)
         self.findings.add(*walk_findings(walk.skipped, walk.cut), *check.findings(walk.damage, walk.chunks))
 
     def _note_index(self, position: int) -> None:
@@ -207,21 +157,15 @@ class Rosbag1Container:
         if len(found) > MOST_CONNECTIONS:
             raise ReadError(f"has more than {MOST_CONNECTIONS} connections; no such bag is read", self.path)
 
-    def _open(self) -> IO[bytes]:
-        try:
-            file = self.path.open("rb") if self._span is None else FilePart.opened(self.path, *self._span)
-        except OSError as error:
-            raise ReadError(f"cannot be opened: {error.strerror or error}", self.path) from error
+    def _check(self, file: IO[bytes]) -> None:
         version = file.readline(20)
         if version != VERSION:
-            file.close()
             shown = version.decode("ascii", "replace").strip()
             raise ReadError(
                 f"is a ROS bag of a version that is not supported ({shown});"
                 " 'rosbag migrate' or 'rosbag fix' brings it to version 2.0",
                 self.path,
             )
-        return file
 
     def _indexed(self, file: IO[bytes]) -> Found:
         """Return the connections in the index at the end; none where the bag has no index or it is damaged."""
@@ -237,11 +181,11 @@ class Rosbag1Container:
         index, count = header.get(b"index_pos", b""), header.get(b"conn_count", b"")
         if len(index) != 8 or len(count) != 4 or not struct.unpack("<Q", index)[0]:
             return {}
-        walk = Walk(file)
+        walk, counted = Walk(file), Counter[int]()
         for inner, data in walk.records(struct.unpack("<Q", index)[0]):
             if op(inner) == RecordType.CHUNK_INFO:
                 for connection, number_of in struct.iter_unpack("<II", data):
-                    self.counted[connection] += number_of
+                    counted[connection] += number_of
                 if told := chunk_told(inner, data):
                     self.chunks[told[0]] = told[1]
             elif op(inner) == RecordType.CONNECTION:
@@ -249,8 +193,9 @@ class Rosbag1Container:
             else:
                 break
         if len(found) == number(header, b"conn_count") and not walk.skipped:
+            self.counted = counted
             return found
-        self.counted, self.chunks = Counter(), {}
+        self.chunks = {}
         return {}
 
 

@@ -81,9 +81,9 @@ class Walk:
         self._file = file
         self._size = file.seek(0, 2)
 
-    def records(self, position: int = len(VERSION)) -> Iterator[tuple[Header, bytes]]:
-        """Yield header and data of the records from a position on, the data of chunks decompressed."""
-        while position < self._size:
+    def records(self, position: int = len(VERSION), until: int | None = None) -> Iterator[tuple[Header, bytes]]:
+        """Yield header and data of the records from a position on, `until` another or the end, chunks decompressed."""
+        while position < (self._size if until is None else until):
             if self._passed(position) and (end := self._chunk_end(position)):
                 position, self.passing = end, True
                 continue
@@ -115,11 +115,11 @@ class Walk:
                 self.skipped.append((position, following))
             position = following
 
-    def heads(self, position: int = len(VERSION)) -> Iterator[tuple[Header, int, int]]:
-        """Yield headers, beginnings and ends of the records from a position on, their data unread, up to the end or to damage."""
+    def heads(self, position: int = len(VERSION)) -> Iterator[tuple[int, int, int]]:
+        """Yield kinds, beginnings and ends of the records from a position on, unread, up to the end or to damage."""
         while (found := self._header(position)) is not None:
             header, start, length = found
-            yield header, position, start + length
+            yield op(header), position, start + length
             position = start + length
 
     def lose(self, read: int, reason: str) -> None:

@@ -19,6 +19,7 @@ from vsalog.readers.limits import PACKED_BYTES
 from vsalog.readers.mcap_walk import MAGIC as MCAP_MAGIC
 from vsalog.readers.packets import Packet
 from vsalog.readers.rosbag2_sqlite import SQLITE_MAGIC, SqliteContainer
+from vsalog.readers.sampling_pieces import Cut
 
 METADATA = "metadata.yaml"
 
@@ -81,6 +82,10 @@ class CompressedContainer:
     def narrow(self, part: Part) -> bool:
         """Pass by what lies outside of a part of the log."""
         return self.inner.narrow(part)
+
+    def sample(self, budget: int) -> Cut | None:
+        """From now on read stretches only."""
+        return self.inner.sample(budget)
 
     def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield messages from all over the file."""

@@ -16,10 +16,12 @@ from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.core.printable import printable
+from vsalog.core.resolution import STRETCHES
 from vsalog.readers.chunk_index import Needed, Part
 from vsalog.readers.container import MOST_CONNECTIONS, Connection
 from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS, PACKED_BYTES, SAMPLE_ROWS
 from vsalog.readers.packets import Messages, Packet
+from vsalog.readers.sampling_pieces import Cut
 from vsalog.readers.sqlite_cut import cut_row
 from vsalog.readers.sqlite_opened import connect, left_log
 from vsalog.readers.sqlite_ranges import bounded, most_steps, ranges
@@ -55,6 +57,7 @@ class SqliteContainer:
         self.findings = Findings()
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._part: Part | None = None
+        self._stretches: list[tuple[int, int]] = []  # of rows that are read, where that is a sample
         self._cut = cut_row(self.path)
         self._database = self._connect()
         self._note_lack()
@@ -76,6 +79,8 @@ class SqliteContainer:
 
     def counts(self) -> Mapping[int, int]:
         """Return how many rows there are in all: no topic has more, and to count those of each would take long."""
+        if self._stretches:
+            return {}
         try:
             first, last = self._ends()
             return {number: max(last - first + 1, FIRST_ROWS) for number, *_ in self._topics()}
@@ -90,6 +95,17 @@ class SqliteContainer:
         """Pass by rows outside of a part of the log."""
         self._part = part
         return True
+
+    def sample(self, budget: int) -> Cut | None:
+        """From now on read stretches of rows; of a damaged file, or one without rows, all."""
+        try:
+            first, last = self._ends()
+        except (*_DAMAGE, TypeError, ValueError):
+            return None
+        share = max(budget // STRETCHES * (last - first + 1) // self.size(), 1)
+        begins = np.linspace(first, max(last + 1 - share, first), STRETCHES).astype(np.int64).tolist()
+        self._stretches = [(begin, begin + share - 1) for begin in begins]
+        return Cut(budget, STRETCHES)
 
     def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield some rows from all over the file; where rows cannot be read, none."""
@@ -130,16 +146,16 @@ class SqliteContainer:
 
     def _all(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield packets of rows that are asked for: by ranges as far as all is sound, then row by row."""
-        only, within = self._only(ids), self._within()
-        first, last = within or self._numbered()
-        done = -1
-        for end, packet in ranges(self._database, first, last, only):
-            done = end
-            yield packet
-        if within:
-            only += f" AND rowid BETWEEN {first} AND {last}"
-        with bounded(self._database, most_steps(self.size())):
-            yield from _together(self._rows(only, first, done))
+        within = self._within()
+        for first, last in within or [self._numbered()]:
+            only, done = self._only(ids), -1
+            for end, packet in ranges(self._database, first, last, only):
+                done = end
+                yield packet
+            if within:
+                only += f" AND rowid BETWEEN {first} AND {last}"
+            with bounded(self._database, most_steps(self.size())):
+                yield from _together(self._rows(only, first, done))
 
     def _rows(self, only: str, first: int, start: int) -> Iterator[_Rows]:
         """Yield rows, some at a time, but one at a time once there was an error, which would lose those that came with it.
@@ -232,21 +248,21 @@ class SqliteContainer:
             return when
         return f"AND topic_id IN ({_listed(ids)}) {when}"
 
-    def _within(self) -> tuple[int, int] | None:
-        """Return the first and the last row that lie in the part of the log, where there is one and an index tells them."""
+    def _within(self) -> list[tuple[int, int]]:
+        """Return the first and the last row of stretches that are read; none for all rows."""
         part = self._part
         if part is None or part.throughout:
-            return None
+            return self._stretches
         query = f"SELECT min(rowid), max(rowid) FROM messages WHERE timestamp BETWEEN {part.low} AND {part.high}"
         try:
             plan = self._database.execute(f"EXPLAIN QUERY PLAN {query}").fetchall()
             if not any("INDEX" in str(step[-1]) for step in plan):
-                return None
+                return []
             with bounded(self._database, most_steps(self.size())):
                 first, last = self._database.execute(query).fetchone()
         except _DAMAGE:
-            return None
-        return int(first or 0), int(last or 0)
+            return []
+        return [(int(first or 0), int(last or 0))]
 
     def _refuse(self, error: Exception) -> None:
         """Raise ReadError where another try would fail the same way."""

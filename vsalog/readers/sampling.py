@@ -1,25 +1,21 @@
-"""A small log cut out of a large one, to see what is in it without reading all of it.
+"""A part of a large log, to see what is in it without reading all of it: a few stretches from its first sample to its last.
 
-What is cut out is a sound log of the same format, in a temporary folder: the readers need not know of it. It holds whole
-chunks (row groups, rows, lines), bit for bit, in a few stretches from the log's first sample to its last.
+Of logs of messages, chunks or rows are read where they lie. Of tables, stretches of lines or row groups become a small table of
+the same format in a temporary folder: the readers need not know of it.
 """
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from vsalog.core.errors import ReadError
-from vsalog.core.finding import Finding
 from vsalog.core.look import LOOK_BYTES
 from vsalog.core.recording import Recording
-from vsalog.readers.reading import read
+from vsalog.readers.reading import message_reader, open_container, read
 from vsalog.readers.remote import downloaded, local
-from vsalog.readers.sampling_bags import cut_folder, cut_rosbag1, cut_sqlite
-from vsalog.readers.sampling_mcap import cut_mcap
 from vsalog.readers.sampling_pieces import Cut
 from vsalog.readers.sampling_tables import cut_parquet, cut_text
 from vsalog.readers.sniff import sniff
@@ -48,14 +44,7 @@ class Sample:
 Cutter = Callable[[Path, Path, int], Cut | None]
 """Cuts about so many bytes of a log (first path) into a file (second path); None where that is no less than the whole."""
 
-CUTTERS: Mapping[str, Cutter] = {
-    "mcap": cut_mcap,
-    "rosbag1": cut_rosbag1,
-    "rosbag2": cut_sqlite,
-    "rosbag2-folder": cut_folder,
-    "parquet": cut_parquet,
-    "table": cut_text,
-}
+CUTTERS: Mapping[str, Cutter] = {"parquet": cut_parquet, "table": cut_text}
 
 
 def read_sample(
@@ -83,38 +72,35 @@ def read_sample(
     """
     file = local(path)
     try:
-        with _cut(file, sniff(file)) as (small, sample, findings):
-            try:
-                recording = read(small, time=time, rate=rate)
-            except ReadError as error:
-                raise error.moved(small, file) from error
+        recording, sample = _sampled(file, time, rate)
     except ReadError as error:
         raise error.moved(file, path) from None
-    if file is not path:
-        findings = (downloaded(file), *findings)
-    return replace(recording, path=path, findings=(*findings, *recording.findings)), sample
+    findings = recording.findings if file is path else (downloaded(file), *recording.findings)
+    return replace(recording, path=path, findings=findings), sample
 
 
-@contextmanager
-def _cut(path: Path, kind: str) -> Iterator[tuple[Path, Sample | None, tuple[Finding, ...]]]:
-    """Give the path of a sample of a log, or of the log itself, and what was noticed."""
-    size = _size(path)
-    cutter = CUTTERS.get(kind)
-    if cutter is None or size < LOOK_BYTES:
-        yield path, None, ()
-        return
-    with tempfile.TemporaryDirectory(prefix="vsalog-") as folder:
-        small = Path(folder) / path.name  # tables are called by the file's name
-        try:
-            cut = cutter(path, small, LOOK_BYTES // 2)
-        except OSError as error:
-            raise ReadError(
-                f"no sample of it could be taken: {error.strerror or error}; --full reads it", path
-            ) from error
-        if cut is None:
-            yield path, None, ()
-        else:
-            yield small, Sample(cut.size, size, cut.stretches, cut.totals), cut.findings
+def _sampled(path: Path, time: str, rate: float | None) -> tuple[Recording, Sample | None]:
+    kind, size = sniff(path), _size(path)
+    cut, recording = None, None
+    if size >= LOOK_BYTES and kind in CUTTERS:
+        with tempfile.TemporaryDirectory(prefix="vsalog-") as folder:
+            small = Path(folder) / path.name  # tables are called by the file's name
+            try:
+                cut = CUTTERS[kind](path, small, LOOK_BYTES // 2)
+                recording = None if cut is None else read(small, time=time, rate=rate)
+            except OSError as error:
+                words = f"no sample of it could be taken: {error.strerror or error}; --full reads it"
+                raise ReadError(words, path) from error
+            except ReadError as error:
+                raise error.moved(small, path) from error
+    elif size >= LOOK_BYTES and kind != "matlab":
+        container = open_container(path, kind)
+        cut = container.sample(LOOK_BYTES // 2)
+        recording = None if cut is None else read(path, time=time, opened=message_reader(container, rate))
+    if cut is None or recording is None:
+        return read(path, time=time, rate=rate), None
+    recording = replace(recording, findings=(*cut.findings, *recording.findings))
+    return recording, Sample(cut.size, size, cut.stretches, cut.totals)
 
 
 def _size(path: Path) -> int:

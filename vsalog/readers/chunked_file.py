@@ -1,0 +1,174 @@
+"""Files of records in which most messages are in chunks: what MCAP files and ROS 1 bags have in common."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
+from itertools import islice
+from pathlib import Path
+from typing import IO, ClassVar
+
+import numpy as np
+
+from vsalog.core.errors import ReadError
+from vsalog.core.finding import Finding, Findings
+from vsalog.core.printable import printable
+from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
+from vsalog.readers.compression import beginning
+from vsalog.readers.container import Connection
+from vsalog.readers.limits import GLANCE_BYTES, MOST_STEPS
+from vsalog.readers.opened import FilePart
+from vsalog.readers.packets import Bytes, Packet, RawMessage, ahead, in_packets
+from vsalog.readers.sampling_pieces import Cut, Piece, chosen_pieces
+
+Head = tuple[int, int, int]
+"""A record's kind, and where it begins and ends in the file [bytes]."""
+
+
+class ChunkedFile(ABC):
+    """One such file; see `vsalog.readers.container.Container`.
+
+    Parameters
+    ----------
+    path : Path
+        Where it is.
+    span : (int, int), optional
+        From which byte of the file on and up to which, where others are in it, too.
+
+    Attributes
+    ----------
+    chunks : dict of int to Chunk
+        What the index tells of chunks, by their positions.
+    counted : mapping of int to int
+        How many messages connections have, as the index tells.
+
+    Raises
+    ------
+    ReadError
+        The file cannot be opened or is no such file.
+    """
+
+    CHUNK: ClassVar[int]
+    DEFINITIONS: ClassVar[tuple[int, ...]]
+    """Kinds of records: chunks, and those that tell what messages outside of them mean."""
+    NO_INDEX: ClassVar[str]
+    """Code of what is found of a file without an index."""
+
+    def __init__(self, path: Path, span: tuple[int, int] | None = None) -> None:
+        self.path, self._span = path, span
+        self.findings = Findings()
+        self.chunks: dict[int, Chunk] = {}
+        self.counted: Mapping[int, int] = {}
+        self._part: Part | None = None
+        self._pieces: list[Piece] | None = None
+
+    @abstractmethod
+    def has_index(self) -> bool:
+        """Tell whether there is a sound index at the end, and learn what it tells."""
+
+    @abstractmethod
+    def connections(self) -> list[Connection]:
+        """Return all connections, from the index or else by walking the file."""
+
+    @abstractmethod
+    def _check(self, file: IO[bytes]) -> None:
+        """Raise ReadError where a file that was just opened is none of this kind."""
+
+    @abstractmethod
+    def _heads(self, file: IO[bytes], *position: int) -> Iterator[Head]:
+        """Yield records, unread, from a position on or the first one, up to the end of the data or to damage."""
+
+    @abstractmethod
+    def _beginning(self, file: IO[bytes], position: int) -> tuple[str, bytes] | None:
+        """Return the compression and the first bytes of the data of the chunk at a position; None where there is none."""
+
+    @abstractmethod
+    def _messages(self, data: Bytes, ids: Collection[int]) -> Packet:
+        """Return the messages of some connections in what a chunk's data begin with."""
+
+    @abstractmethod
+    def _items(self, ids: Collection[int], needed: Needed | None) -> Iterator[Packet | RawMessage]:
+        """Yield messages of some connections, those of a chunk together; what is damaged is skipped and noted."""
+
+    def size(self) -> int:
+        """Return how many bytes there are, of a sample those that are read."""
+        if self._pieces is not None:
+            return sum(piece.size for piece in self._pieces)
+        return self.path.stat().st_size if self._span is None else self._span[1] - self._span[0]
+
+    def open(self) -> IO[bytes]:
+        """Open the file, or what is this one's part of it; errors as for the class."""
+        try:
+            file = self.path.open("rb") if self._span is None else FilePart.opened(self.path, *self._span)
+        except OSError as error:
+            raise ReadError(f"cannot be opened: {error.strerror or error}", self.path) from error
+        try:
+            self._check(file)
+        except ReadError:
+            file.close()
+            raise
+        file.seek(0)
+        return file
+
+    def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
+        """Yield the messages of some connections in the order of the file; what is damaged is skipped and noted.
+
+        Raises
+        ------
+        IndexContradictsError
+            Only a part is read, and the index tells two things of what is in it.
+        """
+        return ahead(in_packets(self._items(ids, needed)))
+
+    def narrow(self, part: Part) -> bool:
+        """Pass by chunks without a message of a part of the log, where the index tells of chunks."""
+        self.connections()
+        self._part = part
+        return bool(self.chunks)
+
+    def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
+        """Yield the first messages of chunks from all over the file."""
+        self.connections()
+        with self.open() as file:
+            for position in some_of(self.chunks, ids):
+                found = self._beginning(file, position)
+                if found is not None:
+                    yield self._messages(np.frombuffer(beginning(*found, GLANCE_BYTES), np.uint8), ids)
+
+    def sample(self, budget: int) -> Cut | None:
+        """From now on read stretches of chunks only, or the beginning of a file without any; see `Container`."""
+        with self.open() as file:
+            indexed = self.has_index() and bool(self.chunks)
+            heads = [head for at in sorted(self.chunks) for head in islice(self._heads(file, at), 1)] if indexed else []
+            if len(heads) < len(self.chunks) or any(kind != self.CHUNK for kind, _, _ in heads) or not indexed:
+                indexed = False
+                heads = list(islice(self._heads(file), MOST_STEPS))
+        chunks = [Piece(at, end - at) for kind, at, end in heads if kind == self.CHUNK]
+        if chunks:
+            pieces, stretches = chosen_pieces(chunks, budget)
+        else:
+            pieces, stretches = [Piece(at, end - at) for _, at, end in heads if end <= heads[0][1] + budget], 1
+        if not pieces:
+            return None
+        cut = Cut(
+            sum(piece.size for piece in pieces),
+            stretches,
+            self._totals() if indexed else {},
+            () if indexed else (Finding(code=self.NO_INDEX),),
+        )
+        chosen = {piece.position for piece in pieces}
+        self.chunks = {at: chunk for at, chunk in self.chunks.items() if at in chosen}
+        others = [Piece(at, end - at) for kind, at, end in heads if kind in self.DEFINITIONS and chunks]
+        self._pieces = sorted([*pieces, *others])
+        return cut
+
+    def _spans(self) -> list[tuple[int, ...]]:
+        """Return from which byte on and up to which records are read; () for all of the file."""
+        return [()] if self._pieces is None else [(at, at + size) for at, size in self._pieces]
+
+    def _totals(self) -> dict[str, int]:
+        """Return how many messages topics have; several publishers or types of one may be several streams."""
+        connections = self.connections()
+        often = Counter(one.topic for one in connections)
+        return {printable(one.topic): self.counted.get(one.id, 0) for one in connections if often[one.topic] == 1}
