@@ -102,7 +102,7 @@ class TopicWatch:
         self._decoders: dict[int, Decoder] = {}
         self._publishers = _Publishers(self._decoder)
         self._names = Frames()
-        self._frames: dict[str | None, _Publishers] = {}  # of all publishers together, and of each
+        self._frames = _Publishers(self._decoder)
         self._framed = {one.id for one in connections if self._is_framed(one)}
 
     def looks_at(self, connection: Connection) -> bool:
@@ -115,17 +115,12 @@ class TopicWatch:
             self._publishers.add(np.zeros(log.size, np.int64), [connection.publisher], connection, messages, log)
         if connection.id in self._framed:
             numbers = self._names.numbers(self._decoder(connection).frames(messages))
-            for publisher in {None, connection.publisher}:
-                frames = self._frames.setdefault(publisher, _Publishers(self._decoder))
-                frames.add(numbers, self._names.names, connection, messages, log)
+            self._frames.add(numbers, self._names.names, connection, messages, log)
 
-    def publishers(self) -> list[str]:
-        """Return the publishers that are streams of their own."""
-        return self._publishers.mixed()
-
-    def frames(self, publisher: str | None) -> list[str]:
-        """Return the frames that are streams of their own, of one publisher or of all."""
-        return self._frames[publisher].mixed(by_turns=True) if publisher in self._frames else []
+    def apart(self) -> tuple[list[str], list[str]]:
+        """Return the publishers that are streams of their own; or else the frames that are."""
+        publishers = self._publishers.mixed()
+        return publishers, [] if publishers else self._frames.mixed(by_turns=True)
 
     def _decoder(self, connection: Connection) -> Decoder:
         if connection.id not in self._decoders:

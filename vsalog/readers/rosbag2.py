@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Collection, Iterator, Mapping
+import weakref
 from pathlib import Path
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.finding_texts import sentence
-from vsalog.readers.chunk_index import Needed, Part
 from vsalog.readers.compression import MAX_RATIO
 from vsalog.readers.concatenated_files import opened_mcap
-from vsalog.readers.container import ZSTD_MAGIC, Connection, Container
+from vsalog.readers.container import ZSTD_MAGIC, Container
 from vsalog.readers.file_sequence import SeveralContainer
 from vsalog.readers.limits import PACKED_BYTES
 from vsalog.readers.mcap_walk import MAGIC as MCAP_MAGIC
-from vsalog.readers.packets import Packet
 from vsalog.readers.rosbag2_sqlite import SQLITE_MAGIC, SqliteContainer
-from vsalog.readers.sampling_pieces import Cut
 
 METADATA = "metadata.yaml"
 
@@ -31,69 +28,35 @@ _NAME = re.compile(r"^[ \t]*name:[ \t]*[\"']?([^\s\"']+)", re.MULTILINE)
 _COUNT = re.compile(r"^[ \t]*message_count:[ \t]*(\d{1,18})[ \t]*$", re.MULTILINE)
 
 
-class CompressedContainer:
-    """A bag file that is compressed as a whole: decompressed to a temporary file while it is read, which is `inner`.
+def _decompressed(path: Path) -> Container:
+    """Return the container of a bag file that is compressed as a whole: it lies in a temporary file while it is used.
 
     Raises
     ------
     ReadError
         The file cannot be decompressed, or what comes out is no bag.
     """
+    import zstandard
 
-    rig_text: str | None
-
-    def __init__(self, path: Path) -> None:
-        import zstandard
-
-        self._folder = tempfile.TemporaryDirectory(prefix="vsalog-")
-        plain = Path(self._folder.name) / "bag"
-        size, most, damage = 0, PACKED_BYTES + MAX_RATIO * path.stat().st_size, ""
-        try:
-            with path.open("rb") as source, plain.open("wb") as target:
-                for piece in zstandard.ZstdDecompressor().read_to_iter(source):
-                    size += target.write(piece)
-                    if size > most:
-                        raise ReadError(f"grows more than {MAX_RATIO} times: no recording is compressed so much", path)
-        except (zstandard.ZstdError, OSError) as error:
-            damage = str(error)
-            if not size:
-                raise ReadError(f"cannot be decompressed: {error}", path) from error
-        self.inner = bag_file(plain, shown=path)
-        self.format = self.inner.format
-        self.has_publish = self.inner.has_publish
-        self.rig_text = self.inner.rig_text
-        self.findings = self.inner.findings
-        if damage:
-            evidence = {"reason": damage}
-            self.findings.add(Finding(code="recording.decompression_ended", value=size, unit="B", evidence=evidence))
-
-    def connections(self) -> list[Connection]:
-        """Return the bag's connections."""
-        return self.inner.connections()
-
-    def counts(self) -> Mapping[int, int]:
-        """Return how many messages connections have, where the file says so."""
-        return self.inner.counts()
-
-    def size(self) -> int:
-        """Return how many bytes there are, decompressed."""
-        return self.inner.size()
-
-    def narrow(self, part: Part) -> bool:
-        """Pass by what lies outside of a part of the log."""
-        return self.inner.narrow(part)
-
-    def sample(self, budget: int) -> Cut | None:
-        """From now on read stretches only."""
-        return self.inner.sample(budget)
-
-    def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield messages from all over the file."""
-        return self.inner.glimpses(ids)
-
-    def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
-        """Yield the messages of some connections."""
-        return self.inner.packets(ids, needed)
+    folder = tempfile.TemporaryDirectory(prefix="vsalog-")
+    plain = Path(folder.name) / "bag"
+    size, most, damage = 0, PACKED_BYTES + MAX_RATIO * path.stat().st_size, ""
+    try:
+        with path.open("rb") as source, plain.open("wb") as target:
+            for piece in zstandard.ZstdDecompressor().read_to_iter(source):
+                size += target.write(piece)
+                if size > most:
+                    raise ReadError(f"grows more than {MAX_RATIO} times: no recording is compressed so much", path)
+    except (zstandard.ZstdError, OSError) as error:
+        damage = str(error)
+        if not size:
+            raise ReadError(f"cannot be decompressed: {error}", path) from error
+    container = bag_file(plain, shown=path)
+    weakref.finalize(container, folder.cleanup)
+    if damage:
+        evidence = {"reason": damage}
+        container.findings.add(Finding(code="recording.decompression_ended", value=size, unit="B", evidence=evidence))
+    return container
 
 
 class FolderContainer(SeveralContainer):
@@ -139,7 +102,7 @@ def bag_file(path: Path, shown: Path) -> Container:
     if head == SQLITE_MAGIC:
         return SqliteContainer(path)
     if head.startswith(ZSTD_MAGIC) and path == shown:  # compressed once, not twice
-        return CompressedContainer(path)
+        return _decompressed(path)
     if not head:
         raise ReadError("is empty", shown)
     raise ReadError("is neither an MCAP nor an SQLite file", shown)

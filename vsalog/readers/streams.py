@@ -62,21 +62,16 @@ class Streams:
         ]
         _refuse_absurd(by_topic)
         self._watch(by_topic)
-        topics = dict.fromkeys(topic for _, topic in by_topic)
-        publishers = {topic: self._watches[topic].publishers() for topic in topics}
-        frames: dict[str, list[str]] = {}
-        named = []
-        for connection, topic in by_topic:
-            apart = connection.publisher in publishers[topic]
-            stream = publisher_stream(topic, connection.publisher) if apart else topic
-            if stream not in frames:
-                frames[stream] = self._watches[topic].frames(connection.publisher if apart else None)
-            named.append(Named(connection, stream, tuple(frames[stream])))
-        for what, found in ("publishers", publishers), ("frames", frames):
-            for stream, names in found.items():
-                if names:
-                    self._container.findings.add(told_apart(stream, names, what))
-        return named
+        apart = {topic: self._watches[topic].apart() for topic in dict.fromkeys(topic for _, topic in by_topic)}
+        for topic, (publishers, frames) in apart.items():
+            if publishers or frames:
+                what = "publishers" if publishers else "frames"
+                self._container.findings.add(told_apart(topic, publishers or frames, what))
+        return [
+            Named(one, publisher_stream(topic, one.publisher) if one.publisher in publishers else topic, tuple(frames))
+            for one, topic in by_topic
+            for publishers, frames in [apart[topic]]
+        ]
 
     def _by_topic(self) -> list[tuple[Connection, str]]:
         """Return each connection with its topic, and the type where a topic has several."""

@@ -33,7 +33,6 @@ from vsalog.readers.mcap_scan import Size, messages_in
 from vsalog.readers.mcap_summary import summary_records
 from vsalog.readers.mcap_walk import Walk
 from vsalog.readers.remote import local
-from vsalog.readers.rosbag2 import CompressedContainer
 from vsalog.readers.sniff import sniff
 from vsalog.writers.atomic import atomic_path
 from vsalog.writers.recording_mcap import write_mcap
@@ -118,8 +117,6 @@ def _parts(container: Container) -> Iterator[Container]:
     if isinstance(container, SeveralContainer):
         for part in container.parts:
             yield from _parts(part)
-    elif isinstance(container, CompressedContainer):
-        yield from _parts(container.inner)
     else:
         yield container
 
