@@ -25,10 +25,10 @@ from vsalog.readers.layout import TooManyPartsError, learn
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.packets import Messages
 from vsalog.readers.protobuf_types import message_class
+from vsalog.readers.record_walk import walk_findings
 from vsalog.readers.sniff import looks_like_text, sniff
 from vsalog.readers.tables.dialect import detect
 from vsalog.readers.tables.source import may_be_cut
-from vsalog.readers.walk_findings import walk_findings
 
 MI = 2**20
 

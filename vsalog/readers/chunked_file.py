@@ -20,10 +20,8 @@ from vsalog.readers.container import Connection
 from vsalog.readers.limits import GLANCE_BYTES, MOST_STEPS
 from vsalog.readers.opened import FilePart
 from vsalog.readers.packets import Bytes, Packet, RawMessage, ahead, in_packets
+from vsalog.readers.record_walk import Head
 from vsalog.readers.sampling_pieces import Cut, Piece, chosen_pieces
-
-Head = tuple[int, int, int]
-"""A record's kind, and where it begins and ends in the file [bytes]."""
 
 
 class ChunkedFile(ABC):
@@ -76,7 +74,7 @@ class ChunkedFile(ABC):
         """Raise ReadError where a file that was just opened is none of this kind."""
 
     @abstractmethod
-    def _heads(self, file: IO[bytes], *position: int) -> Iterator[Head]:
+    def _heads(self, file: IO[bytes], position: int = 0) -> Iterator[Head]:
         """Yield records, unread, from a position on or the first one, up to the end of the data or to damage."""
 
     @abstractmethod

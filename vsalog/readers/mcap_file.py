@@ -26,7 +26,7 @@ from vsalog.core.errors import ReadError
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.readers.chunk_index import Needed
-from vsalog.readers.chunked_file import ChunkedFile, Head
+from vsalog.readers.chunked_file import ChunkedFile
 from vsalog.readers.compression import DamagedDataError, decompress
 from vsalog.readers.container import Connection
 from vsalog.readers.limits import GLANCE_BYTES
@@ -34,6 +34,7 @@ from vsalog.readers.mcap_scan import ends_whole, messages_in, others_in
 from vsalog.readers.mcap_summary import chunk_in, states_checksum, summary_records, vouched
 from vsalog.readers.mcap_walk import MAGIC, Walk
 from vsalog.readers.packets import Bytes, Packet, RawMessage
+from vsalog.readers.record_walk import Head
 
 RIG_METADATA = "vsalog.rig"
 RIG_KEY = "toml"
@@ -99,8 +100,8 @@ class McapContainer(ChunkedFile):
                 self._indexed = False  # damage anywhere in the summary: the walk will find what there is
         return self._indexed
 
-    def _heads(self, file: IO[bytes], *position: int) -> Iterator[Head]:
-        return Walk(file, verify=False).heads(*position)
+    def _heads(self, file: IO[bytes], position: int = len(MAGIC)) -> Iterator[Head]:
+        return Walk(file, verify=False).heads(position)
 
     def _beginning(self, file: IO[bytes], position: int) -> tuple[str, bytes] | None:
         file.seek(position + _HEAD.size)

@@ -18,7 +18,7 @@ from vsalog.core.finding import Finding
 from vsalog.core.memory import AT_ONCE_BYTES, PIECE_BYTES
 from vsalog.readers.limits import GLANCE_BYTES
 from vsalog.readers.mcap_scan import Reserved, Size, next_sure_record
-from vsalog.readers.walk_findings import walk_findings
+from vsalog.readers.record_walk import RecordWalk
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -42,17 +42,14 @@ _PARTS: dict[int, tuple[int, ...]] = {
 _HEAD = struct.Struct("<BQ")
 
 
-class Walk:
-    """One pass over the data section.
+class Walk(RecordWalk):
+    """One pass over the data section; see `RecordWalk`.
 
     Parameters
     ----------
-    file : binary file
-        Opened.
+    file, passed : as for `RecordWalk`
     verify : bool
         Compute the checksum of the data section.
-    passed : function
-        Tells of a chunk's position whether it is passed by unread.
     kept : collection of int
         Kinds of records that are handed over; the others are passed by.
     chunked : bool
@@ -60,12 +57,8 @@ class Walk:
 
     Attributes
     ----------
-    skipped : list of (int, int)
-        Stretches of bytes that are no records.
     unknown : int
         Records of a kind that the format does not have.
-    cut : (int, int) or None
-        Where reading ended and the size of the file, where the data section has no end.
     changed : bool
         The checksum of the data section does not match.
     end : int or None
@@ -80,15 +73,11 @@ class Walk:
         kept: Collection[int] = KEPT,
         chunked: bool = False,
     ) -> None:
-        self.skipped: list[tuple[int, int]] = []
+        super().__init__(file, passed)
         self.unknown = 0
-        self.cut: tuple[int, int] | None = None
         self.changed = False
         self.end: int | None = None
-        self._file = file
-        self._size = file.seek(0, 2)
         self._verify = verify
-        self._passed = passed
         self._kept = kept
         self._checksum = zlib.crc32(MAGIC)
         self._chunked = chunked
@@ -101,14 +90,13 @@ class Walk:
         while until is None or position < until:
             kind, length = self._sound(position)
             if kind in (Opcode.DATA_END, Opcode.FOOTER):
-                self._end(kind, position)
+                self._compare_checksum(kind, position)
                 self.end = position + (_HEAD.size + length if kind == Opcode.DATA_END else 0)
                 return
             if kind < 0:
                 self._chunked |= self._resembles_chunk(position)
                 following = self._resume(position)
                 if following < 0:
-                    self.cut = (position, self._size)
                     return
                 self.skipped.append((position, following))
                 position = following
@@ -127,24 +115,22 @@ class Walk:
                 yield kind, content, position
             position += _HEAD.size + length
 
-    def heads(self, position: int = len(MAGIC)) -> Iterator[tuple[int, int, int]]:
-        """Yield kinds, beginnings and ends of the records from a position on, unread, up to the data's end or to damage."""
-        while True:
-            kind, length = self._head(position)
-            if kind in (-1, Opcode.FOOTER, Opcode.DATA_END):
-                return
-            end = position + _HEAD.size + length
-            yield kind, position, end
-            position = end
-
     def findings(self) -> list[Finding]:
         """Return what was damaged."""
-        found = walk_findings(self.skipped, self.cut)
+        found = super().findings()
         if self.unknown:
             found.append(Finding(code="recording.unknown_records", value=self.unknown))
         if self.changed:
             found.append(Finding(code="recording.bad_checksum"))
         return found
+
+    def _end(self, position: int) -> tuple[int, int] | None:
+        kind, length = self._head(position)
+        return None if kind in (-1, Opcode.FOOTER, Opcode.DATA_END) else (kind, position + _HEAD.size + length)
+
+    def _next_sure(self, data: bytes, position: int) -> int:
+        """See `RecordWalk`; messages count only as long as no chunk was seen: within one, nothing would vouch for them."""
+        return next_sure_record(np.frombuffer(data, np.uint8), self._size - position, not self._chunked)
 
     def _sound(self, position: int) -> tuple[int, int]:
         """Return kind and content's length of the record at a position; kind -1 where none can be."""
@@ -196,26 +182,11 @@ class Walk:
             length -= len(piece)
         return b""
 
-    def _end(self, kind: int, position: int) -> None:
+    def _compare_checksum(self, kind: int, position: int) -> None:
         """Compare the checksum with the one at the end of the data section, 0 for none."""
         self._file.seek(position + _HEAD.size)
         stated = struct.unpack("<I", self._file.read(4))[0] if kind == Opcode.DATA_END else 0
         self.changed = bool(self._verify and stated and not self.skipped and stated != self._checksum)
-
-    def _resume(self, position: int) -> int:
-        """Return the next place where a record surely begins, -1 where there is none.
-
-        Messages count only as long as no chunk was seen, whole or damaged: within a chunk, nothing would vouch for them.
-        """
-        start = position + 1
-        while start < self._size:
-            self._file.seek(start)
-            data = np.frombuffer(self._file.read(PIECE_BYTES + GLANCE_BYTES), np.uint8)
-            found = next_sure_record(data, self._size - start, not self._chunked)
-            if found >= 0:
-                return start + found
-            start += PIECE_BYTES
-        return -1
 
 
 def _least_length(kind: int, beginning: bytes) -> int:

@@ -17,11 +17,12 @@ from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
 from vsalog.readers.chunk_index import Chunk, Needed
-from vsalog.readers.chunked_file import ChunkedFile, Head
+from vsalog.readers.chunked_file import ChunkedFile
 from vsalog.readers.container import MOST_CONNECTIONS, Connection
 from vsalog.readers.definitions import DefinitionError, ros1_checksum
 from vsalog.readers.limits import FIRST_ROWS, GLANCE_BYTES
 from vsalog.readers.packets import Bytes, Packet, RawMessage
+from vsalog.readers.record_walk import Head
 from vsalog.readers.rosbag1_index import IndexCheck, chunk_told
 from vsalog.readers.rosbag1_scan import connections_in, messages_in
 from vsalog.readers.rosbag1_walk import (
@@ -32,7 +33,6 @@ from vsalog.readers.rosbag1_walk import (
     number,
     op,
 )
-from vsalog.readers.walk_findings import walk_findings
 
 MAGIC = b"#ROSBAG V"
 
@@ -75,8 +75,8 @@ class Rosbag1Container(ChunkedFile):
         with self.open() as file:
             return bool(self._indexed(file))
 
-    def _heads(self, file: IO[bytes], *position: int) -> Iterator[Head]:
-        return Walk(file).heads(*position)
+    def _heads(self, file: IO[bytes], position: int = len(VERSION)) -> Iterator[Head]:
+        return Walk(file).heads(position)
 
     def _beginning(self, file: IO[bytes], position: int) -> tuple[str, bytes] | None:
         return Walk(file).beginning(position, GLANCE_BYTES)
@@ -123,7 +123,7 @@ class Rosbag1Container(ChunkedFile):
                     check.passed(header, data)
                 else:
                     check.record(header, data)
-        self.findings.add(*walk_findings(walk.skipped, walk.cut), *check.findings(walk.damage, walk.chunks))
+        self.findings.add(*walk.findings(), *check.findings(walk.damage, walk.chunks))
 
     def _note_index(self, position: int) -> None:
         if position == 0:

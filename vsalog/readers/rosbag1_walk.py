@@ -16,7 +16,7 @@ from rosbags.rosbag1.reader import RecordType
 
 from vsalog.core.memory import AT_ONCE_BYTES, PIECE_BYTES
 from vsalog.readers.compression import DamagedDataError, decompress
-from vsalog.readers.limits import GLANCE_BYTES
+from vsalog.readers.record_walk import RecordWalk
 
 VERSION = b"#ROSBAG V2.0\n"
 Header = dict[bytes, bytes]
@@ -45,15 +45,8 @@ class Damage(NamedTuple):
     reason: str
 
 
-class Walk:
-    """One pass over the records of a bag.
-
-    Parameters
-    ----------
-    file : binary file
-        Opened.
-    passed : function
-        Tells of a chunk's position whether it is passed by unread.
+class Walk(RecordWalk):
+    """One pass over the records of a bag; see `RecordWalk`.
 
     Attributes
     ----------
@@ -65,21 +58,13 @@ class Walk:
         The last chunk was passed by.
     damage : list of Damage
         Chunks that cannot be read.
-    skipped : list of (int, int)
-        Stretches of bytes that are no records.
-    cut : (int, int) or None
-        Where reading ended and the size of the file, where no record follows up to its end.
     """
 
     def __init__(self, file: IO[bytes], passed: Callable[[int], bool] = lambda position: False) -> None:
+        super().__init__(file, passed)
         self.chunks = self.position = 0
         self.passing = False
-        self._passed = passed
         self.damage: list[Damage] = []
-        self.skipped: list[tuple[int, int]] = []
-        self.cut: tuple[int, int] | None = None
-        self._file = file
-        self._size = file.seek(0, 2)
 
     def records(self, position: int = len(VERSION), until: int | None = None) -> Iterator[tuple[Header, bytes]]:
         """Yield header and data of the records from a position on, `until` another or the end, chunks decompressed."""
@@ -107,20 +92,16 @@ class Walk:
                 if end == self._size or self._header(end) is not None:
                     position = end
                     continue
-            following = self._resume(position + 1)
+            following = self._resume(position)
             if following < 0:
-                self.cut = (position, self._size)
                 return
             if record is None:
                 self.skipped.append((position, following))
             position = following
 
-    def heads(self, position: int = len(VERSION)) -> Iterator[tuple[int, int, int]]:
-        """Yield kinds, beginnings and ends of the records from a position on, unread, up to the end or to damage."""
-        while (found := self._header(position)) is not None:
-            header, start, length = found
-            yield op(header), position, start + length
-            position = start + length
+    def _end(self, position: int) -> tuple[int, int] | None:
+        found = self._header(position)
+        return None if found is None else (op(found[0]), found[1] + found[2])
 
     def lose(self, read: int, reason: str) -> None:
         """Note that no more than so many messages of the last chunk can be read."""
@@ -182,23 +163,16 @@ class Walk:
             return None
         return header, start, count
 
-    def _resume(self, position: int) -> int:
-        """Return where the next chunk begins, -1 where there is none."""
-        while position < self._size:
-            self._file.seek(position)
-            data = self._file.read(PIECE_BYTES + GLANCE_BYTES)
-            for mark in _CHUNK_MARK.finditer(data):
-                # The header's length lies ahead of the field op, or of others before it.
-                for start in range(mark.start() - 4, max(mark.start() - 80, -1), -1):
-                    if mark.end() <= start + 4 + _LENGTH.unpack_from(data, start)[0] <= start + 256:
-                        found = self._header(position + start)
-                        if (
-                            found is not None
-                            and op(found[0]) == RecordType.CHUNK
-                            and _compression(found[0]) in _COMPRESSIONS
-                        ):
-                            return position + start
-            position += PIECE_BYTES
+    def _next_sure(self, data: bytes, position: int) -> int:
+        """See `RecordWalk`: where the next chunk begins."""
+        for mark in _CHUNK_MARK.finditer(data):
+            # The header's length lies ahead of the field op, or of others before it.
+            for start in range(mark.start() - 4, max(mark.start() - 80, -1), -1):
+                if mark.end() <= start + 4 + _LENGTH.unpack_from(data, start)[0] <= start + 256:
+                    found = self._header(position + start)
+                    is_chunk = found is not None and op(found[0]) == RecordType.CHUNK
+                    if found is not None and is_chunk and _compression(found[0]) in _COMPRESSIONS:
+                        return start
         return -1
 
 

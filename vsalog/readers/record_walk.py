@@ -1,0 +1,82 @@
+"""A pass over the records of a file, past damage: what walks over MCAP files and ROS 1 bags have in common."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from typing import IO
+
+from vsalog.core.finding import Finding
+from vsalog.core.memory import PIECE_BYTES
+from vsalog.readers.limits import GLANCE_BYTES, SHOWN
+
+Head = tuple[int, int, int]
+"""A record's kind, and where it begins and ends in the file [bytes]."""
+
+
+class RecordWalk(ABC):
+    """One such pass.
+
+    Parameters
+    ----------
+    file : binary file
+        Opened.
+    passed : function
+        Tells of a chunk's position whether it is passed by unread.
+
+    Attributes
+    ----------
+    skipped : list of (int, int)
+        Stretches of bytes that are no records.
+    cut : (int, int) or None
+        Where reading ended and the size of the file, where no record follows up to its end.
+    """
+
+    def __init__(self, file: IO[bytes], passed: Callable[[int], bool] = lambda position: False) -> None:
+        self.skipped: list[tuple[int, int]] = []
+        self.cut: tuple[int, int] | None = None
+        self._file, self._passed = file, passed
+        self._size = file.seek(0, 2)
+
+    @abstractmethod
+    def _end(self, position: int) -> tuple[int, int] | None:
+        """Return kind and end of the record whose head is at a position; None where there is none, or the data end."""
+
+    @abstractmethod
+    def _next_sure(self, data: bytes, position: int) -> int:
+        """Return where the first record surely begins in a stretch of the file from a position on; -1 where none does."""
+
+    def heads(self, position: int) -> Iterator[Head]:
+        """Yield the records from a position on, unread, up to the end of the data or to damage."""
+        while (found := self._end(position)) is not None:
+            kind, end = found
+            yield kind, position, end
+            position = end
+
+    def findings(self) -> list[Finding]:
+        """Return what was damaged."""
+        return walk_findings(self.skipped, self.cut)
+
+    def _resume(self, position: int) -> int:
+        """Return where the next record surely begins behind damage at a position; -1 for nowhere, which is noted."""
+        start = position + 1
+        while start < self._size:
+            self._file.seek(start)
+            found = self._next_sure(self._file.read(PIECE_BYTES + GLANCE_BYTES), start)
+            if found >= 0:
+                return start + found
+            start += PIECE_BYTES
+        self.cut = (position, self._size)
+        return -1
+
+
+def walk_findings(skipped: Sequence[tuple[int, int]], cut: tuple[int, int] | None) -> list[Finding]:
+    """Return what was damaged between records; see the attributes of `RecordWalk`."""
+    found = []
+    if skipped:
+        where = ", ".join(str(start) for start, _ in skipped[:SHOWN]) + (", …" if len(skipped) > SHOWN else "")
+        count = sum(end - start for start, end in skipped)
+        found.append(Finding(code="recording.bytes_skipped", value=count, unit="B", evidence={"where": where}))
+    if cut:
+        found.append(Finding(code="recording.truncated", value=cut[0], limit=cut[1], unit="B"))
+    return found
