@@ -14,7 +14,7 @@ from vsalog.core.look import LOOK_BYTES
 from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import Block, Catalogue, ChannelInfo
-from vsalog.readers.chunk_index import IndexContradictsError, Part
+from vsalog.readers.chunk_index import Part
 from vsalog.readers.compressed_messages import plain, plain_packets
 from vsalog.readers.container import Connection, Container
 from vsalog.readers.decoders import decoder_of
@@ -179,30 +179,23 @@ class BagReader:
         self._report(batches, total, damaged)
 
     def _first_of(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield the first messages of each connection; ends where the container says that no more come."""
+        """Yield first messages of each connection, of those only that begin where an index says, or else of any."""
         counts = self._container.counts()
-        missing = {number: min(FIRST_ROWS, counts.get(number, FIRST_ROWS)) for number in ids}
-        missing = {number: count for number, count in missing.items() if count}
-        packets = self._container.packets(ids, lambda number: number in missing or not missing)
-        while missing:
-            try:
-                packet = next(packets, None)
-            except IndexContradictsError:
-                packets = self._container.packets(ids)
-                continue
-            if packet is None:
-                return
-            taken = []
-            for number in list(missing):
-                rows = np.flatnonzero(packet.connection == number)[: missing[number]]
-                taken.append(rows)
-                missing[number] -= rows.size
-                if not missing[number]:
-                    del missing[number]
-            rows = np.sort(np.concatenate(taken))
-            if rows.size:
-                few = packet.messages.take(rows)
-                yield Packet(packet.connection[rows], packet.log[rows], packet.publish[rows], few)
+        missing = {number: count for number in ids if (count := min(FIRST_ROWS, counts.get(number, FIRST_ROWS)))}
+        for find in self._container.beginnings, self._container.packets:
+            begun: set[int] = set()
+            for packet in find(list(ids)) if missing else ():
+                taken = [np.flatnonzero(packet.connection == number)[:most] for number, most in missing.items()]
+                begun.update(number for number, rows in zip(missing, taken, strict=True) if rows.size)
+                left = {number: most - rows.size for (number, most), rows in zip(missing.items(), taken, strict=True)}
+                missing = {number: most for number, most in left.items() if most}
+                rows = np.sort(np.concatenate(taken))
+                if rows.size:
+                    few = packet.messages.take(rows)
+                    yield Packet(packet.connection[rows], packet.log[rows], packet.publish[rows], few)
+                if not missing:
+                    return
+            missing = {number: most for number, most in missing.items() if number not in begun}
 
     def _batches(self, wanted: frozenset[str] | None) -> dict[int, _Batch]:
         """Return a batch per connection that may hold wanted channels; publishers of one stream share it."""

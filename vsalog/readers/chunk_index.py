@@ -2,18 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
-from vsalog.core.errors import ReadError
 from vsalog.readers.limits import SAMPLE_ROWS
-
-Needed = Callable[[int], bool]
-"""Tells of a connection whether messages of it are still asked for."""
-
-
-class IndexContradictsError(ReadError):
-    """A log's index says two things of what is in a chunk: all of the log has to be read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,9 +24,9 @@ class Chunk:
     last: int
     connections: frozenset[int] | None
 
-    def may_hold(self, needed: Needed) -> bool:
-        """Tell whether messages of connections that are needed may be in it."""
-        return self.connections is None or any(map(needed, self.connections))
+    def may_hold(self, ids: Collection[int]) -> bool:
+        """Tell whether messages of some connections may be in it."""
+        return self.connections is None or not self.connections.isdisjoint(ids)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +40,13 @@ class Part:
     def leaves_out(self, chunk: Chunk) -> bool:
         """Tell whether no message of this part is in a chunk."""
         outside = chunk.last < self.low or chunk.first > self.high
-        return outside and not (self.throughout and chunk.may_hold(self.throughout.__contains__))
+        return outside and not (self.throughout and chunk.may_hold(self.throughout))
 
 
 def some_of(chunks: Mapping[int, Chunk], ids: Collection[int]) -> Iterator[int]:
     """Yield the positions of chunks that may hold messages of some connections, evenly spread, the last one too."""
-    positions: Sequence[int] = [
-        at for at, chunk in sorted(chunks.items()) if chunk.may_hold(frozenset(ids).__contains__)
-    ]
+    wanted = frozenset(ids)
+    positions = [at for at, chunk in sorted(chunks.items()) if chunk.may_hold(wanted)]
     count = min(SAMPLE_ROWS, len(positions))
     for k in range(count):
         yield positions[k * (len(positions) - 1) // max(count - 1, 1)]

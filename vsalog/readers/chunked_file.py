@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import IO, ClassVar
@@ -14,7 +14,7 @@ import numpy as np
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import printable
-from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
+from vsalog.readers.chunk_index import Chunk, Part, some_of
 from vsalog.readers.compression import beginning
 from vsalog.readers.container import Connection
 from vsalog.readers.limits import GLANCE_BYTES, MOST_STEPS
@@ -22,6 +22,9 @@ from vsalog.readers.opened import FilePart
 from vsalog.readers.packets import Bytes, Packet, RawMessage, ahead, in_packets
 from vsalog.readers.record_walk import Head
 from vsalog.readers.sampling_pieces import Cut, Piece, chosen_pieces
+
+Spans = Sequence[tuple[int, ...]]
+"""From which bytes of a file on, and up to which records begin that are read; () for all."""
 
 
 class ChunkedFile(ABC):
@@ -86,8 +89,8 @@ class ChunkedFile(ABC):
         """Return the messages of some connections in what a chunk's data begin with."""
 
     @abstractmethod
-    def _items(self, ids: Collection[int], needed: Needed | None) -> Iterator[Packet | RawMessage]:
-        """Yield messages of some connections, those of a chunk together; what is damaged is skipped and noted."""
+    def _items(self, ids: Collection[int], spans: Spans | None) -> Iterator[Packet | RawMessage]:
+        """Yield messages of some connections, those of a chunk together; damage is skipped, and noted without `spans`."""
 
     def size(self) -> int:
         """Return how many bytes there are, of a sample those that are read."""
@@ -109,15 +112,24 @@ class ChunkedFile(ABC):
         file.seek(0)
         return file
 
-    def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
+    def packets(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the messages of some connections in the order of the file; what is damaged is skipped and noted.
 
         Raises
         ------
-        IndexContradictsError
+        ReadError
             Only a part is read, and the index tells two things of what is in it.
         """
-        return ahead(in_packets(self._items(ids, needed)))
+        return ahead(in_packets(self._items(ids, None)))
+
+    def beginnings(self, ids: Collection[int]) -> Iterator[Packet]:
+        """Yield the chunks in which connections begin, as far as the index tells them."""
+        self.connections()
+        begins: dict[int, int] = {}
+        for position in sorted(self.chunks, reverse=True):
+            begins |= dict.fromkeys(self.chunks[position].connections or (), position)
+        chosen = sorted({begins[number] for number in ids if number in begins})
+        return in_packets(self._items(ids, [(position, position + 1) for position in chosen]))
 
     def narrow(self, part: Part) -> bool:
         """Pass by chunks without a message of a part of the log, where the index tells of chunks."""
@@ -161,7 +173,7 @@ class ChunkedFile(ABC):
         self._pieces = sorted([*pieces, *others])
         return cut
 
-    def _spans(self) -> list[tuple[int, ...]]:
+    def _spans(self) -> Spans:
         """Return from which byte on and up to which records are read; () for all of the file."""
         return [()] if self._pieces is None else [(at, at + size) for at, size in self._pieces]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from vsalog.core.finding import Findings
-from vsalog.readers.chunk_index import Needed, Part
+from vsalog.readers.chunk_index import Part
 from vsalog.readers.packets import Packet
 from vsalog.readers.sampling_pieces import Cut
 
@@ -74,8 +74,12 @@ class Container(Protocol):
         """Return how many bytes there are."""
         ...
 
-    def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
-        """Yield the messages of some connections in the order of the file; perhaps without those not `needed` by then."""
+    def packets(self, ids: Collection[int]) -> Iterator[Packet]:
+        """Yield the messages of some connections in the order of the file."""
+        ...
+
+    def beginnings(self, ids: Collection[int]) -> Iterator[Packet]:
+        """Yield messages with which connections begin, as far as an index tells where."""
         ...
 
     def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:

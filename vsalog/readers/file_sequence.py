@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import islice
 from types import MappingProxyType
 
@@ -13,7 +12,7 @@ import numpy as np
 
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import printable
-from vsalog.readers.chunk_index import Needed, Part
+from vsalog.readers.chunk_index import Part
 from vsalog.readers.container import Connection, Container
 from vsalog.readers.packets import Packet
 from vsalog.readers.sampling_pieces import Cut
@@ -115,18 +114,23 @@ class SeveralContainer:
             for packet in container.glimpses(_own(numbers, ids)):
                 yield replace(packet, connection=packet.connection + numbers.start)
 
-    def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
+    def beginnings(self, ids: Collection[int]) -> Iterator[Packet]:
+        """Yield messages with which connections of each file begin."""
+        for numbers, container in self._numbered():
+            for packet in container.beginnings(_own(numbers, ids)):
+                yield replace(packet, connection=packet.connection + numbers.start)
+
+    def packets(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the messages of some connections, file by file."""
         found: Counter[int] = Counter()
         for numbers, container in self._numbered():
-            mine = None if needed is None else partial(_shifted, needed, numbers.start)
-            for packet in container.packets(_own(numbers, ids), mine):
+            for packet in container.packets(_own(numbers, ids)):
                 if self._stated:
                     here, counts = np.unique(packet.connection, return_counts=True)
                     found.update(dict(zip((here + numbers.start).tolist(), counts.tolist(), strict=True)))
                 yield replace(packet, connection=packet.connection + numbers.start)
             self.findings.add(*container.findings)
-        if self._stated and not self._narrowed and needed is None:
+        if self._stated and not self._narrowed:
             self.findings.add(*self._missing(set(ids), found))
 
     def _missing(self, ids: set[int], found: Mapping[int, int]) -> list[Finding]:
@@ -145,7 +149,3 @@ class SeveralContainer:
 def _own(numbers: range, ids: Collection[int]) -> list[int]:
     """Return a file's own numbers of those connections that are in it."""
     return [number - numbers.start for number in ids if number in numbers]
-
-
-def _shifted(needed: Needed, first: int, number: int) -> bool:
-    return needed(first + number)

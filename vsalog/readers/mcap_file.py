@@ -25,13 +25,12 @@ from numpy.typing import NDArray
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.memory import AT_ONCE_BYTES
-from vsalog.readers.chunk_index import Needed
-from vsalog.readers.chunked_file import ChunkedFile
+from vsalog.readers.chunked_file import ChunkedFile, Spans
 from vsalog.readers.compression import DamagedDataError, decompress
 from vsalog.readers.container import Connection
 from vsalog.readers.limits import GLANCE_BYTES
 from vsalog.readers.mcap_scan import ends_whole, messages_in, others_in
-from vsalog.readers.mcap_summary import chunk_in, states_checksum, summary_records, vouched
+from vsalog.readers.mcap_summary import chunk_in, states_checksum, summary_records
 from vsalog.readers.mcap_walk import MAGIC, Walk
 from vsalog.readers.packets import Bytes, Packet, RawMessage
 from vsalog.readers.record_walk import Head
@@ -68,7 +67,6 @@ class McapContainer(ChunkedFile):
         self._scanned = False
         self._indexed: bool | None = None
         self._text = 0
-        self._vouched = False
         self._end: int | None = None
 
     @property
@@ -114,10 +112,10 @@ class McapContainer(ChunkedFile):
     def _messages(self, data: Bytes, ids: Collection[int]) -> Packet:
         return messages_in(data, _flags(ids))
 
-    def _items(self, ids: Collection[int], needed: Needed | None) -> Iterator[Packet | RawMessage]:
+    def _items(self, ids: Collection[int], spans: Spans | None) -> Iterator[Packet | RawMessage]:
         wanted = _flags(ids)
         count = 0
-        for record, content in self.records(needed):
+        for record, content in self.records(spans):
             if record == Opcode.CHUNK:
                 packet = messages_in(np.frombuffer(content, np.uint8), wanted)
                 count += len(packet.messages)
@@ -128,7 +126,7 @@ class McapContainer(ChunkedFile):
                     count += 1
                     yield channel, log, publish, content[_MESSAGE_HEAD.size :]
         expected = sum(self.counts().get(number, 0) for number in ids)
-        if count < expected and self._part is None and needed is None:
+        if count < expected and self._part is None and spans is None:
             self.findings.add(
                 Finding(
                     code="recording.messages_missing",
@@ -198,7 +196,6 @@ class McapContainer(ChunkedFile):
                 file.seek(index.offset)
                 kind, length = _HEAD.unpack(file.read(_HEAD.size))
                 self._keep(kind, file.read(min(length, index.length)))
-            self._vouched = vouched(file)
         self.counted = {number: statistics.channel_message_counts.get(number, 0) for number in self.channels}
         return True
 
@@ -222,23 +219,24 @@ class McapContainer(ChunkedFile):
         except (ValueError, struct.error, McapError):  # its messages will be reported as missing
             self.findings.add(Finding(code="recording.record_damaged"))
 
-    def records(self, needed: Needed | None = None) -> Iterator[tuple[int, bytes]]:
-        """Yield the records of the data section, a chunk as its own records, decompressed; `findings` tells what was skipped.
+    def records(self, spans: Spans | None = None) -> Iterator[tuple[int, bytes]]:
+        """Yield the records of the data section, a chunk as its own records, decompressed.
 
-        Chunks that hold nothing of what is `needed` by then may be passed by.
+        `findings` tells what was skipped, unless only some spans of the file are read.
         """
         chunks = 0
         damage: list[str] = []
         with self.open() as file:
             passed = self._passed_by(file)
-            whole = not passed and needed is None and self._pieces is None
+            whole = not passed and spans is None and self._pieces is None
             walk = Walk(
                 file,
                 whole and states_checksum(file),
-                lambda at: at in passed or not self._may_hold(at, needed),
+                passed.__contains__,
                 chunked=bool(self.chunks),
             )
-            for record, content, position in chain.from_iterable(walk.records(*span) for span in self._spans()):
+            spans_read = self._spans() if spans is None else spans
+            for record, content, position in chain.from_iterable(walk.records(*span) for span in spans_read):
                 if record != Opcode.CHUNK:
                     yield record, content
                     continue
@@ -251,6 +249,8 @@ class McapContainer(ChunkedFile):
                 if not ends_whole(np.frombuffer(data, np.uint8)):
                     damage.append(f"at byte {position}: its last record is cut off")
                 yield record, data
+        if spans is not None:
+            return
         if damage:
             evidence: Evidence = {"chunks": chunks, "where": "; ".join(damage[:3])}
             self.findings.add(Finding(code="recording.chunks_damaged", value=len(damage), evidence=evidence))
@@ -271,11 +271,6 @@ class McapContainer(ChunkedFile):
                 ):
                     found.append(position)
         return frozenset(found)
-
-    def _may_hold(self, position: int, needed: Needed | None) -> bool:
-        """Tell whether a chunk may hold messages of what is needed: so a summary says whose checksum is right."""
-        known = None if needed is None or not self._vouched else self.chunks.get(position)
-        return known is None or needed is None or known.may_hold(needed)
 
 
 def _statistics(content: bytes) -> Statistics:

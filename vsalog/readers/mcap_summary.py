@@ -47,12 +47,6 @@ def summary_records(file: IO[bytes], start: int | None = None) -> Iterator[tuple
     return others_in(records) if ends_whole(records) else None
 
 
-def vouched(file: IO[bytes]) -> bool:
-    """Tell whether the summary has a checksum."""
-    found = _footer(file)
-    return found is not None and found[2] != 0
-
-
 def chunk_in(content: bytes) -> tuple[int, Chunk]:
     """Return the position of the chunk that a chunk index record is of, and what the record tells of it."""
     first, last, position, _, size = _CHUNK_INDEX.unpack_from(content)

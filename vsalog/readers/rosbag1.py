@@ -16,8 +16,7 @@ from rosbags.rosbag1.reader import RecordType
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
-from vsalog.readers.chunk_index import Chunk, Needed
-from vsalog.readers.chunked_file import ChunkedFile
+from vsalog.readers.chunked_file import ChunkedFile, Spans
 from vsalog.readers.container import MOST_CONNECTIONS, Connection
 from vsalog.readers.definitions import DefinitionError, ros1_checksum
 from vsalog.readers.limits import FIRST_ROWS, GLANCE_BYTES
@@ -84,23 +83,17 @@ class Rosbag1Container(ChunkedFile):
     def _messages(self, data: Bytes, ids: Collection[int]) -> Packet:
         return messages_in(data, np.array(sorted(ids), dtype=np.int64))[0]
 
-    def _records(self, walk: Walk) -> Iterator[tuple[Header, bytes]]:
-        return chain.from_iterable(walk.records(*span) for span in self._spans())
+    def _records(self, walk: Walk, spans: Spans | None = None) -> Iterator[tuple[Header, bytes]]:
+        return chain.from_iterable(walk.records(*span) for span in (self._spans() if spans is None else spans))
 
-    def _items(self, ids: Collection[int], needed: Needed | None) -> Iterator[Packet | RawMessage]:
+    def _items(self, ids: Collection[int], spans: Spans | None) -> Iterator[Packet | RawMessage]:
         wanted = np.array(sorted(ids), dtype=np.int64)
         part = self._part
-        whole = part is None and needed is None and self._pieces is None
-
-        def leaves_out(chunk: Chunk) -> bool:
-            outside = part is not None and part.leaves_out(chunk)
-            return outside or (needed is not None and not chunk.may_hold(needed))
-
-        check = IndexCheck(wanted, None if whole else leaves_out)
+        left_out = {at for at, chunk in self.chunks.items() if part is not None and part.leaves_out(chunk)}
+        check = IndexCheck(wanted, part, whole=part is None and self._pieces is None)
         with self.open() as file:
-            known = {} if whole else self.chunks
-            walk = Walk(file, lambda at: at in known and leaves_out(known[at]))
-            for header, data in self._records(walk):
+            walk = Walk(file, left_out.__contains__)
+            for header, data in self._records(walk, spans):
                 kind = op(header)
                 check.damaged(walk.damage)
                 if kind == RecordType.CHUNK:
@@ -123,7 +116,8 @@ class Rosbag1Container(ChunkedFile):
                     check.passed(header, data)
                 else:
                     check.record(header, data)
-        self.findings.add(*walk.findings(), *check.findings(walk.damage, walk.chunks))
+        if spans is None:
+            self.findings.add(*walk.findings(), *check.findings(walk.damage, walk.chunks))
 
     def _note_index(self, position: int) -> None:
         if position == 0:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from rosbags.rosbag1.reader import RecordType
 
+from vsalog.core.errors import ReadError
 from vsalog.core.finding import Evidence, Finding
-from vsalog.readers.chunk_index import Chunk, IndexContradictsError
+from vsalog.readers.chunk_index import Chunk, Part
 from vsalog.readers.packets import Integers, Packet
 from vsalog.readers.rosbag1_walk import Damage, Header, number, op
 
@@ -23,13 +24,14 @@ class IndexCheck:
     ----------
     wanted : int64 array, sorted
         Connections that are read.
-    leaves_out : function or None
-        Where not all of the log is read: tells of what is in a chunk whether that is passed by.
+    part : Part or None
+        Of the log that is read, with chunks passed by that the index says are outside of it.
+    whole : bool
+        All of the log is read.
     """
 
-    def __init__(self, wanted: Integers, leaves_out: Callable[[Chunk], bool] | None = None) -> None:
-        self._wanted = wanted
-        self._leaves_out = leaves_out
+    def __init__(self, wanted: Integers, part: Part | None, whole: bool) -> None:
+        self._wanted, self._part, self._whole = wanted, part, whole
         self._last: Packet | None = None
         self._found = self._expected = self._differing = self._damaged = 0
         self._told: dict[int, int] = {}
@@ -67,15 +69,15 @@ class IndexCheck:
 
         Raises
         ------
-        IndexContradictsError
+        ReadError
             A message that is not to be passed by is in it.
         """
-        if op(header) != RecordType.IDXDATA or self._leaves_out is None:
+        if op(header) != RecordType.IDXDATA or self._part is None:
             return
         connection, times = number(header, b"conn"), _times(data)
         own = Chunk(int(times.min()), int(times.max()), frozenset([connection])) if times.size else None
-        if own is not None and connection in self._wanted and not self._leaves_out(own):
-            raise IndexContradictsError("the bag's index contradicts itself")
+        if own is not None and connection in self._wanted and not self._part.leaves_out(own):
+            raise ReadError("the bag's index contradicts itself")
 
     def findings(self, damage: Sequence[Damage], chunks: int) -> list[Finding]:
         """Return what is damaged of so many chunks, and what differs."""
@@ -90,7 +92,7 @@ class IndexCheck:
             lost_ones = Finding(code="recording.messages_lost", value=lost)
             found.append(lost_ones if told else Finding(code="recording.loss_unknown"))
         missing = self._expected - self._found - lost
-        if missing > 0 and self._leaves_out is None:
+        if missing > 0 and self._whole:
             counted: Evidence = {"expected": self._expected, "counted_by": "index"}
             found.append(Finding(code="recording.messages_missing", value=missing, evidence=counted))
         elif chunks < self._announced and self._leaves_out is None and not damage:

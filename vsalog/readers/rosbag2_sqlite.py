@@ -17,7 +17,7 @@ from vsalog.core.finding import Finding, Findings
 from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.core.printable import printable
 from vsalog.core.resolution import STRETCHES
-from vsalog.readers.chunk_index import Needed, Part
+from vsalog.readers.chunk_index import Part
 from vsalog.readers.container import MOST_CONNECTIONS, Connection
 from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS, PACKED_BYTES, SAMPLE_ROWS
 from vsalog.readers.packets import Messages, Packet
@@ -96,6 +96,10 @@ class SqliteContainer:
         self._part = part
         return True
 
+    def beginnings(self, ids: Collection[int]) -> Iterator[Packet]:
+        """Yield nothing: where topics begin, no index tells."""
+        yield from ()
+
     def sample(self, budget: int) -> Cut | None:
         """From now on read stretches of rows; of a damaged file, or one without rows, all."""
         try:
@@ -119,7 +123,7 @@ class SqliteContainer:
         except _DAMAGE:
             return
 
-    def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
+    def packets(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the messages of some topics in the order of the file; rows that cannot be read are skipped and found.
 
         Raises
