@@ -41,19 +41,6 @@ def connect(path: Path) -> sqlite3.Connection:
     return database
 
 
-def attach(database: sqlite3.Connection, path: Path, name: str) -> None:
-    """Open a database within another one, by a name.
-
-    Raises
-    ------
-    sqlite3.Error, OSError
-        It cannot be opened.
-    """
-    how = _how(path)
-    _settle(database, how)  # of the databases that are still to come, too
-    database.execute(f"ATTACH ? AS {name}", (f"{for_sqlite(path)}?{how}",))
-
-
 def left_log(path: Path) -> Path | None:
     """Return a database's log of changes, where there is one that no program has open."""
     return path.with_name(f"{path.name}-wal") if _how(path) == _ALONE else None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.column import is_mapped
 from vsalog.core.errors import ReadError, UnitError
-from vsalog.core.recording import Channel, Recording, Stamps
+from vsalog.core.recording import Channel, Recording, Stamps, Stream
 from vsalog.core.units import parse_quantity, shown
 from vsalog.readers.base import Reader
 from vsalog.readers.reach import Stamp, within_reach
@@ -63,18 +62,19 @@ class Moment:
         ReadError
             It is none of these.
         """
-        text = str(value).strip()
+        text, scale = str(value).strip(), None
         try:
             number = Decimal(text)
         except InvalidOperation:
-            return _dated(text) or _with_unit(text, name)
-        if abs(number.adjusted()) > len(str(Stamp.FARTHEST.value)):
-            number = Decimal("inf") if number.adjusted() > 0 else Decimal(0)
-        if number.is_snan():
-            number = Decimal("nan")  # the other kind refuses to be multiplied
-        unit = epoch_unit(abs(float(number))) if number.is_finite() else None
-        scale = Decimal(10) ** {"s": 9, "ms": 6, "us": 3, "ns": 0}[unit or "s"]
-        return cls(_whole(number * scale, text, name), unit is not None)
+            if (stamp := _dated(text)) is not None:
+                return cls(stamp, True)
+            number = _with_unit(text, name)
+        else:
+            scale = epoch_unit(abs(float(number))) if number.is_finite() else None
+        digits = {"s": 9, "ms": 6, "us": 3, "ns": 0}[scale or "s"]
+        if not number.is_finite() or not 0 <= number <= Stamp.FARTHEST // 10**digits:
+            raise ReadError(f"{name} '{shown(text)}' is no time within any log: {HOW}")
+        return cls(int((number * 10**digits).to_integral_value()), scale is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +146,7 @@ def cut(recording: Recording, low: int, high: int, known: Collection[str] = ()) 
     """
     channels: dict[str, Channel] = {}
     unread = dict(recording.unread)
-    streams = dict(recording.streams)
+    streams: dict[str, Stream] = {}
     shared: dict[int, Stamps] = {}  # channels of a stream share their stamps, before and after
     for name, channel in recording.channels.items():
         stream = recording.streams[channel.stream]
@@ -159,13 +159,9 @@ def cut(recording: Recording, low: int, high: int, known: Collection[str] = ()) 
             stamps = shared.setdefault(id(channel.stamps), _alone(channel.stamps[first:last]))
             channels[name] = replace(channel, stamps=stamps, values=_alone(channel.values[first:last]))
             streams[channel.stream] = replace(stream, count=int(last - first))
-    for name in known:
-        if name not in channels:
-            unread[name] = NO_SAMPLE
+    unread |= {name: NO_SAMPLE for name in known if name not in channels}
     if (recording.channels or known) and not channels:
-        raise ReadError(f"{_nothing(recording, low, high)}", recording.path)
-    kept = {channel.stream for channel in channels.values()}
-    streams = {name: stream for name, stream in streams.items() if name in kept}
+        raise ReadError(_nothing(recording, low, high), recording.path)
     return replace(recording, channels=channels, streams=streams, unread=unread)
 
 
@@ -188,11 +184,7 @@ def said(stamp: int) -> str:
     """Write a stamp in words: a date, or seconds where it cannot be one."""
     if stamp < Stamp.YEAR_2000:
         return f"{stamp / 1e9:g} s"
-    seconds, fraction = divmod(stamp, 1_000_000_000)
-    try:
-        return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{fraction // 1000:06d}Z"
-    except (ValueError, OverflowError, OSError):
-        return f"{stamp} ns"
+    return str(np.datetime_as_string(np.datetime64(stamp, "ns"), unit="us", timezone="UTC"))
 
 
 def _beginning(reader: Reader, time: str) -> int | None:
@@ -206,23 +198,17 @@ def _beginning(reader: Reader, time: str) -> int | None:
     return min(stamps, default=None)
 
 
-def _dated(text: str) -> Moment | None:
-    """Read a date of ISO 8601."""
+def _dated(text: str) -> int | None:
+    """Return the stamp [ns] of a date of ISO 8601; None where it is none."""
     if not text.isprintable():
         return None
     stamps, good = nanoseconds([pa.array([text], pa.string())], "date")
-    return Moment(int(stamps[0]), True) if good[0] else None
+    return int(stamps[0]) if good[0] else None
 
 
-def _with_unit(text: str, name: str) -> Moment:
+def _with_unit(text: str, name: str) -> Decimal:
+    """Return a time [s] with a unit."""
     try:
-        seconds = parse_quantity(text, "s")
+        return Decimal(repr(parse_quantity(text, "s")))
     except UnitError as error:
         raise ReadError(f"{name} '{shown(text)}' is no time: {HOW} ({error})") from error
-    return Moment(_whole(Decimal(repr(seconds)) * 10**9, text, name), False)
-
-
-def _whole(nanoseconds: Decimal, text: str, name: str) -> int:
-    if not nanoseconds.is_finite() or abs(nanoseconds) > Stamp.FARTHEST or nanoseconds < 0:
-        raise ReadError(f"{name} '{shown(text)}' is no time within any log: {HOW}")
-    return int(nanoseconds.to_integral_value())
