@@ -1,18 +1,16 @@
-"""Several logs in one file, as `cat a.mcap b.mcap` makes it."""
+"""Several logs in one file, as `cat a.mcap b.mcap` makes it: the first is read, and the others do not get into it."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from finding_codes import codes
-from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
 from random_messages import STORES
 from rosbags import rosbag1
 from write_logs import JOINT_STATE, MS, START, McapLog, joint_state, serialised
 
 from vsalog.readers import read
-from vsalog.writers.repair import repair
 
 COUNT = 300
 BARE = {
@@ -66,37 +64,13 @@ OPTIONS = [
 ]
 
 
-@pytest.mark.parametrize(
-    "logs", [[("/a", 0), ("/b", COUNT)], [("/a", 0), ("/a", COUNT)], [("/a", 0), ("/b", 0), ("/a", 2 * COUNT)]]
-)
 @pytest.mark.parametrize(("write", "options"), [*((mcap, options) for options in OPTIONS), (bag1, {})])
-def test_all_logs_in_a_file_are_read_and_told(tmp_path, write, options, logs):
-    path, raws = joined(tmp_path, write, *logs, **options)
+def test_the_first_log_in_a_file_is_read_and_the_next_one_told(tmp_path, write, options):
+    path, raws = joined(tmp_path, write, ("/a", 0), ("/b", COUNT), **options)
     for recording in (read(path), read(path, room=0), read(path, start=0)):
-        assert_all_there(recording, logs)
-        (joined_logs,) = recording.findings
-        assert (joined_logs.code, joined_logs.value) == ("recording.joined", len(logs))
-        assert joined_logs.evidence["further"].split(", ")[0] == str(len(raws[0]))
-
-
-@pytest.mark.parametrize("options", OPTIONS)
-def test_no_log_takes_the_topics_of_the_one_behind_it_that_was_cut_off(tmp_path, options):
-    path, raws = joined(tmp_path, mcap, ("/a", 0), ("/b", COUNT), chunk_size=1024, **options)
-    path.write_bytes(raws[0][: len(raws[0]) // 2] + raws[1])
-    recording = read(path)
-    np.testing.assert_array_equal(recording.channel("/b.position[x]").values, np.arange(COUNT, 2 * COUNT))
-    values = recording.channel("/a.position[x]").values
-    assert 10 < values.size < COUNT
-    np.testing.assert_array_equal(values, np.arange(values.size))
-    assert codes(recording).count("recording.truncated") == 1
-
-
-def test_a_bag_that_was_cut_off_ahead_of_another_one(tmp_path):
-    path, raws = joined(tmp_path, bag1, ("/a", 0), ("/b", COUNT))
-    path.write_bytes(raws[0][: len(raws[0]) - 100] + raws[1])
-    recording = read(path)
-    assert_all_there(recording, [("/a", 0), ("/b", COUNT)])
-    assert len(recording.findings) > 1
+        assert_all_there(recording, [("/a", 0)])
+        (further,) = recording.findings
+        assert (further.code, further.value) == ("recording.joined", len(raws[0]))
 
 
 @pytest.mark.parametrize("cut", [0, 5])
@@ -111,17 +85,3 @@ def test_a_log_attached_to_another_one_is_no_further_one(tmp_path, cut):
     recording = read(path)
     assert_all_there(recording, [("/a", 0)])
     assert "recording.joined" not in codes(recording)
-
-
-def test_logs_in_one_file_within_a_folder_and_repaired(tmp_path):
-    folder = tmp_path / "bag"
-    folder.mkdir()
-    path, _ = joined(tmp_path, mcap, ("/a", 0), ("/b", COUNT))
-    path.rename(folder / "bag_0.mcap")
-    mcap(folder / "bag_1.mcap", "/c", 0)
-    logs = [("/a", 0), ("/b", COUNT), ("/c", 0)]
-    assert_all_there(read(folder), logs)
-    repair(folder, tmp_path / "one.mcap")
-    assert_all_there(read(tmp_path / "one.mcap"), logs)
-    with (tmp_path / "one.mcap").open("rb") as file:
-        assert make_reader(file).get_summary().statistics.message_count == 3 * COUNT

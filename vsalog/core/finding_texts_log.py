@@ -56,8 +56,8 @@ LOG_TEXTS: Mapping[str, Text] = {
         "the file has no sound summary of its chunks at its end (was the recording cut off?)."
     ),
     "recording.joined": Text(
-        "{value:.0f} logs stand one behind another in the file, as 'cat' joins them (further ones begin at byte {further}).",
-        "All were read.",
+        "another log begins at byte {value:.0f} of {limit:.0f}, as where 'cat' joined them: it was not read.",
+        "Cut the file there, and read both.",
     ),
     "recording.decompression_ended": Text(
         "decompression ended after {value:.0f} bytes ({reason}).", "What is ahead of that was read."

@@ -18,7 +18,6 @@ from vsalog.readers.chunk_index import Chunk, Part, some_of
 from vsalog.readers.compression import beginning
 from vsalog.readers.container import Connection
 from vsalog.readers.limits import GLANCE_BYTES, MOST_STEPS
-from vsalog.readers.opened import FilePart
 from vsalog.readers.packets import Bytes, Packet, RawMessage, ahead, in_packets
 from vsalog.readers.record_walk import Head
 from vsalog.readers.sampling_pieces import Cut, Piece, chosen_pieces
@@ -34,8 +33,6 @@ class ChunkedFile(ABC):
     ----------
     path : Path
         Where it is.
-    span : (int, int), optional
-        From which byte of the file on and up to which, where others are in it, too.
 
     Attributes
     ----------
@@ -56,8 +53,8 @@ class ChunkedFile(ABC):
     NO_INDEX: ClassVar[str]
     """Code of what is found of a file without an index."""
 
-    def __init__(self, path: Path, span: tuple[int, int] | None = None) -> None:
-        self.path, self._span = path, span
+    def __init__(self, path: Path) -> None:
+        self.path = path
         self.findings = Findings()
         self.chunks: dict[int, Chunk] = {}
         self.counted: Mapping[int, int] = {}
@@ -96,12 +93,12 @@ class ChunkedFile(ABC):
         """Return how many bytes there are, of a sample those that are read."""
         if self._pieces is not None:
             return sum(piece.size for piece in self._pieces)
-        return self.path.stat().st_size if self._span is None else self._span[1] - self._span[0]
+        return self.path.stat().st_size
 
     def open(self) -> IO[bytes]:
-        """Open the file, or what is this one's part of it; errors as for the class."""
+        """Open the file; errors as for the class."""
         try:
-            file = self.path.open("rb") if self._span is None else FilePart.opened(self.path, *self._span)
+            file = self.path.open("rb")
         except OSError as error:
             raise ReadError(f"cannot be opened: {error.strerror or error}", self.path) from error
         try:

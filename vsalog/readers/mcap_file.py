@@ -59,8 +59,8 @@ class McapContainer(ChunkedFile):
     CHUNK, NO_INDEX = Opcode.CHUNK, "recording.no_summary"
     DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
 
-    def __init__(self, path: Path, span: tuple[int, int] | None = None) -> None:
-        super().__init__(path, span)
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self._rig_text: str | None = None
@@ -249,6 +249,8 @@ class McapContainer(ChunkedFile):
                 if not ends_whole(np.frombuffer(data, np.uint8)):
                     damage.append(f"at byte {position}: its last record is cut off")
                 yield record, data
+            if spans is None and self._pieces is None and not self._indexed:
+                walk.note_joined()
         if spans is not None:
             return
         if damage:

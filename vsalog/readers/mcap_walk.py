@@ -115,6 +115,18 @@ class Walk(RecordWalk):
                 yield kind, content, position
             position += _HEAD.size + length
 
+    MARK = MAGIC
+
+    def note_joined(self) -> None:
+        """Look whether another file begins behind the end of this one."""
+        end = self._size if self.end is None else self.end
+        for _, _, following in self.heads(end):
+            end = following
+        kind, length = self._head(end)
+        self._file.seek(end + _HEAD.size + length + len(MAGIC))
+        if kind == Opcode.FOOTER and self._file.read(len(MAGIC)) == MAGIC:
+            self.joined = end + _HEAD.size + length + len(MAGIC)
+
     def findings(self) -> list[Finding]:
         """Return what was damaged."""
         found = super().findings()

@@ -13,11 +13,12 @@ from vsalog.core.recording import Recording
 from vsalog.readers.bag import BagReader
 from vsalog.readers.base import Reader
 from vsalog.readers.collect import collect
-from vsalog.readers.concatenated_files import opened_mcap, opened_rosbag1
 from vsalog.readers.container import Container
 from vsalog.readers.matlab import MatlabReader
+from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.parquet import ParquetReader
 from vsalog.readers.remote import downloaded, local
+from vsalog.readers.rosbag1 import Rosbag1Container
 from vsalog.readers.rosbag2 import FolderContainer, bag_file, counted
 from vsalog.readers.sniff import sniff
 from vsalog.readers.tables.reader import TableReader
@@ -167,9 +168,9 @@ def open_container(path: Path, kind: str) -> Container:
         It cannot be opened.
     """
     if kind == "rosbag1":
-        return opened_rosbag1(path)
+        return Rosbag1Container(path)
     if kind == "rosbag2-folder":
         return FolderContainer(path)
     if kind == "mcap":
-        return opened_mcap(path)
+        return McapContainer(path)
     return counted(bag_file(path, shown=path), path)

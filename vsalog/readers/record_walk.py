@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from typing import IO
+from typing import IO, ClassVar
 
 from vsalog.core.finding import Finding
 from vsalog.core.memory import PIECE_BYTES
@@ -30,11 +30,17 @@ class RecordWalk(ABC):
         Stretches of bytes that are no records.
     cut : (int, int) or None
         Where reading ended and the size of the file, where no record follows up to its end.
+    joined : int or None
+        Where another file begins in this one, whose records are not those of this one.
     """
+
+    MARK: ClassVar[bytes]
+    """With which bytes a file begins."""
 
     def __init__(self, file: IO[bytes], passed: Callable[[int], bool] = lambda position: False) -> None:
         self.skipped: list[tuple[int, int]] = []
         self.cut: tuple[int, int] | None = None
+        self.joined: int | None = None
         self._file, self._passed = file, passed
         self._size = file.seek(0, 2)
 
@@ -55,15 +61,22 @@ class RecordWalk(ABC):
 
     def findings(self) -> list[Finding]:
         """Return what was damaged."""
-        return walk_findings(self.skipped, self.cut)
+        found = walk_findings(self.skipped, self.cut)
+        if self.joined is not None:
+            found.append(Finding(code="recording.joined", value=self.joined, limit=self._size, unit="B"))
+        return found
 
     def _resume(self, position: int) -> int:
-        """Return where the next record surely begins behind damage at a position; -1 for nowhere, which is noted."""
-        start = position + 1
+        """Return where the next record surely begins behind damage at a position; -1 for nowhere, or in another file behind."""
+        start = position
         while start < self._size:
             self._file.seek(start)
-            found = self._next_sure(self._file.read(PIECE_BYTES + GLANCE_BYTES), start)
-            if found >= 0:
+            data = self._file.read(PIECE_BYTES + GLANCE_BYTES)
+            found, mark = self._next_sure(data[1:], start + 1) + 1, data.find(self.MARK)
+            if mark >= 0 and not 0 < found < mark:
+                self.joined = start + mark
+                return -1
+            if found > 0:
                 return start + found
             start += PIECE_BYTES
         self.cut = (position, self._size)

@@ -48,8 +48,8 @@ class Rosbag1Container(ChunkedFile):
     rig_text: str | None = None
     CHUNK, DEFINITIONS, NO_INDEX = RecordType.CHUNK, (RecordType.CONNECTION,), "recording.no_index"
 
-    def __init__(self, path: Path, span: tuple[int, int] | None = None) -> None:
-        super().__init__(path, span)
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
         self._index: Found | None = None
         self._connections: dict[int, Connection] | None = None
 
@@ -191,12 +191,6 @@ class Rosbag1Container(ChunkedFile):
             return found
         self.chunks = {}
         return {}
-
-
-def begins_bag(file: IO[bytes], at: int) -> bool:
-    """Tell whether a bag begins at a place in a file: its first record follows its version."""
-    header, _ = next(Walk(file).records(at + len(VERSION)), ({}, b""))
-    return op(header) == RecordType.BAGHEADER
 
 
 def _keep(found: Found, header: Header, data: bytes) -> None:

@@ -60,6 +60,8 @@ class Walk(RecordWalk):
         Chunks that cannot be read.
     """
 
+    MARK = VERSION
+
     def __init__(self, file: IO[bytes], passed: Callable[[int], bool] = lambda position: False) -> None:
         super().__init__(file, passed)
         self.chunks = self.position = 0

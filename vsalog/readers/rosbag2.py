@@ -11,10 +11,10 @@ from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.finding_texts import sentence
 from vsalog.readers.compression import MAX_RATIO
-from vsalog.readers.concatenated_files import opened_mcap
 from vsalog.readers.container import ZSTD_MAGIC, Container
 from vsalog.readers.file_sequence import SeveralContainer
 from vsalog.readers.limits import PACKED_BYTES
+from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.mcap_walk import MAGIC as MCAP_MAGIC
 from vsalog.readers.rosbag2_sqlite import SQLITE_MAGIC, SqliteContainer
 
@@ -98,7 +98,7 @@ def bag_file(path: Path, shown: Path) -> Container:
     except OSError as error:
         raise ReadError(f"cannot be opened: {error.strerror or error}", shown) from error
     if head.startswith(MCAP_MAGIC):
-        return opened_mcap(path)
+        return McapContainer(path)
     if head == SQLITE_MAGIC:
         return SqliteContainer(path)
     if head.startswith(ZSTD_MAGIC) and path == shown:  # compressed once, not twice
