@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
@@ -111,45 +112,29 @@ def read(
     path = Path(path)
     file = local(path)
     channels = None if wanted is None else frozenset(wanted)
+
+    def recorded(reader: Reader) -> Recording:
+        return collect(file, reader, channels, time, room)
+
+    recording: Recording | None = None
     try:
-        recording = _read_file(file, _Asked(channels, time, rate, start, end, room), opened)
+        first = open_reader(file, rate) if opened is None else opened
+        if start is None and end is None:
+            recording = recorded(first)
+        else:
+            bounds = Window.parse(start, end).bounds(first, file, time)
+            part = open_reader(file, rate)
+            if isinstance(part, BagReader) and part.narrow(*bounds, time, channels):
+                known = {name for name in first.catalogue().channels if channels is None or name in channels}
+                with suppress(ReadError):  # nothing lies there: what the whole log has tells where to look
+                    recording = cut(recorded(part), *bounds, known)
+                part = open_reader(file, rate)
+            recording = recording or cut(recorded(part), *bounds)
     except ReadError as error:
         raise error.moved(file, path) from None
     if file is path:
         return recording
     return replace(recording, path=path, findings=(downloaded(file), *recording.findings))
-
-
-@dataclass(frozen=True, slots=True)
-class _Asked:
-    """What is asked for of a log, see `read`."""
-
-    wanted: Collection[str] | None
-    time: str
-    rate: float | None
-    start: str | float | None
-    end: str | float | None
-    room: int | None
-
-    def collect(self, path: Path, reader: Reader) -> Recording:
-        """Make a recording of a log that was opened."""
-        return collect(path, reader, self.wanted, self.time, self.room)
-
-
-def _read_file(path: Path, asked: _Asked, opened: Reader | None) -> Recording:
-    """Read a log of this computer."""
-    first = open_reader(path, asked.rate) if opened is None else opened
-    if asked.start is None and asked.end is None:
-        return asked.collect(path, first)
-    bounds = Window.parse(asked.start, asked.end).bounds(first, path, asked.time)
-    part = open_reader(path, asked.rate)
-    if isinstance(part, BagReader) and part.narrow(*bounds, asked.time, asked.wanted):
-        known = {name for name in first.catalogue().channels if asked.wanted is None or name in asked.wanted}
-        try:
-            return cut(asked.collect(path, part), *bounds, known)
-        except ReadError:  # nothing lies there: what the whole log has tells where to look
-            part = open_reader(path, asked.rate)
-    return cut(asked.collect(path, part), *bounds)
 
 
 def open_container(path: Path, kind: str) -> Container:

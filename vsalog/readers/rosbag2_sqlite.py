@@ -22,10 +22,9 @@ from vsalog.readers.container import MOST_CONNECTIONS, Connection
 from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS, PACKED_BYTES, SAMPLE_ROWS
 from vsalog.readers.packets import Messages, Packet
 from vsalog.readers.sampling_pieces import Cut
-from vsalog.readers.sqlite_cut import cut_row
+from vsalog.readers.sqlite_damage import cut_row, damaged_changes, missing_bytes
 from vsalog.readers.sqlite_opened import connect, left_log
 from vsalog.readers.sqlite_ranges import bounded, most_steps, ranges
-from vsalog.readers.sqlite_whole import damaged_changes, missing_bytes
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 

@@ -14,7 +14,7 @@ from test_bags import COUNT, write_bag2
 from write_logs import MS, START, joint_state, serialised
 
 from vsalog.readers import read, sampling
-from vsalog.readers.sqlite_whole import damaged_changes, missing_bytes
+from vsalog.readers.sqlite_damage import damaged_changes, missing_bytes
 
 ELBOW = "/joint_states.position[elbow]"
 
