@@ -192,7 +192,7 @@ def test_damage_within_a_sample_names_the_log(tmp_path, monkeypatch):
     def broken(source, target, budget):
         shutil.copyfile(source, target)
         target.write_bytes(b"PAR1" + bytes(100))
-        return sampling_pieces.Cut(1, 1)
+        return sampling_pieces.Sample(1, 1)
 
     monkeypatch.setattr(sampling, "CUTTERS", {"table": broken})
     with pytest.raises(ReadError) as caught:

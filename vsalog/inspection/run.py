@@ -23,7 +23,7 @@ from vsalog.inspection.document import (
     SampleReport,
     StreamReport,
 )
-from vsalog.readers.sampling import Sample
+from vsalog.readers.sampling_pieces import Sample
 from vsalog.rig.checks import RUN
 from vsalog.rig.guess_types import Guess
 

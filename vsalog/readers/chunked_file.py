@@ -20,7 +20,7 @@ from vsalog.readers.container import Connection
 from vsalog.readers.limits import GLANCE_BYTES, MOST_STEPS
 from vsalog.readers.packets import Bytes, Packet, RawMessage, ahead, in_packets
 from vsalog.readers.record_walk import Head
-from vsalog.readers.sampling_pieces import Cut, Piece, chosen_pieces
+from vsalog.readers.sampling_pieces import Piece, Sample, chosen_pieces
 
 Spans = Sequence[tuple[int, ...]]
 """From which bytes of a file on, and up to which records begin that are read; () for all."""
@@ -143,7 +143,7 @@ class ChunkedFile(ABC):
                 if found is not None:
                     yield self._messages(np.frombuffer(beginning(*found, GLANCE_BYTES), np.uint8), ids)
 
-    def sample(self, budget: int) -> Cut | None:
+    def sample(self, budget: int) -> Sample | None:
         """From now on read stretches of chunks only, or the beginning of a file without any; see `Container`."""
         with self.open() as file:
             indexed = self.has_index() and bool(self.chunks)
@@ -158,7 +158,7 @@ class ChunkedFile(ABC):
             pieces, stretches = [Piece(at, end - at) for _, at, end in heads if end <= heads[0][1] + budget], 1
         if not pieces:
             return None
-        cut = Cut(
+        cut = Sample(
             sum(piece.size for piece in pieces),
             stretches,
             self._totals() if indexed else {},

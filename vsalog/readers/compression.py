@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+from collections.abc import Callable
 from typing import Any
 
 from vsalog.core.memory import AT_ONCE_BYTES
@@ -41,10 +42,14 @@ def decompress(kind: str, data: bytes, size: int) -> bytes:
     refuse_bomb(len(data), size)
     if not data and not size:
         return b""
+    if kind not in ("zstd", *_STREAMING, "none", ""):
+        raise DamagedDataError(f"compression '{kind[:20]}' is not supported")
     try:
-        whole = _KINDS[kind](data, size)
-    except KeyError:
-        raise DamagedDataError(f"compression '{kind[:20]}' is not supported") from None
+        whole = data
+        if kind == "zstd":
+            whole = _zstd(data, size)
+        elif kind in _STREAMING:
+            whole = _streamed(kind, data, size)
     except Exception as error:  # each compression library has exceptions of its own
         raise DamagedDataError((str(error).splitlines() or [type(error).__name__])[0]) from error
     if len(whole) != size:
@@ -67,12 +72,8 @@ def beginning(kind: str, data: bytes, most: int) -> bytes:
 
             with zstandard.ZstdDecompressor().stream_reader(data) as reader:
                 return reader.read(most)
-        if kind == "lz4":
-            from lz4.frame import LZ4FrameDecompressor
-
-            return bytes(LZ4FrameDecompressor().decompress(data, max_length=most))
-        if kind == "bz2":
-            return bz2.BZ2Decompressor().decompress(data, max_length=most)
+        if kind in _STREAMING:
+            return bytes(_STREAMING[kind]().decompress(data, max_length=most))
     except Exception:  # each compression library has its own; that the data are damaged is told when they are read
         return b""
     return data[:most] if kind in ("", "none") else b""
@@ -130,28 +131,21 @@ def _zstd(data: bytes, size: int) -> bytes:
     return zstandard.ZstdDecompressor().decompress(data, max_output_size=size, allow_extra_data=False)
 
 
-def _lz4(data: bytes, size: int) -> bytes:
+def _lz4() -> Any:
     from lz4.frame import LZ4FrameDecompressor
 
-    return _bounded(LZ4FrameDecompressor(), data, size)
+    return LZ4FrameDecompressor()
 
 
-def _bz2(data: bytes, size: int) -> bytes:
-    return _bounded(bz2.BZ2Decompressor(), data, size)
+_STREAMING: dict[str, Callable[[], Any]] = {"lz4": _lz4, "bz2": bz2.BZ2Decompressor}
 
 
-def _bounded(decompressor: Any, data: bytes, size: int) -> bytes:
+def _streamed(kind: str, data: bytes, size: int) -> bytes:
     """Decompress at most one byte more than announced."""
+    decompressor = _STREAMING[kind]()
     whole: bytes = decompressor.decompress(data, max_length=size + 1)
     if len(whole) == size and not decompressor.eof:
         whole += decompressor.decompress(b"", max_length=1)  # the checksum at the end
     if len(whole) == size and (not decompressor.eof or decompressor.unused_data):
         raise DamagedDataError("its compressed data do not end where they should")
     return whole
-
-
-def _plain(data: bytes, size: int) -> bytes:
-    return data
-
-
-_KINDS = {"zstd": _zstd, "lz4": _lz4, "bz2": _bz2, "none": _plain, "": _plain}

@@ -9,7 +9,7 @@ from typing import Protocol
 from vsalog.core.finding import Findings
 from vsalog.readers.chunk_index import Part
 from vsalog.readers.packets import Packet
-from vsalog.readers.sampling_pieces import Cut
+from vsalog.readers.sampling_pieces import Sample
 
 MOST_CONNECTIONS = 2**14
 """Connections or topics that a log has at most; more would take minutes and memory to prepare for."""
@@ -90,7 +90,7 @@ class Container(Protocol):
         """From now on pass by messages that are surely in no part of the log; tells whether that can be done."""
         ...
 
-    def sample(self, budget: int) -> Cut | None:
+    def sample(self, budget: int) -> Sample | None:
         """From now on read about so many bytes only, in stretches from the first message to the last, and tell which.
 
         None where that would be half of the log or more, or cannot be done; of several files some may be cut then.

@@ -15,7 +15,7 @@ from vsalog.core.printable import printable
 from vsalog.readers.chunk_index import Part
 from vsalog.readers.container import Connection, Container
 from vsalog.readers.packets import Packet
-from vsalog.readers.sampling_pieces import Cut
+from vsalog.readers.sampling_pieces import Sample
 
 
 class SeveralContainer:
@@ -87,7 +87,7 @@ class SeveralContainer:
         self._narrowed = any(able)
         return self._narrowed
 
-    def sample(self, budget: int) -> Cut | None:
+    def sample(self, budget: int) -> Sample | None:
         """From now on read stretches of each file; what cannot be cut is only taken where it is small."""
         whole, cuts = self.size(), []
         for part in self.parts:
@@ -106,29 +106,27 @@ class SeveralContainer:
         findings.add(*(one for cut in cuts for one in cut.findings))
         self._narrowed = True
         # What stretches of two files have between them is a seam, too.
-        return Cut(sum(cut.size for cut in cuts), sum(cut.stretches for cut in cuts), totals, tuple(findings))
+        return Sample(sum(cut.size for cut in cuts), sum(cut.stretches for cut in cuts), totals, tuple(findings))
 
     def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield messages from all over each file."""
         for numbers, container in self._numbered():
-            for packet in container.glimpses(_own(numbers, ids)):
-                yield replace(packet, connection=packet.connection + numbers.start)
+            yield from _renumbered(container.glimpses(_own(numbers, ids)), numbers.start)
 
     def beginnings(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield messages with which connections of each file begin."""
         for numbers, container in self._numbered():
-            for packet in container.beginnings(_own(numbers, ids)):
-                yield replace(packet, connection=packet.connection + numbers.start)
+            yield from _renumbered(container.beginnings(_own(numbers, ids)), numbers.start)
 
     def packets(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the messages of some connections, file by file."""
         found: Counter[int] = Counter()
         for numbers, container in self._numbered():
-            for packet in container.packets(_own(numbers, ids)):
+            for packet in _renumbered(container.packets(_own(numbers, ids)), numbers.start):
                 if self._stated:
                     here, counts = np.unique(packet.connection, return_counts=True)
-                    found.update(dict(zip((here + numbers.start).tolist(), counts.tolist(), strict=True)))
-                yield replace(packet, connection=packet.connection + numbers.start)
+                    found.update(dict(zip(here.tolist(), counts.tolist(), strict=True)))
+                yield packet
             self.findings.add(*container.findings)
         if self._stated and not self._narrowed:
             self.findings.add(*self._missing(set(ids), found))
@@ -149,3 +147,8 @@ class SeveralContainer:
 def _own(numbers: range, ids: Collection[int]) -> list[int]:
     """Return a file's own numbers of those connections that are in it."""
     return [number - numbers.start for number in ids if number in numbers]
+
+
+def _renumbered(packets: Iterator[Packet], first: int) -> Iterator[Packet]:
+    """Yield packets with numbers of connections that begin with one."""
+    return (replace(packet, connection=packet.connection + first) for packet in packets)

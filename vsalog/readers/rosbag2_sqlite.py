@@ -21,7 +21,7 @@ from vsalog.readers.chunk_index import Part
 from vsalog.readers.container import MOST_CONNECTIONS, Connection
 from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS, PACKED_BYTES, SAMPLE_ROWS
 from vsalog.readers.packets import Messages, Packet
-from vsalog.readers.sampling_pieces import Cut
+from vsalog.readers.sampling_pieces import Sample
 from vsalog.readers.sqlite_damage import cut_row, damaged_changes, missing_bytes
 from vsalog.readers.sqlite_opened import connect, left_log
 from vsalog.readers.sqlite_ranges import bounded, most_steps, ranges
@@ -78,13 +78,10 @@ class SqliteContainer:
 
     def counts(self) -> Mapping[int, int]:
         """Return how many rows there are in all: no topic has more, and to count those of each would take long."""
-        if self._stretches:
+        first, last = self._ends()
+        if self._stretches or last < first:
             return {}
-        try:
-            first, last = self._ends()
-            return {number: max(last - first + 1, FIRST_ROWS) for number, *_ in self._topics()}
-        except (*_DAMAGE, TypeError, ValueError):
-            return {}
+        return {number: max(last - first + 1, FIRST_ROWS) for number, *_ in self._topics()}
 
     def size(self) -> int:
         """Return how many bytes the file has."""
@@ -99,16 +96,15 @@ class SqliteContainer:
         """Yield nothing: where topics begin, no index tells."""
         yield from ()
 
-    def sample(self, budget: int) -> Cut | None:
+    def sample(self, budget: int) -> Sample | None:
         """From now on read stretches of rows; of a damaged file, or one without rows, all."""
-        try:
-            first, last = self._ends()
-        except (*_DAMAGE, TypeError, ValueError):
+        first, last = self._ends()
+        if last < first:
             return None
         share = max(budget // STRETCHES * (last - first + 1) // self.size(), 1)
         begins = np.linspace(first, max(last + 1 - share, first), STRETCHES).astype(np.int64).tolist()
         self._stretches = [(begin, begin + share - 1) for begin in begins]
-        return Cut(budget, STRETCHES)
+        return Sample(budget, STRETCHES)
 
     def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield some rows from all over the file; where rows cannot be read, none."""
@@ -216,26 +212,17 @@ class SqliteContainer:
             self.findings.add(Finding(code="recording.row_numbers_missing", value=last - first + 1 - count))
 
     def _ends(self) -> tuple[int, int]:
-        """Return the first and the last row number; asked for in one, all rows would be looked at."""
-        ends = (
-            self._database.execute(f"SELECT {which}(rowid) FROM messages").fetchone()[0] for which in ("min", "max")
-        )
-        first, last = (int(end or 0) for end in ends)
-        return first, last
-
-    def _last(self) -> int:
-        """Return the number of the last row; −1, which is none, where it cannot be told."""
+        """Return the first and the last row number; 0 and -1 where they cannot be told."""
+        query = "SELECT {}(rowid) FROM messages"  # of both in one, all rows would be looked at
         try:
-            return self._ends()[1]
+            first, last = (self._database.execute(query.format(which)).fetchone()[0] for which in ("min", "max"))
+            return int(first or 0), int(last or 0)
         except (*_DAMAGE, TypeError, ValueError):
-            return -1
+            return 0, -1
 
     def _numbered(self) -> tuple[int, int]:
         """Return the first and the last row; none where they are not numbered as recorders do: their ends are not sure."""
-        try:
-            first, last = self._ends()
-        except (*_DAMAGE, TypeError, ValueError):
-            return 0, -1
+        first, last = self._ends()
         return (first, last) if first in (0, 1) else (0, -1)
 
     def _only(self, ids: Collection[int]) -> str:
@@ -243,7 +230,7 @@ class SqliteContainer:
 
         A row that lies across the end of a file that was cut off is none.
         """
-        when = "" if self._cut is None else f"AND rowid <> {self._cut if self._cut >= 0 else self._last()}"
+        when = "" if self._cut is None else f"AND rowid <> {self._cut if self._cut >= 0 else self._ends()[1]}"
         if self._part is not None:
             times = f"timestamp BETWEEN {self._part.low} AND {self._part.high}"
             when += f" AND ({times} OR topic_id IN ({_listed(self._part.throughout)}))"

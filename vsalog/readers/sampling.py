@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from vsalog.core.errors import ReadError
@@ -16,32 +16,11 @@ from vsalog.core.look import LOOK_BYTES
 from vsalog.core.recording import Recording
 from vsalog.readers.reading import message_reader, open_container, read
 from vsalog.readers.remote import downloaded, local
-from vsalog.readers.sampling_pieces import Cut
+from vsalog.readers.sampling_pieces import Sample
 from vsalog.readers.sampling_tables import cut_parquet, cut_text
 from vsalog.readers.sniff import sniff
 
-
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """What was read instead of a whole log.
-
-    Attributes
-    ----------
-    size, of : int
-        Bytes read, and of the whole log.
-    stretches : int
-        Pieces that do not join; 1 is the log's beginning alone.
-    totals : mapping of str to int
-        Samples of each stream in the whole log, where the log says so.
-    """
-
-    size: int
-    of: int
-    stretches: int
-    totals: Mapping[str, int]
-
-
-Cutter = Callable[[Path, Path, int], Cut | None]
+Cutter = Callable[[Path, Path, int], Sample | None]
 """Cuts about so many bytes of a log (first path) into a file (second path); None where that is no less than the whole."""
 
 CUTTERS: Mapping[str, Cutter] = {"parquet": cut_parquet, "table": cut_text}
@@ -100,7 +79,7 @@ def _sampled(path: Path, time: str, rate: float | None) -> tuple[Recording, Samp
     if cut is None or recording is None:
         return read(path, time=time, rate=rate), None
     recording = replace(recording, findings=(*cut.findings, *recording.findings))
-    return recording, Sample(cut.size, size, cut.stretches, cut.totals)
+    return recording, replace(cut, of=size)
 
 
 def _size(path: Path) -> int:

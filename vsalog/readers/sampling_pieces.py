@@ -21,25 +21,28 @@ class Piece(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Cut:
-    """What was cut out of one file.
+class Sample:
+    """What is read instead of a whole log, or of one file of it.
 
     Attributes
     ----------
     size : int
-        Bytes taken.
+        Bytes that are read.
     stretches : int
         Pieces that do not join; 1 is the beginning alone.
     totals : mapping of str to int
-        Samples of each stream in the whole file, where the file says so.
+        Samples of each stream in all, where the file says so.
     findings : tuple of Finding
         What was noticed of the whole file.
+    of : int
+        Bytes of the whole log, once that is known.
     """
 
     size: int
     stretches: int
     totals: Mapping[str, int] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
+    of: int = 0
 
 
 def chosen_pieces(parts: Sequence[Piece], budget: int) -> tuple[list[Piece], int]:

@@ -12,12 +12,12 @@ import pyarrow.parquet as pq
 from vsalog.core.resolution import STRETCHES
 from vsalog.readers.limits import PACKED_BYTES
 from vsalog.readers.parquet_rows import ParquetRows
-from vsalog.readers.sampling_pieces import Cut, Piece, chosen_pieces, copy_pieces
+from vsalog.readers.sampling_pieces import Piece, Sample, chosen_pieces, copy_pieces
 from vsalog.readers.tables.reader import TableReader
 from vsalog.readers.tables.source import open_text, read_beginning
 
 
-def cut_parquet(source: Path, target: Path, budget: int) -> Cut | None:
+def cut_parquet(source: Path, target: Path, budget: int) -> Sample | None:
     """Cut stretches of row groups out of a Parquet file; a damaged one is read as a whole. See `sampling.Cutter`."""
     try:
         rows = ParquetRows(source)
@@ -37,10 +37,10 @@ def cut_parquet(source: Path, target: Path, budget: int) -> Cut | None:
         totals = {source.stem: sum(rows.sizes)}
     except (pa.ArrowException, OSError, UnicodeError):
         return None  # the reader says what is wrong with it
-    return Cut(sum(piece.size for piece in pieces), stretches, totals)
+    return Sample(sum(piece.size for piece in pieces), stretches, totals)
 
 
-def cut_text(source: Path, target: Path, budget: int) -> Cut | None:
+def cut_text(source: Path, target: Path, budget: int) -> Sample | None:
     """Cut stretches of lines out of a text table, or its beginning where lines do not tell their time. See `sampling.Cutter`."""
     reader = TableReader(source, None, thorough=False)
     size = source.stat().st_size
@@ -49,12 +49,12 @@ def cut_text(source: Path, target: Path, budget: int) -> Cut | None:
             beginning = read_beginning(file, budget)
             text = beginning.decode(reader.dialect.encoding, "replace")
             out.write(text[: text.rfind("\n") + 1].encode())
-            return Cut(len(beginning), 1)
+            return Sample(len(beginning), 1)
         share = budget // STRETCHES
         begins = [_next_line(file, int(at)) for at in np.linspace(0, size - share, STRETCHES)]
         pieces = [Piece(begin, _next_line(file, begin + share) - begin) for begin in begins]
         copy_pieces(file, pieces, out)
-        return Cut(out.tell(), STRETCHES)
+        return Sample(out.tell(), STRETCHES)
 
 
 def _next_line(file: IO[bytes], position: int) -> int:
