@@ -52,7 +52,7 @@ class HeaderStamps:
     latest, earliest_log : int
         The latest stamp and the earliest log time [ns].
     standing : bool
-        Stamps that are not off never change, while log times do.
+        Stamps never change, while log times do.
     back, ahead : int
         How far the clock was set [ns], at most; 0 for never.
     """
@@ -71,9 +71,8 @@ class HeaderStamps:
     @classmethod
     def of(cls, header: Stamps, log: Stamps) -> HeaderStamps:
         """Look at header stamps and log times [ns], shape (n,), in the order of the log."""
-        found = cls(len(header))
-        same, same_log, lowest = True, True, float("inf")
-        first_good: int | None = None
+        found = cls(len(header), standing=stand_still(header) and not stand_still(log))
+        lowest = float("inf")
         for first, last in parts(header, log):
             # With the rows next to them that those at the ends are held against.
             begin, end = max(0, first - DELAY_SAMPLES), min(len(header), last + DELAY_SAMPLES)
@@ -81,14 +80,8 @@ class HeaderStamps:
             off = far_from_others(times - stamps)
             found._count(stamps[first - begin : last - begin], times[first - begin : last - begin])
             found._take_off(np.flatnonzero(off[first - begin : last - begin]) + first)
-            stamps, times, rows = stamps[~off], times[~off], np.flatnonzero(~off) + begin
-            if not stamps.size:
-                continue
-            first_good = int(stamps[0]) if first_good is None else first_good
-            same, same_log = same and bool((stamps == first_good).all()), same_log and bool((times == log[0]).all())
-            own = slice(*np.searchsorted(rows, (first, last)))
-            lowest = found._look_for_steps(stamps, times, own, lowest)
-        found.standing = found.count - found.off > 2 and same and not same_log
+            own = slice(*np.searchsorted(np.flatnonzero(~off) + begin, (first, last)))
+            lowest = found._look_for_steps(stamps[~off], times[~off], own, lowest)
         return found
 
     @property
@@ -147,6 +140,11 @@ class HeaderStamps:
             elif 2 * min(lowest, _lowest(delay[: k + 1])) > np.median(delay[before]) + np.median(delay[after]):
                 self.ahead = max(self.ahead, -size)
         return min(lowest, _lowest(delay[own]))
+
+
+def stand_still(stamps: Stamps) -> bool:
+    """Tell whether all stamps of a stream are the same."""
+    return len(stamps) > 2 and all(bool((stamps[a:b] == stamps[0]).all()) for a, b in parts(stamps))
 
 
 def far_from_others(delay: Stamps) -> NDArray[np.bool_]:

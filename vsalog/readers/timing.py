@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsalog.core.column import is_mapped, parts
+from vsalog.core.column import is_mapped
 from vsalog.core.finding import Finding
 from vsalog.core.look import joined, stretches
 from vsalog.core.recording import Stamps
 from vsalog.core.resolution import STRETCHES
 from vsalog.readers.base import CLOCKS
-from vsalog.readers.header_stamps import HeaderStamps
+from vsalog.readers.header_stamps import HeaderStamps, stand_still
 from vsalog.readers.limits import BLOCK_ROWS
 from vsalog.readers.table_stamps import stamps_that_are_none
 
@@ -78,14 +78,9 @@ def choose_clock(clocks: Mapping[str, Stamps], time: str) -> Clock:
 
 def _running(clocks: Mapping[str, Stamps], time: str) -> dict[str, Stamps]:
     """Return the clocks of a stream; where the log's stands still and is not asked for, those that go on, if any does."""
-    if time not in ("auto", "header") or "log" not in clocks or not _stands(clocks["log"]):
+    if time not in ("auto", "header") or "log" not in clocks or not stand_still(clocks["log"]):
         return dict(clocks)
-    return {kind: stamps for kind, stamps in clocks.items() if not _stands(stamps)} or dict(clocks)
-
-
-def _stands(stamps: Stamps) -> bool:
-    """Tell whether all stamps of a stream are the same."""
-    return len(stamps) > 2 and all(bool((stamps[a:b] == stamps[0]).all()) for a, b in parts(stamps))
+    return {kind: stamps for kind, stamps in clocks.items() if not stand_still(stamps)} or dict(clocks)
 
 
 def delay_of(clocks: Mapping[str, Stamps], source: str) -> tuple[float, float]:
