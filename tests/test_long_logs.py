@@ -29,10 +29,10 @@ from vsalog.core.signals import JointSignals
 from vsalog.estimation import job
 from vsalog.estimation.job import Options, prepare
 from vsalog.estimators.device import device_of
-from vsalog.readers import order as ordering
 from vsalog.readers import read
+from vsalog.readers import sample_order as ordering
 from vsalog.readers.base import Block
-from vsalog.readers.collect import collect
+from vsalog.readers.recording_from_blocks import collect
 from vsalog.report.estimate import write_estimate
 from vsalog.report.outputs import Outputs
 from vsalog.rig import Rig

@@ -13,7 +13,7 @@ from vsalog.batch.names import device_name, encoded, readable
 from vsalog.batch.plan import make_plan
 from vsalog.core.errors import VsalogError
 from vsalog.core.units import parse_quantity, parse_unit, split_header
-from vsalog.readers.window import Moment
+from vsalog.readers.time_window import Moment
 from vsalog.rig.template import toml_string
 
 PATTERN, NAMES, MOMENT, UNIT, HEADER = range(5)

@@ -15,7 +15,7 @@ from fuzz_mcap import assemble, text
 
 from vsalog.core.errors import ReadError
 from vsalog.readers import read
-from vsalog.readers.window import Moment
+from vsalog.readers.time_window import Moment
 
 X = pa.array(np.arange(12.0))
 T = np.arange(12) * 1_000_000

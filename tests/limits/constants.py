@@ -20,7 +20,7 @@ class Constant:
     Attributes
     ----------
     module : str
-        Path of its module below the package, such as "readers/bag.py".
+        Path of its module below the package, such as "readers/message_reader.py".
     name : str
     line : int
     value : ast.expr

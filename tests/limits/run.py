@@ -250,7 +250,9 @@ def try_all(constants: Sequence[Constant], record: Mapping[str, dict], workers: 
 def main() -> None:
     """Run the command."""
     parser = argparse.ArgumentParser(description="Which numeric constants of vsalog does a test notice?")
-    parser.add_argument("--only", metavar="PATTERN", default="", help="of labels such as readers/bag.py:BLOCK_VALUES")
+    parser.add_argument(
+        "--only", metavar="PATTERN", default="", help="of labels such as readers/message_reader.py:BLOCK_VALUES"
+    )
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--limit", type=float, default=120.0, metavar="SECONDS", help="for the tests of one change")
     parser.add_argument("--out", type=Path, default=ROOT / ".limits", help="folder of results and of what is kept")

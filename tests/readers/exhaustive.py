@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from vsalog.core.errors import ReadError
 from vsalog.readers import open_container
 from vsalog.readers.compressed_messages import plain
-from vsalog.readers.definitions import DefinitionError, normal_type, parse_definition
+from vsalog.readers.message_definitions import DefinitionError, normal_type, parse_definition
 from vsalog.readers.messages import RosDecoder
 from vsalog.readers.sniff import sniff
 

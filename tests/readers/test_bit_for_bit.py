@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from random_definitions import Definition, FieldOf, definitions
 from random_messages import make, numbers, same_number, stamp_of, vary
 
-from vsalog.readers.definitions import parse_definition
 from vsalog.readers.fields import MAX_FIELDS
+from vsalog.readers.message_definitions import parse_definition
 from vsalog.readers.messages import RosDecoder
 from vsalog.readers.packets import Messages
 

@@ -10,7 +10,7 @@ from finding_codes import values_of
 from write_logs import MS, START, McapLog
 
 from vsalog.readers import read
-from vsalog.readers.definitions import DefinitionError, Scalar, parse_definition
+from vsalog.readers.message_definitions import DefinitionError, Scalar, parse_definition
 
 IDL = "module a {{ module msg {{ struct T {{ {} }}; }}; }};"
 # Of struct { double x; long n; }, by the DDS specification: with a length ahead, or each member behind its number.

@@ -11,22 +11,22 @@ from write_logs import START, McapLog
 from vsalog.core.errors import ReadError
 from vsalog.core.recording import Recording
 from vsalog.readers import sampling
-from vsalog.readers.bag import BagReader
 from vsalog.readers.base import Block
 from vsalog.readers.compression import DamagedDataError, refuse_bomb
-from vsalog.readers.definitions import DefinitionError, parse_definition
+from vsalog.readers.element_names import usable_labels
 from vsalog.readers.fields import Fields
-from vsalog.readers.frames import Frames, stated_frames
-from vsalog.readers.gathered import Gathered
+from vsalog.readers.header_frames import Frames, stated_frames
 from vsalog.readers.header_stamps import are_few
 from vsalog.readers.json_messages import JsonDecoder
-from vsalog.readers.labels import usable_labels
-from vsalog.readers.layout import TooManyPartsError, learn
 from vsalog.readers.mcap_file import McapContainer
+from vsalog.readers.message_definitions import DefinitionError, parse_definition
+from vsalog.readers.message_layout import TooManyPartsError, learn
+from vsalog.readers.message_reader import BagReader
 from vsalog.readers.packets import Messages
 from vsalog.readers.protobuf_types import message_class
 from vsalog.readers.record_walk import walk_findings
 from vsalog.readers.sniff import looks_like_text, sniff
+from vsalog.readers.stream_samples import Gathered
 from vsalog.readers.tables.dialect import detect
 from vsalog.readers.tables.source import may_be_cut
 

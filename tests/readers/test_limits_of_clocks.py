@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from vsalog.readers.alternating import alternating
 from vsalog.readers.header_stamps import HeaderStamps, far_from_others
 from vsalog.readers.tables.time_sizes import guessed_unit
+from vsalog.readers.values_by_turns import alternating
 
 MS = 10**6
 EVENLY = np.arange(1000) * 10 * MS

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from vsalog.core.errors import ReadError
-from vsalog.readers.carried import together
+from vsalog.readers.columns_together import together
 from vsalog.readers.container import Connection
 from vsalog.readers.sqlite_ranges import ranges
-from vsalog.readers.streams import _refuse_absurd
 from vsalog.readers.tables.source import open_text
+from vsalog.readers.topic_streams import _refuse_absurd
 
 MI = 2**20
 

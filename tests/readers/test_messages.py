@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from random_messages import STORES, make, numbers, same_number, stamp_of
 
-from vsalog.readers.definitions import DefinitionError, parse_definition
-from vsalog.readers.layout import DamagedMessageError, learn
 from vsalog.readers.limits import MOST_PARTS, MOST_STEPS
+from vsalog.readers.message_definitions import DefinitionError, parse_definition
+from vsalog.readers.message_layout import DamagedMessageError, learn
 from vsalog.readers.messages import RosDecoder
 from vsalog.readers.packets import Messages
 

@@ -14,7 +14,7 @@ from write_logs import MS, START, McapLog, at
 
 from vsalog.core.memory import PIECE_BYTES
 from vsalog.readers import read
-from vsalog.readers.definitions import DefinitionError
+from vsalog.readers.message_definitions import DefinitionError
 from vsalog.readers.packets import Messages
 from vsalog.readers.protobuf_messages import ProtobufDecoder
 

@@ -11,8 +11,8 @@ from random_messages import STORES
 from rosbags import rosbag1
 from write_logs import JOINT_STATE, MS, START, McapLog, joint_state, serialised
 
-from vsalog.readers import open_reader, read, streams
-from vsalog.readers.frames import Frames, header_frames
+from vsalog.readers import open_reader, read, topic_streams
+from vsalog.readers.header_frames import Frames, header_frames
 from vsalog.readers.json_messages import JsonDecoder
 from vsalog.readers.limits import MOST_PARTS
 from vsalog.readers.packets import Messages
@@ -51,8 +51,8 @@ def bag1(path, sent):
 @pytest.mark.parametrize(("write", "names"), [(mcap, "12"), (bag1, ["/node0", "/node1"])])
 def test_the_same_joint_of_two_at_a_time_is_two_streams(tmp_path, monkeypatch, write, names, shift, large):
     if large:
-        monkeypatch.setattr(streams, "PACKED_BYTES", 0)
-        monkeypatch.setattr("vsalog.readers.bag.LOOK_BYTES", 0)
+        monkeypatch.setattr(topic_streams, "PACKED_BYTES", 0)
+        monkeypatch.setattr("vsalog.readers.message_reader.LOOK_BYTES", 0)
     path = write(tmp_path / "log.bag", publications("aa", shift))
     for recording in (read(path), read(path, room=0), read(path, start=0)):
         assert set(recording.streams) == {f"/j@{name}" for name in names}
@@ -106,7 +106,7 @@ def of_two(frames, shift):
 )
 def test_two_frames_at_a_time_in_one_channel_are_two_streams(tmp_path, monkeypatch, frames, names, ros1, large):
     if large:
-        monkeypatch.setattr(streams, "PACKED_BYTES", 0)
+        monkeypatch.setattr(topic_streams, "PACKED_BYTES", 0)
     path = framed(tmp_path / "log.bag", of_two(frames, 0.5), ros1)
     for recording in (read(path), read(path, room=0), read(path, start=0)):
         assert set(recording.streams) == {f"/j@{name}" for name in names}

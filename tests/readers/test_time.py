@@ -13,9 +13,9 @@ from write_logs import MS, START, McapLog, joint_state, serialised
 from vsalog.core.errors import ReadError
 from vsalog.readers import read
 from vsalog.readers.header_stamps import HeaderStamps
-from vsalog.readers.order import put_in_order
 from vsalog.readers.reach import Nanoseconds
-from vsalog.readers.timing import choose_clock
+from vsalog.readers.sample_order import put_in_order
+from vsalog.readers.stream_clock import choose_clock
 
 
 def log_of(tmp_path, stamps, values=None, log_times=None):

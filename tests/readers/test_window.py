@@ -16,7 +16,7 @@ from write_logs import MS, START, McapLog, joint_state, serialised
 from vsalog.cli import cli
 from vsalog.core.errors import ReadError
 from vsalog.readers import mcap_file, read
-from vsalog.readers.window import Moment
+from vsalog.readers.time_window import Moment
 
 S = 10**9
 DATE = "2023-11-14T22:13:20"
@@ -128,7 +128,7 @@ def test_only_what_can_lie_there_is_read_where_the_clock_is_the_logs(tmp_path, u
 
 
 def test_a_header_far_from_the_logs_time_is_found_in_whichever_chunk(tmp_path, unpacked, monkeypatch):
-    monkeypatch.setattr("vsalog.readers.streams.PACKED_BYTES", 0)
+    monkeypatch.setattr("vsalog.readers.topic_streams.PACKED_BYTES", 0)
     log = McapLog(chunk_size=2048)
     for i in range(500):
         log.add("/j", joint_state(START + i * MS, ["a"], [i]), START + i * 60 * S)

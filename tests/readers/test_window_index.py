@@ -11,9 +11,9 @@ from rosbags import rosbag1, rosbag2
 from write_logs import START, McapLog, joint_state, serialised
 
 from vsalog.core.errors import ReadError
-from vsalog.readers import delays, mcap_file, read, rosbag1_walk
+from vsalog.readers import header_delays, mcap_file, read, rosbag1_walk
 from vsalog.readers.messages import RosDecoder
-from vsalog.readers.window import cut
+from vsalog.readers.time_window import cut
 
 S = 10**9
 COUNT, STEP, LATE = 3000, S // 5, S // 50
@@ -60,9 +60,9 @@ KINDS = pytest.mark.parametrize("kind", ["mcap", "rosbag1", "sqlite3"])
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """Small logs are read like large ones."""
-    monkeypatch.setattr("vsalog.readers.bag.LOOK_BYTES", 0)
-    monkeypatch.setattr("vsalog.readers.streams.PACKED_BYTES", 0)
-    monkeypatch.setattr(delays, "LARGEST_LEAP", 2 * S)
+    monkeypatch.setattr("vsalog.readers.message_reader.LOOK_BYTES", 0)
+    monkeypatch.setattr("vsalog.readers.topic_streams.PACKED_BYTES", 0)
+    monkeypatch.setattr(header_delays, "LARGEST_LEAP", 2 * S)
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from vsalog.estimation.job import prepare
 from vsalog.estimation.joint import PRESET, choose_all, pick_joints
 from vsalog.estimators.registry import method
 from vsalog.estimators.tuning import read_tuning
-from vsalog.readers.window import Window
+from vsalog.readers.time_window import Window
 from vsalog.report.diagnose import write_diagnosis
 from vsalog.report.estimate import write_estimate
 from vsalog.report.outputs import Outputs

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from vsalog.core.column import ABSENT
 from vsalog.core.recording import Stamps, Values
-from vsalog.readers.definitions import Struct, Time
 from vsalog.readers.fields import Fields
-from vsalog.readers.frames import has_frame, header_frames
-from vsalog.readers.layout import (
+from vsalog.readers.header_frames import has_frame, header_frames
+from vsalog.readers.limits import MOST_PARTS, MOST_STEPS
+from vsalog.readers.message_definitions import Struct, Time
+from vsalog.readers.message_layout import (
     Bytes,
     DamagedMessageError,
     EncodingError,
@@ -23,8 +24,7 @@ from vsalog.readers.layout import (
     TooManyPartsError,
     learn,
 )
-from vsalog.readers.layout_values import stamps, values
-from vsalog.readers.limits import MOST_PARTS, MOST_STEPS
+from vsalog.readers.message_values import stamps, values
 from vsalog.readers.packets import Messages
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from vsalog.core.memory import PIECE_BYTES
 from vsalog.core.printable import printable
-from vsalog.readers.definitions import DefinitionError
+from vsalog.readers.message_definitions import DefinitionError
 
 
 def message_class(name: str, descriptors: bytes) -> Any:

@@ -16,10 +16,10 @@ from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps
 from vsalog.readers.container import Connection
-from vsalog.readers.decoders import decoder_of
-from vsalog.readers.definitions import DefinitionError
-from vsalog.readers.frames import Frames
+from vsalog.readers.header_frames import Frames
 from vsalog.readers.limits import FIRST_ROWS
+from vsalog.readers.message_decoders import decoder_of
+from vsalog.readers.message_definitions import DefinitionError
 from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages
 

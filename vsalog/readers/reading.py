@@ -11,19 +11,19 @@ from pathlib import Path
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Recording
-from vsalog.readers.bag import BagReader
 from vsalog.readers.base import Reader
-from vsalog.readers.collect import collect
 from vsalog.readers.container import Container
 from vsalog.readers.matlab import MatlabReader
 from vsalog.readers.mcap_file import McapContainer
+from vsalog.readers.message_reader import BagReader
 from vsalog.readers.parquet import ParquetReader
+from vsalog.readers.recording_from_blocks import collect
 from vsalog.readers.remote import downloaded, local
 from vsalog.readers.rosbag1 import Rosbag1Container
 from vsalog.readers.rosbag2 import FolderContainer, bag_file, counted
 from vsalog.readers.sniff import sniff
 from vsalog.readers.tables.reader import TableReader
-from vsalog.readers.window import Window, cut
+from vsalog.readers.time_window import Window, cut
 
 TIMES = ("auto", "header", "log", "publish")
 

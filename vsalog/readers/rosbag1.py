@@ -18,8 +18,8 @@ from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
 from vsalog.readers.chunked_file import ChunkedFile, Spans
 from vsalog.readers.container import MOST_CONNECTIONS, Connection
-from vsalog.readers.definitions import DefinitionError, ros1_checksum
 from vsalog.readers.limits import FIRST_ROWS, GLANCE_BYTES
+from vsalog.readers.message_definitions import DefinitionError, ros1_checksum
 from vsalog.readers.packets import Bytes, Packet, RawMessage
 from vsalog.readers.record_walk import Head
 from vsalog.readers.rosbag1_index import IndexCheck, chunk_told

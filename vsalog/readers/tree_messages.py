@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from vsalog.core.printable import LONGEST_TEXT, MAX_DEPTH, printable
+from vsalog.readers.element_names import BAD_NAMES, ELEMENT_NAME, are_bad, best_label_field, labels_of, naming_texts
 from vsalog.readers.fields import LARGE_MESSAGES, LONG_NAMES, MAX_FIELDS, Fields
-from vsalog.readers.frames import stated_frames
-from vsalog.readers.labels import BAD_NAMES, ELEMENT_NAME, are_bad, best_label_field, labels_of, naming_texts
+from vsalog.readers.header_frames import stated_frames
 from vsalog.readers.limits import DECODED_BYTES, MAX_ARRAY
 from vsalog.readers.messages import Decoded
 from vsalog.readers.packets import Messages

@@ -72,7 +72,7 @@ def write_topics_mcap(
 
 
 def _stated_units(recording: Recording) -> dict[str, dict[str, str]]:
-    """Return the units as `vsalog.readers.bag` reads them: topic → ``unit:FIELD`` → unit."""
+    """Return the units as `vsalog.readers.message_reader` reads them: topic → ``unit:FIELD`` → unit."""
     found: dict[str, dict[str, str]] = {}
     for channel in recording.channels.values():
         if channel.unit is not None:

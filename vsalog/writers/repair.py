@@ -24,7 +24,6 @@ from vsalog.core.finding import Finding, Findings
 from vsalog.core.finding_texts import sentence
 from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.readers import open_container, read
-from vsalog.readers.bag import BagReader
 from vsalog.readers.compressed_messages import plain
 from vsalog.readers.container import Connection, Container
 from vsalog.readers.file_sequence import SeveralContainer
@@ -32,6 +31,7 @@ from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.mcap_scan import Size, messages_in
 from vsalog.readers.mcap_summary import summary_records
 from vsalog.readers.mcap_walk import Walk
+from vsalog.readers.message_reader import BagReader
 from vsalog.readers.remote import local
 from vsalog.readers.sniff import sniff
 from vsalog.writers.atomic import atomic_path

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
 from vsalog.core.significance import REPEATS
-from vsalog.readers.carried import LEAST_TOGETHER
+from vsalog.readers.columns_together import LEAST_TOGETHER
 from vsalog.readers.limits import SAMPLE_ROWS
 
 Whole = Callable[[Sequence[int]], Iterable[Sequence[pa.Array]]]

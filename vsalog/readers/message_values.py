@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.compiled import compiled
-from vsalog.readers.layout import Bytes, Field, Integers
+from vsalog.readers.message_layout import Bytes, Field, Integers
 from vsalog.readers.reach import Nanoseconds, Stamp
 
 

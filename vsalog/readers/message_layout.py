@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from vsalog.core.compiled import compiled
 from vsalog.core.printable import printable
-from vsalog.readers import labels as naming
-from vsalog.readers.definitions import Array, Node, Scalar, Struct, Text, Time, is_placeholder
+from vsalog.readers import element_names as naming
 from vsalog.readers.fields import MAX_FIELDS
 from vsalog.readers.known_units import unit_of
 from vsalog.readers.limits import MAX_ARRAY, MOST_STEPS
+from vsalog.readers.message_definitions import Array, Node, Scalar, Struct, Text, Time, is_placeholder
 
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]

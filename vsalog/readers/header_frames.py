@@ -8,8 +8,8 @@ from enum import IntEnum
 import numpy as np
 
 from vsalog.core.printable import LONGEST_TEXT
-from vsalog.readers.definitions import Scalar, Struct, Text, Time
 from vsalog.readers.limits import MOST_PARTS
+from vsalog.readers.message_definitions import Scalar, Struct, Text, Time
 from vsalog.readers.packets import Bytes, Integers, Messages
 
 

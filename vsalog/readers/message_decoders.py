@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from vsalog.core.printable import printable
 from vsalog.readers.container import Connection
-from vsalog.readers.definitions import DefinitionError, parse_definition
 from vsalog.readers.json_messages import JsonDecoder
+from vsalog.readers.message_definitions import DefinitionError, parse_definition
 from vsalog.readers.messages import Decoder, RosDecoder
 from vsalog.readers.protobuf_messages import ProtobufDecoder
 

@@ -13,8 +13,8 @@ from vsalog.core.printable import LONGEST_TEXT, printable
 from vsalog.core.significance import REPEATS
 from vsalog.readers.compressed_messages import plain
 from vsalog.readers.container import MOST_CONNECTIONS, Connection, Container
-from vsalog.readers.definitions import normal_type
 from vsalog.readers.limits import DECODED_BYTES, PACKED_BYTES
+from vsalog.readers.message_definitions import normal_type
 from vsalog.readers.packets import Packet
 from vsalog.readers.publishers import TopicWatch, publisher_stream, told_apart
 

@@ -7,9 +7,9 @@ from collections.abc import Collection, Iterable
 from itertools import islice
 
 from vsalog.core.printable import LONGEST_TEXT, printable
-from vsalog.readers.definitions import Node, Struct, Text
 from vsalog.readers.fields import MAX_FIELDS
 from vsalog.readers.limits import MAX_ARRAY
+from vsalog.readers.message_definitions import Node, Struct, Text
 
 LABEL_FIELDS = ("name", "names", "joint_names", "interface_names")
 BAD_NAMES = "text; some of its names are empty or there twice: what they name goes by its index"

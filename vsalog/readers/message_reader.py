@@ -17,16 +17,16 @@ from vsalog.readers.base import Block, Catalogue, ChannelInfo
 from vsalog.readers.chunk_index import Part
 from vsalog.readers.compressed_messages import plain, plain_packets
 from vsalog.readers.container import Connection, Container
-from vsalog.readers.decoders import decoder_of
-from vsalog.readers.definitions import DefinitionError, normal_type
-from vsalog.readers.delays import Delays
 from vsalog.readers.fields import MAX_FIELDS
-from vsalog.readers.frames import Frames
+from vsalog.readers.header_delays import Delays
+from vsalog.readers.header_frames import Frames
 from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS, MOST_STEPS, PACKED_BYTES, SAMPLE_ROWS
+from vsalog.readers.message_decoders import decoder_of
+from vsalog.readers.message_definitions import DefinitionError, normal_type
 from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages, Packet
 from vsalog.readers.publishers import publisher_stream
-from vsalog.readers.streams import Named, Streams
+from vsalog.readers.topic_streams import Named, Streams
 
 
 @dataclass(slots=True)

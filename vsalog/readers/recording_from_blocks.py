@@ -13,13 +13,13 @@ from vsalog.core.finding_texts import sentence
 from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.core.printable import plural
 from vsalog.core.recording import Channel, Recording, Stamps, Stream, Values
-from vsalog.readers.alternating import alternating
 from vsalog.readers.base import Reader
 from vsalog.readers.compression import FILE_RATIO
-from vsalog.readers.gathered import Gathered, Samples
-from vsalog.readers.order import in_order
 from vsalog.readers.reach import BEYOND, Stamp, within_reach
-from vsalog.readers.timing import choose_clock, delay_of
+from vsalog.readers.sample_order import in_order
+from vsalog.readers.stream_clock import choose_clock, delay_of
+from vsalog.readers.stream_samples import Gathered, Samples
+from vsalog.readers.values_by_turns import alternating
 
 
 def _gather(path: Path, reader: Reader, wanted: Collection[str] | None, room: int | None) -> dict[str, Gathered]:

@@ -13,7 +13,7 @@ from vsalog.core.column import Column, is_mapped, parts
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import Block
-from vsalog.readers.carried import carried, lacks_any, part_stream, together
+from vsalog.readers.columns_together import carried, lacks_any, part_stream, together
 from vsalog.readers.limits import MOST_WAITING
 
 HEADER = ".header."
