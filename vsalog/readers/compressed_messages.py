@@ -31,9 +31,7 @@ def plain_packets(packets: Iterator[Packet]) -> Iterator[Packet]:
         sizes = np.array([unfolded_size(message) for message in packet.messages], dtype=np.int64)
         rows = np.arange(sizes.size)
         for group in np.split(rows, np.flatnonzero(np.diff(np.cumsum(sizes) // PACKED_BYTES)) + 1):
-            yield plain(
-                Packet(packet.connection[group], packet.log[group], packet.publish[group], packet.messages.some(group))
-            )
+            yield plain(packet.some(group))
 
 
 def _decompressed(message: bytes) -> bytes:

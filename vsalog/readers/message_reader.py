@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -24,56 +23,74 @@ from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS, MOST_STEPS, PACKED_BYT
 from vsalog.readers.message_decoders import decoder_of
 from vsalog.readers.message_definitions import DefinitionError, normal_type
 from vsalog.readers.messages import Decoder
-from vsalog.readers.packets import Integers, Messages, Packet
+from vsalog.readers.packets import Integers, Packet
 from vsalog.readers.publishers import publisher_stream
 from vsalog.readers.topic_streams import Named, Streams
+
+_COUNTS = ("expected", "total", "damaged")
 
 
 @dataclass(slots=True)
 class _Batch:
-    """Messages of one stream and one definition that wait to be decoded; `rows` of them are, at once.
+    """A stream's messages of one definition; those `waiting` are decoded when they are enough, `rows` of them at once.
 
-    `expected` is how many there are in all, where the log says so. Messages of the first of `frames` wait elsewhere,
-    `apart`.
+    `count` messages wait, of `size` bytes.
+    `expected` is how many there are in all, where the log says so; `total` were decoded, of which `damaged` could not be.
+    Messages of the first of `frames` are those of other batches, `apart`.
     """
 
     stream: str
     type: str
     decoder: Decoder
     connection: Connection
-    log: list[Stamps] = field(default_factory=list)
-    publish: list[Stamps] = field(default_factory=list)
-    messages: list[Messages] = field(default_factory=list)
+    waiting: list[Packet] = field(default_factory=list)
     count: int = 0
     size: int = 0
     rows: int = PACKED_BYTES // (8 * MAX_FIELDS)  # how wide the stream is, its first block tells
     expected: int = 0
+    total: int = 0
+    damaged: int = 0
     apart: Sequence[_Batch] = ()
     frames: Frames = field(default_factory=Frames)
 
-    def by_frame(self, messages: Messages, rows: Integers) -> Iterator[tuple[_Batch, Integers]]:
-        """Yield each batch with those rows that belong to it."""
+    def by_frame(self, packet: Packet) -> Iterator[tuple[_Batch, Packet]]:
+        """Yield each batch with those messages that belong to it."""
         if not self.apart:
-            yield self, rows
+            yield self, packet
             return
-        numbers = self.frames.numbers(self.decoder.frames(messages.some(rows)))
+        numbers = self.frames.numbers(self.decoder.frames(packet.messages))
         numbers[numbers >= len(self.apart)] = -1  # other frames are this batch's, as what is of none
         for k, batch in enumerate((self, *self.apart), -1):
             if (own := numbers == k).any():
-                yield batch, rows[own]
+                yield batch, packet.some(np.flatnonzero(own))
 
-    def add(self, packet: Packet, rows: Integers) -> None:
-        self.log.append(packet.log[rows])
-        self.publish.append(packet.publish[rows])
-        self.messages.append(packet.messages.take(rows))
-        self.count += rows.size
-        self.size += self.messages[-1].data.size
+    def parts(self, packet: Packet) -> Iterator[Packet]:
+        """Yield messages to be decoded at once: many where they lie, and few with others that come before and after them."""
+        many = len(packet.messages) >= SAMPLE_ROWS
+        if many:
+            yield from self.rest()
+        rows = np.arange(len(packet.messages))
+        while rows.size:
+            fit = self.rows if many else self._fitting(packet.messages.length[rows])
+            now, rows = rows[:fit], rows[fit:]
+            if many:
+                yield packet.some(now)
+                continue
+            self.waiting.append(packet.take(now))
+            self.count, self.size = self.count + now.size, self.size + self.waiting[-1].messages.data.size
+            if self.count >= self.rows or self.size >= PACKED_BYTES:
+                yield from self.rest()
 
-    def full(self) -> bool:
-        return self.count >= self.rows or self.size >= PACKED_BYTES
+    def rest(self) -> Iterator[Packet]:
+        """Yield the messages that wait, if any."""
+        if self.waiting:
+            waiting, self.waiting, self.count, self.size = self.waiting, [], 0, 0
+            yield Packet.joined(waiting)
 
-    def clear(self) -> None:
-        self.log, self.publish, self.messages, self.count, self.size = [], [], [], 0, 0
+    def _fitting(self, length: Integers) -> int:
+        """Return how many of the next messages go in before this is full; at least one."""
+        by_size = int(np.searchsorted(np.cumsum(length), PACKED_BYTES - self.size)) + 1
+        return max(1, min(self.rows - self.count, by_size))
 
 
 class BagReader:
@@ -144,39 +161,25 @@ class BagReader:
         """Return how far header stamps are from the log's times in samples."""
         delays = Delays()
         for packet in map(plain, self._container.glimpses(batches.keys())):
-            for batch, rows in _shared_out(packet, batches):
-                decoded = batch.decoder.decode(packet.messages.some(rows))
-                good = rows[decoded.good]
-                stamps = np.zeros(good.size, np.int64) if decoded.stamps is None else decoded.stamps[decoded.good]
-                delays.add(batch.stream, stamps, packet.log[good])
+            for batch, own in _shared_out(packet, batches):
+                decoded = batch.decoder.decode(own.messages)
+                stamps = np.zeros(len(own.messages), np.int64) if decoded.stamps is None else decoded.stamps
+                delays.add(batch.stream, stamps[decoded.good], own.log[decoded.good])
         return delays
 
     def _blocks(self, wanted: frozenset[str] | None, first_only: bool) -> Iterator[Block]:
         batches = self._batches(wanted)
-        damaged: Counter[str] = Counter()
-        total: Counter[str] = Counter()
         packets = self._first_of(batches.keys()) if first_only else self._container.packets(batches.keys())
         for packet in plain_packets(packets):
-            for batch, rows in _shared_out(packet, batches):
-                if rows.size >= SAMPLE_ROWS:  # are decoded where they lie; fewer wait for others
-                    if batch.messages:
-                        yield self._flush(batch, total, damaged)
-                    while rows.size:
-                        now, rows = rows[: batch.rows], rows[batch.rows :]
-                        yield self._block(batch, packet, now, total, damaged)
-                    continue
-                while rows.size:
-                    few = _fitting(packet.messages.length[rows], batch)
-                    batch.add(packet, rows[:few])
-                    rows = rows[few:]
-                    if batch.full():
-                        yield self._flush(batch, total, damaged)
+            for batch, own in _shared_out(packet, batches):
+                for part in batch.parts(own):
+                    yield self._block(batch, part)
         for batch in _all(batches):
-            if batch.messages:
-                yield self._flush(batch, total, damaged)
+            for part in batch.rest():
+                yield self._block(batch, part)
         if self._sampled is not None and (standing := self._read.standing()):
             raise ReadError(f"{standing.pop()}: its header stamps are all the same in this part of the log")
-        self._report(batches, total, damaged)
+        self._report(batches)
 
     def _first_of(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield first messages of each connection, of those only that begin where an index says, or else of any."""
@@ -191,8 +194,7 @@ class BagReader:
                 missing = {number: most for number, most in left.items() if most}
                 rows = np.sort(np.concatenate(taken))
                 if rows.size:
-                    few = packet.messages.take(rows)
-                    yield Packet(packet.connection[rows], packet.log[rows], packet.publish[rows], few)
+                    yield packet.take(rows)
                 if not missing:
                     return
             missing = {number: most for number, most in missing.items() if number not in begun}
@@ -225,29 +227,15 @@ class BagReader:
         batch.apart, batch.frames = others, Frames(named.frames)
         return batch
 
-    def _flush(self, batch: _Batch, total: Counter[str], damaged: Counter[str]) -> Block:
-        """Decode a batch into a block and empty it."""
-        log, publish, messages = (
-            np.concatenate(batch.log),
-            np.concatenate(batch.publish),
-            Messages.joined(batch.messages),
-        )
-        batch.clear()
-        packet = Packet(np.zeros(log.size, np.int64), log, publish, messages)
-        return self._block(batch, packet, np.arange(log.size), total, damaged)
-
-    def _block(
-        self, batch: _Batch, packet: Packet, rows: Integers, total: Counter[str], damaged: Counter[str]
-    ) -> Block:
+    def _block(self, batch: _Batch, packet: Packet) -> Block:
         """Decode messages of a batch's stream."""
-        messages, log = packet.messages.some(rows), packet.log[rows]
-        decoded = batch.decoder.decode(messages)
+        log, decoded = packet.log, batch.decoder.decode(packet.messages)
         batch.rows = min(BLOCK_ROWS, PACKED_BYTES // (8 * max(1, len(decoded.columns))))
-        total[batch.stream] += rows.size
-        damaged[batch.stream] += int(len(decoded.good) - decoded.good.sum())
+        batch.total += log.size
+        batch.damaged += int(np.count_nonzero(~decoded.good))
         clocks: dict[str, Stamps] = {"log": log}
         if self._container.has_publish:
-            clocks["publish"] = packet.publish[rows]
+            clocks["publish"] = packet.publish
         if decoded.stamps is not None:
             clocks["header"] = decoded.stamps
             if self._sampled is not None and batch.stream not in self._rare:
@@ -269,27 +257,27 @@ class BagReader:
         units = {**decoded.units, **_stated_units(batch, columns)}
         return Block(batch.stream, batch.type, clocks, columns, units, expected=batch.expected, whole=decoded.whole)
 
-    def _report(self, batches: Mapping[int, _Batch], total: Counter[str], damaged: Counter[str]) -> None:
-        expected: Counter[str] = Counter()
-        misfit = {batch.stream: batch.decoder.misfit for batch in _all(batches)}
+    def _report(self, batches: Mapping[int, _Batch]) -> None:
+        """Tell of streams without messages, and with such as do not fit."""
+        streams: dict[str, list[_Batch]] = {}
         for batch in _all(batches):
-            if not batch.apart or total[batch.stream]:
-                expected[batch.stream] += batch.expected
-        for stream in expected:
-            if not total[stream]:
-                if not self._narrowed or (not expected[stream] and self._container.counts()):
+            if not batch.apart or batch.total:
+                streams.setdefault(batch.stream, []).append(batch)
+        for stream, own in streams.items():
+            expected, total, damaged = (sum(getattr(one, what) for one in own) for what in _COUNTS)
+            if not total:
+                if not self._narrowed or (not expected and self._container.counts()):
                     self.unread.setdefault(stream, "no messages")
-                continue
-            misfits, fit = misfit[stream]
-            if damaged[stream]:
-                evidence: Evidence = {"messages": total[stream], "misfit": misfits, "done": "left out"}
+            elif damaged:
+                misfits, fit = own[-1].decoder.misfit
+                evidence: Evidence = {"messages": total, "misfit": misfits, "done": "left out"}
                 self.unfit.append(
-                    Finding(code="recording.messages_damaged", part=stream, value=damaged[stream], evidence=evidence)
+                    Finding(code="recording.messages_damaged", part=stream, value=damaged, evidence=evidence)
                 )
-            if damaged[stream] == total[stream]:
-                self.unread.setdefault(stream, f"no message {fit}")
-            elif damaged[stream]:
-                self.findings.add(self.unfit[-1])
+                if damaged == total:
+                    self.unread.setdefault(stream, f"no message {fit}")
+                else:
+                    self.findings.add(self.unfit[-1])
 
 
 def _all(batches: Mapping[int, _Batch]) -> list[_Batch]:
@@ -298,22 +286,14 @@ def _all(batches: Mapping[int, _Batch]) -> list[_Batch]:
     return [one for batch in once.values() for one in (batch, *batch.apart)]
 
 
-def _shared_out(packet: Packet, batches: Mapping[int, _Batch]) -> Iterator[tuple[_Batch, Integers]]:
-    """Yield each batch with the rows of a packet that belong to it."""
+def _shared_out(packet: Packet, batches: Mapping[int, _Batch]) -> Iterator[tuple[_Batch, Packet]]:
+    """Yield each batch with the messages of a packet that belong to it."""
     shared: dict[int, list[int]] = {}
     for number in np.unique(packet.connection).tolist():
         shared.setdefault(id(batches[number]), []).append(number)
     for group in shared.values():
         own = packet.connection == group[0] if len(group) == 1 else np.isin(packet.connection, group)
-        rows = np.flatnonzero(own)
-        if rows.size:
-            yield from batches[group[0]].by_frame(packet.messages, rows)
-
-
-def _fitting(length: Integers, batch: _Batch) -> int:
-    """Return how many of the next messages go into a batch before it is full; at least one."""
-    by_size = int(np.searchsorted(np.cumsum(length), PACKED_BYTES - batch.size)) + 1
-    return max(1, min(batch.rows - batch.count, by_size))
+        yield from batches[group[0]].by_frame(packet.some(np.flatnonzero(own)))
 
 
 def _stated_units(batch: _Batch, columns: Collection[str]) -> dict[str, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -113,6 +113,22 @@ class Packet:
     publish: Integers
     messages: Messages
     compressed: bool = True
+
+    @classmethod
+    def joined(cls, parts: Sequence[Packet]) -> Packet:
+        """Put the messages of several packets, compact ones, behind one another; there is at least one."""
+        columns = zip(*((part.connection, part.log, part.publish) for part in parts), strict=True)
+        connection, log, publish = map(np.concatenate, columns)
+        return cls(connection, log, publish, Messages.joined([part.messages for part in parts]))
+
+    def some(self, rows: Integers) -> Packet:
+        """Return some of the messages where they lie."""
+        connection, log, publish = self.connection[rows], self.log[rows], self.publish[rows]
+        return Packet(connection, log, publish, self.messages.some(rows), self.compressed)
+
+    def take(self, rows: Integers) -> Packet:
+        """Return some of the messages in a buffer of their own."""
+        return replace(self.some(rows), messages=self.messages.take(rows))
 
 
 def ahead(items: Iterator[Item]) -> Iterator[Item]:

@@ -138,8 +138,7 @@ class SqliteContainer:
             rows = np.flatnonzero(known)
             strangers += known.size - rows.size
             if rows.size:
-                messages = packet.messages.some(rows)
-                yield Packet(packet.connection[rows], packet.log[rows], packet.publish[rows], messages)
+                yield packet.some(rows)
         if strangers:
             self.findings.add(Finding(code="recording.unknown_topics", value=strangers))
 
