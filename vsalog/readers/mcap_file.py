@@ -23,7 +23,7 @@ from mcap.records import Channel, Metadata, MetadataIndex, Schema, Statistics
 from numpy.typing import NDArray
 
 from vsalog.core.errors import ReadError
-from vsalog.core.finding import Evidence, Finding
+from vsalog.core.finding import Finding
 from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.readers.chunked_file import ChunkedFile, Spans
 from vsalog.readers.compression import DamagedDataError, decompress
@@ -224,8 +224,6 @@ class McapContainer(ChunkedFile):
 
         `findings` tells what was skipped, unless only some spans of the file are read.
         """
-        chunks = 0
-        damage: list[str] = []
         with self.open() as file:
             passed = self._passed_by(file)
             whole = not passed and spans is None and self._pieces is None
@@ -240,22 +238,19 @@ class McapContainer(ChunkedFile):
                 if record != Opcode.CHUNK:
                     yield record, content
                     continue
-                chunks += 1
+                walk.chunks += 1
                 try:
                     data = _chunk_data(content)
                 except DamagedDataError as error:
-                    damage.append(f"at byte {position}: {error}")
+                    walk.lose(position, str(error))
                     continue
                 if not ends_whole(np.frombuffer(data, np.uint8)):
-                    damage.append(f"at byte {position}: its last record is cut off")
+                    walk.lose(position, "its last record is cut off")
                 yield record, data
             if spans is None and self._pieces is None and not self._indexed:
                 walk.note_joined()
         if spans is not None:
             return
-        if damage:
-            evidence: Evidence = {"chunks": chunks, "where": "; ".join(damage[:3])}
-            self.findings.add(Finding(code="recording.chunks_damaged", value=len(damage), evidence=evidence))
         self.findings.add(*walk.findings())
         self._end = walk.end
 

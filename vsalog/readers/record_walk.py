@@ -4,14 +4,23 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from typing import IO, ClassVar
+from typing import IO, ClassVar, NamedTuple
 
-from vsalog.core.finding import Finding
+from vsalog.core.finding import Evidence, Finding
 from vsalog.core.memory import PIECE_BYTES
 from vsalog.readers.limits import GLANCE_BYTES, SHOWN
 
 Head = tuple[int, int, int]
 """A record's kind, and where it begins and ends in the file [bytes]."""
+
+
+class Damage(NamedTuple):
+    """A chunk that cannot be read: which one, where it begins, how many messages of it were read, and why no more."""
+
+    number: int
+    position: int
+    read: int
+    reason: str
 
 
 class RecordWalk(ABC):
@@ -26,6 +35,10 @@ class RecordWalk(ABC):
 
     Attributes
     ----------
+    chunks : int
+        Chunks seen.
+    damage : list of Damage
+        Those of them that cannot be read.
     skipped : list of (int, int)
         Stretches of bytes that are no records.
     cut : (int, int) or None
@@ -38,6 +51,8 @@ class RecordWalk(ABC):
     """With which bytes a file begins."""
 
     def __init__(self, file: IO[bytes], passed: Callable[[int], bool] = lambda position: False) -> None:
+        self.chunks = 0
+        self.damage: list[Damage] = []
         self.skipped: list[tuple[int, int]] = []
         self.cut: tuple[int, int] | None = None
         self.joined: int | None = None
@@ -52,6 +67,10 @@ class RecordWalk(ABC):
     def _next_sure(self, data: bytes, position: int) -> int:
         """Return where the first record surely begins in a stretch of the file from a position on; -1 where none does."""
 
+    def lose(self, position: int, reason: str, read: int = 0) -> None:
+        """Note that no more than so many messages of the last chunk, which begins at a position, can be read."""
+        self.damage.append(Damage(self.chunks, position, read, reason))
+
     def heads(self, position: int) -> Iterator[Head]:
         """Yield the records from a position on, unread, up to the end of the data or to damage."""
         while (found := self._end(position)) is not None:
@@ -62,6 +81,11 @@ class RecordWalk(ABC):
     def findings(self) -> list[Finding]:
         """Return what was damaged."""
         found = walk_findings(self.skipped, self.cut)
+        if self.damage:
+            which = [f"chunk {one.number} at byte {one.position}: {one.reason}" for one in self.damage[:SHOWN]]
+            where = "; ".join(which + ["…"] * (len(self.damage) > SHOWN))
+            evidence: Evidence = {"chunks": self.chunks, "where": where}
+            found.append(Finding(code="recording.chunks_damaged", value=len(self.damage), evidence=evidence))
         if self.joined is not None:
             found.append(Finding(code="recording.joined", value=self.joined, limit=self._size, unit="B"))
         return found

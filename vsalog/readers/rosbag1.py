@@ -102,7 +102,7 @@ class Rosbag1Container(ChunkedFile):
                         self._compare(data)
                     check.chunk(packet)
                     if not sound:
-                        walk.lose(len(packet.messages), "some of its records cannot be read")
+                        walk.lose(walk.position, "some of its records cannot be read", len(packet.messages))
                     yield packet
                 elif kind == RecordType.MSGDATA:
                     one = number(header, b"conn")
@@ -117,7 +117,7 @@ class Rosbag1Container(ChunkedFile):
                 else:
                     check.record(header, data)
         if spans is None:
-            self.findings.add(*walk.findings(), *check.findings(walk.damage, walk.chunks))
+            self.findings.add(*walk.findings(), *check.findings(walk.damage))
 
     def _note_index(self, position: int) -> None:
         if position == 0:

@@ -12,7 +12,8 @@ from vsalog.core.errors import ReadError
 from vsalog.core.finding import Evidence, Finding
 from vsalog.readers.chunk_index import Chunk, Part
 from vsalog.readers.packets import Integers, Packet
-from vsalog.readers.rosbag1_walk import Damage, Header, number, op
+from vsalog.readers.record_walk import Damage
+from vsalog.readers.rosbag1_walk import Header, number, op
 
 _TIME = _COUNT = struct.Struct("<II")
 
@@ -79,15 +80,11 @@ class IndexCheck:
         if own is not None and connection in self._wanted and not self._part.leaves_out(own):
             raise ReadError("the bag's index contradicts itself")
 
-    def findings(self, damage: Sequence[Damage], chunks: int) -> list[Finding]:
-        """Return what is damaged of so many chunks, and what differs."""
+    def findings(self, damage: Sequence[Damage]) -> list[Finding]:
+        """Return what is lost with damaged chunks or otherwise, and what differs."""
         lost = sum(max(self._told.get(one.position, 0) - one.read, 0) for one in damage)
         found = []
         if damage:
-            which = [f"chunk {one.number} at byte {one.position}: {one.reason}" for one in damage[:3]]
-            where = "; ".join(which + ["…"] * (len(damage) > 3))
-            evidence: Evidence = {"chunks": chunks, "where": where}
-            found.append(Finding(code="recording.chunks_damaged", value=len(damage), evidence=evidence))
             told = all(one.position in self._told for one in damage)
             lost_ones = Finding(code="recording.messages_lost", value=lost)
             found.append(lost_ones if told else Finding(code="recording.loss_unknown"))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Callable, Iterator
-from typing import IO, NamedTuple
+from typing import IO
 
 from rosbags.rosbag1.reader import RecordType
 
@@ -36,37 +36,23 @@ _LENGTH = struct.Struct("<I")
 _CHUNK_MARK = re.compile(rb"\x04\0\0\0op=\x05")
 
 
-class Damage(NamedTuple):
-    """A chunk that cannot be read: which one, where it begins, how many messages of it were read, and why no more."""
-
-    number: int
-    position: int
-    read: int
-    reason: str
-
-
 class Walk(RecordWalk):
     """One pass over the records of a bag; see `RecordWalk`.
 
     Attributes
     ----------
-    chunks : int
-        Chunks seen.
     position : int
-        Where the last of them begins.
+        Where the last chunk begins.
     passing : bool
         The last chunk was passed by.
-    damage : list of Damage
-        Chunks that cannot be read.
     """
 
     MARK = VERSION
 
     def __init__(self, file: IO[bytes], passed: Callable[[int], bool] = lambda position: False) -> None:
         super().__init__(file, passed)
-        self.chunks = self.position = 0
+        self.position = 0
         self.passing = False
-        self.damage: list[Damage] = []
 
     def records(self, position: int = len(VERSION), until: int | None = None) -> Iterator[tuple[Header, bytes]]:
         """Yield header and data of the records from a position on, `until` another or the end, chunks decompressed."""
@@ -85,7 +71,7 @@ class Walk(RecordWalk):
                 try:
                     data = decompress(_compression(header), data, number(header, b"size"))
                 except DamagedDataError as error:
-                    self.lose(0, f"cannot be decompressed, {error}")
+                    self.lose(position, f"cannot be decompressed, {error}")
                 else:
                     self.passing = False
                     yield header, data
@@ -104,10 +90,6 @@ class Walk(RecordWalk):
     def _end(self, position: int) -> tuple[int, int] | None:
         found = self._header(position)
         return None if found is None else (op(found[0]), found[1] + found[2])
-
-    def lose(self, read: int, reason: str) -> None:
-        """Note that no more than so many messages of the last chunk can be read."""
-        self.damage.append(Damage(self.chunks, self.position, read, reason))
 
     def beginning(self, position: int, size: int) -> tuple[str, bytes] | None:
         """Return the compression and the first bytes of the data of the chunk at a position; None where there is none."""
