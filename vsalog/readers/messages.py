@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -52,14 +52,17 @@ class Decoded:
     units: dict[str, str] = field(default_factory=dict)
     whole: bool = False
 
-    def put(self, row: int, numbers: Mapping[str, float], fields: Fields) -> None:
-        """Store those of a message's numbers that become channels, by name."""
-        for name, value in numbers.items():
-            if not fields.take(name):
-                continue
-            if name not in self.columns:
-                self.columns[name] = np.full(len(self.good), ABSENT)
-            self.columns[name][row] = value
+    def put(self, name: str, rows: Integers | slice | int, numbers: Values | float) -> None:
+        """Put numbers of some messages, or of one, into a column."""
+        if name not in self.columns:
+            self.columns[name] = np.full(len(self.good), ABSENT)
+        self.columns[name][rows] = numbers
+
+    def put_stamps(self, rows: Integers | slice | int, stamps: Stamps | int) -> None:
+        """Put header stamps [ns] of some messages, or of one, in place."""
+        if self.stamps is None:
+            self.stamps = np.zeros(len(self.good), dtype=np.int64)
+        self.stamps[rows] = stamps
 
 
 MISFIT = ("do not fit the definition in the log", "fits the definition in the log")
@@ -217,8 +220,10 @@ class RosDecoder:
     def _store(self, shape: _Shape, data: Bytes, start: Integers, rows: Integers, result: Decoded) -> None:
         result.good[rows] = True
         result.whole = rows.size == len(result.good)
+        # Much the faster way to put one.
+        some = slice(int(rows[0]), int(rows[0]) + 1) if rows.size == 1 else rows
         if shape.layout.stamp is not None:
-            _put_stamps(stamps(data, start, shape.layout.stamp), rows, result)
+            result.put_stamps(some, stamps(data, start, shape.layout.stamp))
         columns: dict[int, Values] = {}
         for code, (which, offsets) in shape.places.items():
             columns |= zip(which, values(data, start, offsets, code), strict=True)
@@ -227,29 +232,10 @@ class RosDecoder:
                 continue
             if unit is not None:
                 result.units[name] = unit
-            _put(name, columns[k], rows, result)
-
-
-def _put(name: str, values: Values, rows: Integers, result: Decoded) -> None:
-    """Put some messages' numbers into a column of the result."""
-    if rows.size == len(result.good):
-        result.columns[name] = values
-        return
-    if name not in result.columns:
-        result.columns[name] = np.full(len(result.good), ABSENT)
-    if rows.size == 1:  # much the faster way to put one
-        result.columns[name][rows[0]] = values[0]
-    else:
-        result.columns[name][rows] = values
-
-
-def _put_stamps(stamps: Stamps, rows: Integers, result: Decoded) -> None:
-    if rows.size == len(result.good):
-        result.stamps = stamps
-        return
-    if result.stamps is None:
-        result.stamps = np.zeros(len(result.good), dtype=np.int64)
-    result.stamps[rows] = stamps
+            if result.whole:
+                result.columns[name] = columns[k]
+            else:
+                result.put(name, some, columns[k])
 
 
 def _has_stamp(root: Struct) -> bool:

@@ -108,9 +108,7 @@ class TreeDecoder(ABC):
     def _message(self, message: Any, row: int, result: Decoded) -> None:
         path, stamp = self._stamp(message)
         if stamp is not None:
-            if result.stamps is None:
-                result.stamps = np.zeros(len(result.good), dtype=np.int64)
-            result.stamps[row] = stamp
+            result.put_stamps(row, stamp)
         self._passed_over = self._told_by[path]
         found: dict[str, float] = {}
         self._left = 2 * MAX_FIELDS  # as many numbers as there may be, each in a structure of its own
@@ -119,7 +117,9 @@ class TreeDecoder(ABC):
             self._fields.leave(
                 self.prefix, f"more than {2 * MAX_FIELDS} parts in a message; those beyond were left out"
             )
-        result.put(row, found, self._fields)
+        for name, value in found.items():
+            if self._fields.take(name):
+                result.put(name, row, value)
 
     def _flatten(self, part: Any, path: str, found: dict[str, float], depth: int) -> None:
         """Collect the numbers in a part in `found`, by path."""
