@@ -33,11 +33,10 @@ def header_frames(messages: Messages, cdr: bool) -> Messages:
     """Return the frames in headers that messages, of ROS 2's encoding or ROS 1's, begin with; length -1 where none is clear."""
     place, length = messages.start + (At.FRAME + 4), np.full(len(messages), -1, np.int64)
     rows = np.flatnonzero(messages.length >= At.FRAME + 4)
-    number = messages.data[place[rows, None] - np.arange(4, 0, -1)].astype(np.int64)
-    if cdr:
-        big_endian = messages.data[messages.start[rows] + 1] == 0
-        number[big_endian] = number[big_endian, ::-1]
-    size = number @ (256 ** np.arange(4))
+    number = messages.data[place[rows, None] - np.arange(4, 0, -1)]
+    size = number.view("<u4")[:, 0].astype(np.int64)
+    if cdr and (big_endian := messages.data[messages.start[rows] + 1] == 0).any():
+        size[big_endian] = number.view(">u4")[big_endian, 0]
     fits = size <= messages.start[rows] + messages.length[rows] - place[rows]
     rows, size = rows[fits], size[fits]
     some = np.flatnonzero(size)

@@ -60,7 +60,10 @@ class _Publishers:
         """Take note of messages with log times [ns], shape (n,); `numbers` tell whose they are by `names`, -1 where none does."""
         begins = numbers != np.concatenate(([self._last], numbers[:-1]))
         self._last = int(numbers[-1])
-        for number in np.unique(numbers[numbers >= 0]).tolist():
+        there = np.unique(numbers).tolist() if begins[1:].any() else [int(numbers[0])]
+        for number in there:
+            if number < 0:
+                continue
             own = np.flatnonzero(numbers == number)
             first, last = int(log[own].min()), int(log[own].max())
             one = self._seen.get(names[number])
