@@ -117,7 +117,7 @@ class Rosbag1Container(ChunkedFile):
                 else:
                     check.record(header, data)
         if spans is None:
-            self.findings.add(*walk.findings(), *check.findings(walk.damage))
+            self.findings.add(*walk.findings(), *check.findings(walk.damage, walk.chunks))
 
     def _note_index(self, position: int) -> None:
         if position == 0:

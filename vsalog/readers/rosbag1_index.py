@@ -80,8 +80,8 @@ class IndexCheck:
         if own is not None and connection in self._wanted and not self._part.leaves_out(own):
             raise ReadError("the bag's index contradicts itself")
 
-    def findings(self, damage: Sequence[Damage]) -> list[Finding]:
-        """Return what is lost with damaged chunks or otherwise, and what differs."""
+    def findings(self, damage: Sequence[Damage], chunks: int) -> list[Finding]:
+        """Return what is lost with damaged chunks of so many, or otherwise, and what differs."""
         lost = sum(max(self._told.get(one.position, 0) - one.read, 0) for one in damage)
         found = []
         if damage:
@@ -92,7 +92,7 @@ class IndexCheck:
         if missing > 0 and self._whole:
             counted: Evidence = {"expected": self._expected, "counted_by": "index"}
             found.append(Finding(code="recording.messages_missing", value=missing, evidence=counted))
-        elif chunks < self._announced and self._leaves_out is None and not damage:
+        elif chunks < self._announced and self._whole and not damage:
             gone: Evidence = {"chunks": self._announced}
             found.append(Finding(code="recording.chunks_missing", value=self._announced - chunks, evidence=gone))
         if self._differing:
