@@ -61,7 +61,7 @@ class Cluster(Pool):
             raise BatchError("--scheduler needs Dask: pip install 'vsalog[dask]'") from None
         # What Dask logs is tracebacks: what matters comes as exceptions, and is a line.
         for name in logging.root.manager.loggerDict:
-            if name.startswith("distributed"):
+            if name.startswith(("distributed", "tornado")):
                 logging.getLogger(name).setLevel(logging.CRITICAL)
         self.address = address
         self._lost = f"{address}: the connection to the scheduler was lost"
