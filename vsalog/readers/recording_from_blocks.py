@@ -39,14 +39,17 @@ def _gather(path: Path, reader: Reader, wanted: Collection[str] | None, room: in
         block, lost = within_reach(block)
         absurd += lost
         one = gathered.setdefault(block.stream, Gathered(block.type, in_file))
-        size += one.growth(block)
+        growth = one.growth(block)
+        size += growth
         if size > most:
             raise ReadError(
                 f"unfolds to more than {most // 2**20} MiB of samples, {FILE_RATIO} times its size, as no"
                 " recording does; only some channels of it can be read, by their names",
                 path,
             )
-        if room is not None and not in_file and size > room:
+        rows = len(next(iter(block.clocks.values())))
+        promised = growth // max(rows, 1) * block.expected if not one.count else 0
+        if room is not None and not in_file and max(size, promised) > room:
             in_file = True
             for each in gathered.values():
                 each.to_file()

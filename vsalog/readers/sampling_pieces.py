@@ -11,6 +11,7 @@ import numpy as np
 from vsalog.core.finding import Finding
 from vsalog.core.memory import PIECE_BYTES
 from vsalog.core.resolution import STRETCHES
+from vsalog.readers.tables.source import Source
 
 
 class Piece(NamedTuple):
@@ -73,7 +74,7 @@ def chosen_pieces(parts: Sequence[Piece], budget: int) -> tuple[list[Piece], int
     return pieces, int(np.count_nonzero(np.diff(chosen, prepend=False) & chosen))
 
 
-def copy_pieces(source: IO[bytes], pieces: Sequence[Piece], target: IO[bytes]) -> None:
+def copy_pieces(source: Source, pieces: Sequence[Piece], target: IO[bytes]) -> None:
     """Copy pieces of a file, one behind the other."""
     for piece in pieces:
         source.seek(piece.position)

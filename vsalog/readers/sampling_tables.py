@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 import pyarrow as pa
@@ -14,7 +13,7 @@ from vsalog.readers.limits import PACKED_BYTES
 from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.sampling_pieces import Piece, Sample, chosen_pieces, copy_pieces
 from vsalog.readers.tables.reader import TableReader
-from vsalog.readers.tables.source import open_text, read_beginning
+from vsalog.readers.tables.source import Source, open_text, read_beginning
 
 
 def cut_parquet(source: Path, target: Path, budget: int) -> Sample | None:
@@ -57,7 +56,7 @@ def cut_text(source: Path, target: Path, budget: int) -> Sample | None:
         return Sample(out.tell(), STRETCHES)
 
 
-def _next_line(file: IO[bytes], position: int) -> int:
+def _next_line(file: Source, position: int) -> int:
     """Return where the next line begins, the first one at the very beginning; the file's end where there is none."""
     if position == 0:
         return 0

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from vsalog.core.column import Column, is_mapped, parts
 from vsalog.core.finding import Finding
+from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import Block
 from vsalog.readers.columns_together import carried, lacks_any, part_stream, together
-from vsalog.readers.limits import MOST_WAITING
 
 HEADER = ".header."
 """In names of what is in a message's header."""
@@ -76,7 +76,8 @@ class Gathered:
     def add(self, block: Block) -> None:
         """Take a block in."""
         # Room for samples that a log promises is no memory before it is filled.
-        room = min(block.expected, MOST_WAITING)
+        # What is made room for is no memory before it is filled.
+        room = min(block.expected, AT_ONCE_BYTES // 8)
         for kind, stamps in block.clocks.items():
             if kind not in self.clocks:
                 self.clocks[kind] = Column(np.int64, room, in_file=self.in_file)

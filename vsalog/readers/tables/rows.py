@@ -127,9 +127,10 @@ class Rows:
             if not pa.types.is_floating(kind) or names[i] not in batch.schema.names:
                 continue
             cells = batch.column(names[i])
-            if i in self._digits and not is_exact(cells, self._digits[i]):
-                return None
-            if i in self._whole and not _whole_numbers_hold(cells):
+            if i in self._digits:
+                if not is_exact(cells, self._digits[i]):
+                    return None
+            elif i in self._whole and not _whole_numbers_hold(cells):
                 return None
         return batch.select([names[i] for i in columns])
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from enum import IntEnum
 from pathlib import Path
-from typing import IO, cast
+from typing import IO
 
 import numpy as np
 import pyarrow as pa
@@ -38,7 +38,11 @@ class WindowBits(IntEnum):
     GZIP = 16 + zlib.MAX_WBITS
 
 
-def open_text(path: Path) -> IO[bytes]:
+Source = io.BufferedIOBase | io.RawIOBase
+"""A file of bytes."""
+
+
+def open_text(path: Path) -> io.BufferedReader | BoundedGzip:
     """Open a file, decompressed where it is compressed with gzip.
 
     Raises
@@ -49,7 +53,7 @@ def open_text(path: Path) -> IO[bytes]:
     file = path.open("rb")
     compressed = file.read(len(_GZIP)) == _GZIP
     file.seek(0)
-    return cast(IO[bytes], BoundedGzip(path, file)) if compressed else file
+    return BoundedGzip(path, file) if compressed else file
 
 
 class BoundedGzip(io.RawIOBase):
@@ -133,7 +137,7 @@ class BoundedGzip(io.RawIOBase):
         self._compressed.close()
 
 
-def read_beginning(source: IO[bytes], most: int) -> bytes:
+def read_beginning(source: Source, most: int) -> bytes:
     """Return the first bytes of a file, of a damaged one as far as it goes."""
     parts: list[bytes] = []
     size = 0
@@ -190,10 +194,11 @@ class Lines:
         What was left out at the end; complete once all blocks are read.
     """
 
-    def __init__(self, file: IO[bytes], encoding: str, separator: str, labels: Sequence[str] = ()) -> None:
+    def __init__(self, file: Source, encoding: str, separator: str, labels: Sequence[str] = ()) -> None:
         self.findings: list[Finding] = []
         self._file = file
         self._above = b""
+        self._buffer = bytearray(DECODED_BYTES)
         self._separator = separator
         self._decoder = None if encoding == "utf-8" else codecs.getincrementaldecoder(encoding)("replace")
         mark = re.escape(separator)
@@ -207,9 +212,7 @@ class Lines:
         while not ended:
             raw, damaged = self._read()
             ended = not raw
-            if self._decoder is not None:
-                raw = self._decoder.decode(raw, final=ended).encode()
-            text = rest + raw
+            text = rest + (raw if self._decoder is None else self._decoder.decode(raw, final=ended).encode())
             # A line that is not whole waits for its end, which never comes where the file is damaged: half a number is another.
             end = _end_of_lines(text)
             if ended and not damaged:
@@ -221,12 +224,13 @@ class Lines:
                 self._above = text[max(end - GLANCE_BYTES, 0) : end]
                 yield self._plain(text, end), b'"' in text
 
-    def _read(self) -> tuple[bytes, bool]:
+    def _read(self) -> tuple[memoryview, bool]:
+        """Return what comes next, which is overwritten when it is asked for more, and whether the file is damaged there."""
         try:
-            return self._file.read(DECODED_BYTES), False
+            return memoryview(self._buffer)[: self._file.readinto(self._buffer)], False
         except DAMAGE as error:
             self.findings.append(_damage(error))
-            return b"", True
+            return memoryview(b""), True
 
     def _end_of_file(self, text: bytes, end: int) -> int:
         """Return where the text ends, without a last line that has no end and may be cut off."""

@@ -70,8 +70,9 @@ def is_exact(numbers: pa.Array, digits: int) -> bool:
     """Tell whether numbers times a power of ten come so near to integers that rounding them is exact."""
     with np.errstate(invalid="ignore", over="ignore"):
         values = np.asarray(pc.fill_null(numbers, 0.0).to_numpy(zero_copy_only=False), np.float64) * 10.0**digits
+        error, largest = (np.abs(one).max(initial=0.0) for one in (values - np.rint(values), values))
         # They were rounded twice: when they were read, and multiplied.
-        return bool((np.abs(values - np.rint(values)) + 2 * np.spacing(np.abs(values)) < 0.5).all())
+        return bool(error + 2 * np.spacing(largest) < 0.5)
 
 
 def _exact(cells: pa.Array, digits: int) -> tuple[Stamps, NDArray[np.bool_]] | None:

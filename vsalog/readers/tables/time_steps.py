@@ -57,6 +57,8 @@ class StepsBack:
         if self._before is None:
             self._first = self._last = self._latest = int(times[0])
         steps = np.diff(times, prepend=self._last)
+        if steps.min() > 0 and steps.max() <= REPEATS // 2 * steps.min():  # no gap, and nothing set back
+            return self._unfolded(stamps, good, times, marks)
         forward = steps[steps > 0]
         few = REPEATS * int(np.median(forward)) if forward.size else 0
         for k in np.flatnonzero(steps < -few)[:MOST_PARTS].tolist() if few else ():
@@ -67,11 +69,8 @@ class StepsBack:
                 times[k:] += size
                 self._shift += size
                 self.sizes.append(size)
-        self._remember(times, few)
-        self._before = times, marks, good
-        unfolded = stamps.copy()
-        unfolded[good] = times
-        return unfolded
+        self._gaps = np.concatenate([self._gaps, _gaps(times, self._last, few)])[-BLOCK_ROWS:]
+        return self._unfolded(stamps, good, times, marks)
 
     def findings(self) -> list[Finding]:
         """Return what to tell."""
@@ -105,9 +104,13 @@ class StepsBack:
         same = (earlier[found] == times[later]) & (values[found] == own[later])
         return bool(2 * np.count_nonzero(same) > later.size)
 
-    def _remember(self, times: Stamps, few: int) -> None:
-        self._gaps = np.concatenate([self._gaps, _gaps(times, self._last, few)])[-BLOCK_ROWS:]
+    def _unfolded(self, stamps: Stamps, good: NDArray[np.bool_], times: Stamps, marks: Marks) -> Stamps:
+        """Return a block's stamps with those put in that are good, and remember these."""
         self._last, self._latest = int(times[-1]), max(self._latest, int(times.max()))
+        self._before = times, marks, good
+        unfolded = stamps.copy()
+        unfolded[good] = times
+        return unfolded
 
 
 def row_marks(columns: Mapping[str, Values], rows: int) -> Values:
