@@ -184,7 +184,7 @@ def test_dates_of_a_large_log_are_told_from_the_sample(tmp_path, monkeypatch):
     path = tmp_path / "log.csv"
     path.write_text("time,x\n" + "".join(f"{m.day}/{m.month}/{m:%Y %H:%M},{i}\n" for i, m in enumerate(rows)))
     read = []
-    monkeypatch.setattr(TableReader, "_all_rows", lambda self, columns: read.append(self.path) or ())
+    monkeypatch.setattr(TableReader, "_whole", lambda self, columns: read.append(self.path) or ())
     (log,) = json.loads(inspect(path, "--json"))["logs"]
     assert path not in read
     assert log["sample"]["stretches"] == 8

@@ -42,16 +42,17 @@ def test_columns_types_and_units(tmp_path):
     path = parquet(tmp_path, columns, {"stamp": "ns", "q": "rad"})
     recording = read(path)
     assert recording.format == "parquet"
-    assert list(recording.channels) == ["time", "q", "n", "on"]
-    np.testing.assert_array_equal(recording.channel("q").values, [1.5, np.nan, np.nan, 4.5])
-    np.testing.assert_array_equal(recording.channel("q").stamps, START + np.arange(4) * 1_000_000)
+    assert list(recording.channels) == ["time", "n", "on", "q"]
+    # Blank cells are no samples.
+    np.testing.assert_array_equal(recording.channel("q").values, [1.5, 4.5])
+    np.testing.assert_array_equal(recording.channel("q").stamps, START + np.array([0, 3]) * 1_000_000)
     assert recording.channel("q").unit == "rad"
     assert recording.channel("n").unit == "N*m"
     assert recording.unread["mode"] == "text"
     assert recording.unread["list[0]"] == "text"
     assert recording.absolute_time
     assert list(read(path, wanted=["on"]).channels) == ["on"]
-    assert list(open_reader(path).catalogue().channels) == list(recording.channels)
+    assert sorted(open_reader(path).catalogue().channels) == sorted(recording.channels)
 
 
 @pytest.mark.parametrize(
@@ -152,7 +153,7 @@ def test_structures_with_their_clocks(tmp_path):
     assert recording.streams["log (7 values)"].time_source == "none"
     assert read(path, rate=10.0).streams["log (7 values)"].time_source == "rate"
     assert list(read(path, wanted=["curve"]).channels) == ["curve"]
-    assert list(open_reader(path).catalogue().channels) == list(recording.channels)
+    assert sorted(open_reader(path).catalogue().channels) == sorted(recording.channels)
 
 
 def test_a_clock_serves_the_structures_below(tmp_path):

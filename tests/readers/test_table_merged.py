@@ -1,4 +1,4 @@
-"""Tables that were put below one another, each with columns of its own, as pandas' `concat` does it."""
+"""Tables that several logs were merged into: each fills its own rows and leaves the others' blank."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ import pyarrow.parquet as pq
 import pytest
 from finding_codes import codes, values_of
 
-from vsalog.readers import open_reader, read
+from vsalog.readers import read
 
 MS = 10**6
-POS, TAU, TEMP = np.arange(600.0), 1000 + np.arange(400.0), 5000 + np.arange(90.0)
-TIMES = {"pos": 10 * np.arange(600), "tau": 3 + 15 * np.arange(400), "temp": 70 * np.arange(90)}
-VALUES = {"pos": POS, "tau": TAU, "temp": TEMP}
+POS = np.arange(600.0)
+TIMES, VALUES = {"pos": 10 * np.arange(600)}, {"pos": POS}
 
 
 @pytest.fixture(params=["csv", "parquet", "parquet with NaN"])
@@ -36,31 +35,15 @@ def joined(request, tmp_path):
     return joined
 
 
-def table(name, begin=0, **others):
-    return {"time [ms]": begin + TIMES[name], name: VALUES[name], **others}
+def table(name, **others):
+    return {"time [ms]": TIMES[name], name: VALUES[name], **others}
 
 
-def check(recording, *names, begin=0):
-    for name in names:
-        assert recording.channel(name).values.tolist() == VALUES[name].tolist()
-        assert recording.channel(name).stamps.tolist() == ((begin + TIMES[name]) * MS).tolist()
+def check(recording, name):
+    assert recording.channel(name).values.tolist() == VALUES[name].tolist()
+    assert recording.channel(name).stamps.tolist() == (TIMES[name] * MS).tolist()
     dropped = {"recording.copies_dropped", "recording.conflicts_dropped"}
     assert not (dropped | {"clock.restarts", "clock.log_appended", "clock.steps_back"}) & {*codes(recording)}
-
-
-@pytest.mark.parametrize("begin", [0, 1_750_000_000_000])
-def test_their_rows_are_merged_by_time(joined, begin):
-    recording = joined(*(table(name, begin) for name in VALUES))
-    check(recording, *VALUES, begin=begin)
-    assert values_of(recording, "table.stacked") == [3]
-
-
-def test_what_stands_in_all_of_them_has_the_times_of_each(joined):
-    recording = joined(table("pos", mode=np.full(600, 1.0)), table("tau", mode=np.full(400, 2.0)))
-    check(recording, "pos", "tau")
-    mode = recording.channel("mode")
-    assert set(mode.stamps[mode.values == 1]) <= set(TIMES["pos"] * MS)
-    assert set(mode.stamps[mode.values == 2]) <= set(TIMES["tau"] * MS)
 
 
 def test_rows_that_take_turns_keep_the_values_of_either(joined):
@@ -87,15 +70,3 @@ def test_the_same_columns_once_more_are_put_behind(joined):
     assert recording.channel("pos").values.tolist() == [*POS, *POS]
     assert (np.diff(recording.channel("pos").stamps) > 0).all()
     assert values_of(recording, "clock.log_appended") == [1]
-
-
-def test_some_of_their_channels_alone(joined, tmp_path):
-    joined(table("pos"), table("tau"))
-    assert list(open_reader(tmp_path / "log").catalogue().channels) == ["pos", "tau"]
-    check(read(tmp_path / "log", ["tau"]), "tau")
-
-
-def test_tables_that_begin_anew_each_by_itself_are_told(joined):
-    recording = joined(table("pos"), table("tau"), table("pos"), table("tau"))
-    assert recording.channel("pos").values.tolist() == [*POS, *POS]
-    assert values_of(recording, "clock.tables_step_apart") == [2]

@@ -214,10 +214,6 @@ LOG_TEXTS: Mapping[str, Text] = {
         "the time steps back {times:n time}, by up to {value:.6g} s, while the rows go on (a clock that was set?).",
         "It is taken as going on.",
     ),
-    "clock.tables_step_apart": Text(
-        "so it is in each of the {value:.0f} tables by itself: from there on, rows of one time may not belong together.",
-        "Put what begins again into files of its own.",
-    ),
     "clock.guessed_by_dates": Text(
         "column '{part}' holds dates and times and is taken for the time, as no other is called so."
     ),
@@ -286,9 +282,6 @@ LOG_TEXTS: Mapping[str, Text] = {
     ),
     "table.columns_apart": Text(
         "{value:n group} of columns with many blank cells read without them, as streams of their own."
-    ),
-    "table.stacked": Text(
-        "{value:.0f} tables stand below one another, each with columns of its own: they are merged by time."
     ),
     "table.several_clocks": Text(
         "the time has {value:n column}: each is that of the columns next to it, up to the next."

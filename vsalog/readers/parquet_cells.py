@@ -5,10 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
-
-from vsalog.core.recording import Values
-from vsalog.readers.tables.dates import in_nanoseconds
 
 
 def plain_type(kind: pa.DataType) -> pa.DataType:
@@ -62,25 +58,3 @@ def rising(rows: int, kind: pa.DataType) -> pa.Array:
         return pc.cast(pa.array(np.arange(rows) / 1000.0), kind, safe=False)
     except pa.ArrowException:
         return pa.nulls(rows, kind)
-
-
-def rounded(cells: pa.Array, values: Values) -> str:
-    """Return a whole number that floating point cannot hold, "" where there is none."""
-    if not pa.types.is_integer(cells.type) or cells.type.bit_width < 64 or not (np.abs(values) > 2.0**53).any():
-        return ""
-    for at in np.flatnonzero(np.abs(values) > 2.0**53)[:100].tolist():
-        if (number := cells[at].as_py()) != int(values[at]):
-            return str(number)
-    return ""
-
-
-def as_numbers(cells: pa.Array) -> NDArray[np.float64]:
-    """Return a column as numbers, durations in seconds, NaN where a cell is empty."""
-    if pa.types.is_duration(cells.type):
-        durations, good = in_nanoseconds(cells)
-        return np.where(good, durations * 1e-9, np.nan)
-    if pa.types.is_boolean(cells.type):
-        cells = pc.cast(cells, pa.uint8())
-    if pa.types.is_decimal(cells.type):  # Arrow rounds them twice
-        cells = pc.cast(cells, pa.string())
-    return np.array(pc.cast(cells, pa.float64(), safe=False).to_numpy(zero_copy_only=False), np.float64)

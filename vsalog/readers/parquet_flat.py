@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 import pyarrow as pa
@@ -46,8 +46,7 @@ class FlatRows:
         if self._plain:
             columns = [[_as_plain(field, None)] for field in rows.schema]
         self.schema = pa.schema([one for column in columns for one, _ in column], rows.schema.metadata)
-        owners = zip(rows.schema.names, columns, strict=True)
-        self._owners = {one.name: owner for owner, column in owners for one, _ in column}
+        self._owners = [i for i, column in enumerate(columns) for _ in column]
 
     @property
     def findings(self) -> list[Finding]:
@@ -71,23 +70,27 @@ class FlatRows:
             found += [None if empty else column for _, column in flat]
         return found
 
-    def batches(self, columns: list[str], required: Collection[str]) -> Iterator[tuple[int, pa.RecordBatch]]:
-        """Yield the number of the first row and the rows, see `ParquetRows.batches`.
+    def batches(
+        self, columns: Sequence[int], required: Collection[int]
+    ) -> Iterator[tuple[int, int, dict[int, pa.Array]]]:
+        """Yield the number of the first row, how many there are, and the cells by column, see `ParquetRows.batches`.
 
         Raises
         ------
         ReadError
             One of the required columns, or all others, cannot be read at all.
         """
-        read = list(dict.fromkeys(self._owners[name] for name in columns))
         schema = self._rows.schema
-        for row, batch in self._rows.batches(read, {self._owners[name] for name in required}):
-            # In the order in which they were asked for, and all of one name together.
-            fields = (schema.field(i) for name in read for i in schema.get_all_field_indices(name))
-            flat = [
-                one for field, cells in zip(fields, batch.columns, strict=True) for one in self._columns(field, cells)
-            ]
-            yield row, pa.RecordBatch.from_arrays([cells for _, cells in flat], [field.name for field, _ in flat])
+        read = list(dict.fromkeys(schema.names[self._owners[i]] for i in columns))
+        # All of one name come together.
+        fields = [i for name in read for i in schema.get_all_field_indices(name)]
+        for row, batch in self._rows.batches(read, {schema.names[self._owners[i]] for i in required}):
+            cells = {}
+            for i, stored in zip(fields, batch.columns, strict=True):
+                first = self._owners.index(i)
+                for k, (_, plain) in enumerate(self._columns(schema.field(i), stored)):
+                    cells[first + k] = plain
+            yield row, batch.num_rows, cells
 
     def _columns(self, field: pa.Field, cells: pa.Array) -> list[tuple[pa.Field, pa.Array]]:
         return [_as_plain(field, cells)] if self._plain else list(self._flat(field, cells))

@@ -14,6 +14,7 @@ from vsalog.core.arrow import arrow_texts
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.recording import Values
 from vsalog.readers.limits import MAX_ARRAY, MOST_EXCEPTIONS, SAMPLE_ROWS
+from vsalog.readers.tables.dates import in_nanoseconds
 from vsalog.readers.tables.text import GROUPED, LIKE_NUMBERS, NUMBER, printable_cell
 
 _CELL = NUMBER.replace("^", "^(", 1)[:-1] + r"|[+-]?(?i:inf|infinity)|[+-]?(?i:nan))$"
@@ -37,7 +38,7 @@ class Cells:
 
     @property
     def text(self) -> str:
-        """Why the column is no signal, "" where it is one."""
+        """Why the column is no signal, "" where it is one, as are all numbers that are not stored as text."""
         if self.good:
             return ""
         return "text" if self.bad else "no values"
@@ -53,18 +54,16 @@ class Cells:
         return found
 
     def convert(self, cells: pa.Array) -> Values:
-        """Return the numbers in a stretch of the column, texts or numbers already, NaN where there is none."""
-        if pa.types.is_floating(cells.type):
-            numbers, wrong = cells, None
-        else:
-            numbers, wrong = numbers_in(cells)
+        """Return the numbers in a stretch of the column, NaN where there is none."""
+        numbers, wrong = numbers_in(cells)
+        texts = pa.types.is_string(cells.type) or pa.types.is_large_string(cells.type)
         if wrong is not None:
             if not self.bad:
                 at = int(np.argmax(wrong))
                 self.first_row = self.rows + at
                 self.first = bytes(pc.cast(cells[at], pa.binary()).as_py()).decode("utf-8", "replace")
             self.bad += int(np.count_nonzero(wrong))
-        self.good += len(numbers) - numbers.null_count
+        self.good += len(numbers) - numbers.null_count if texts else len(cells)
         self.rows += len(cells)
         values = np.asarray(numbers.to_numpy(zero_copy_only=False), dtype=np.float64)
         if numbers is not cells:
@@ -73,7 +72,29 @@ class Cells:
 
 
 def numbers_in(cells: pa.Array) -> tuple[pa.Array, NDArray[np.bool_] | None]:
-    """Return texts as float64, null where one is no number, and which of them are something else; None where none is."""
+    """Return cells as float64, durations in seconds, null where one is no number.
+
+    Along with them comes which texts are something else; None where none is.
+    """
+    kind = cells.type
+    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+        return _numbers_in_text(cells)
+    if pa.types.is_float64(kind):
+        return cells, None
+    if pa.types.is_duration(kind):
+        durations, good = in_nanoseconds(cells)
+        return pa.array(durations * 1e-9, mask=~good), None
+    if pa.types.is_boolean(kind):
+        cells = pc.cast(cells, pa.uint8())
+    if pa.types.is_decimal(kind):  # Arrow rounds them twice
+        cells = pc.cast(cells, pa.string())
+    try:
+        return pc.cast(cells, pa.float64(), safe=False), None
+    except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+        return pa.nulls(len(cells), pa.float64()), None
+
+
+def _numbers_in_text(cells: pa.Array) -> tuple[pa.Array, NDArray[np.bool_] | None]:
     numbers = _all_numbers(cells)
     if numbers is None:
         cells = pc.ascii_trim_whitespace(cells)

@@ -256,7 +256,7 @@ def joined(cells: Sequence[pa.Array]) -> pa.Array:
 def find_speakers(
     names: Sequence[str], sample: Sequence[pa.Array], plan: ClockPlan, whole: Whole
 ) -> tuple[Speakers | None, Finding | None]:
-    """Return whose values the rows of a table hold, None where they are all of the same, and what to tell of columns besides.
+    """Return whose values the rows of a table hold, None where they are all of the same, and what to tell of that.
 
     Parameters
     ----------
@@ -271,7 +271,8 @@ def find_speakers(
     """
     keys, perhaps = find_keys(names, sample, plan, whole)
     if keys:
-        return Speakers([names[i] for i in keys], keys, whole(keys)), None
+        speakers = Speakers([names[i] for i in keys], keys, whole(keys))
+        return speakers, speakers.finding()
     if not perhaps:
         return None, None
     return None, Finding(code="table.perhaps_long", part=_called([names[i] for i in perhaps]))

@@ -10,10 +10,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from vsalog.core.errors import ReadError
-from vsalog.core.finding import Finding, Findings
+from vsalog.core.finding import Findings
 from vsalog.core.recording import Stamps
 from vsalog.readers.reach import Stamp
-from vsalog.readers.tables.merged_tables import Layers
 from vsalog.readers.tables.time_columns import ClockColumn, folds_of, nanoseconds
 from vsalog.readers.tables.time_steps import Marks, StepsBack
 
@@ -27,16 +26,13 @@ class RowTimes:
         By kind.
     parts : collection of str
         Those whose rows go on each by themselves, as of the joints that a long table holds.
-    layers : Layers
-        Tables that were put below one another, whose rows go on each by themselves, too.
     """
 
-    def __init__(self, clocks: Mapping[str, ClockColumn], parts: Collection[str], layers: Layers) -> None:
-        self._clocks, self._layers = clocks, layers
-        every = [*product(parts, range(layers.count))]
-        self._folds = {(kind, *one): folds_of(clocks[kind].form) for kind, one in product(clocks, every)}
+    def __init__(self, clocks: Mapping[str, ClockColumn], parts: Collection[str]) -> None:
+        self._clocks = clocks
+        self._folds = {one: folds_of(clocks[one[0]].form) for one in product(clocks, parts)}
         # Of two clocks, what is wrong with the one is told by the other.
-        self._steps = {one: StepsBack() for one in every} if [*clocks] == ["column"] else {}
+        self._steps = {part: StepsBack() for part in parts} if [*clocks] == ["column"] else {}
 
     def of(
         self,
@@ -56,15 +52,13 @@ class RowTimes:
             See `vsalog.readers.tables.time_steps.StepsBack.unfold`.
         """
         good = np.ones(len(next(iter(parts.values()), ())), dtype=bool)
-        layers = self._layers.rows(cells, good.size)
         stamps: dict[str, Stamps] = {}
         for kind, clock in self._clocks.items():
             times, valid = nanoseconds(cells(clock.columns), clock.form)
-            for (part, own), (layer, theirs) in product(parts.items(), enumerate(layers)):
-                rows = valid & own & theirs
-                times = self._folds[kind, part, layer].unfold(times, rows)
+            for part, own in parts.items():
+                times = self._folds[kind, part].unfold(times, valid & own)
                 if self._steps:
-                    times = self._steps[part, layer].unfold(times, rows, marks)
+                    times = self._steps[part].unfold(times, valid & own, marks)
             if kind == "header":  # without it there is still the log's time, for all rows then
                 times = np.where(valid, times, 0)
             else:
@@ -76,8 +70,6 @@ class RowTimes:
         """Return what to tell."""
         found = Findings()
         found.add(*(one for moved in (*self._folds.values(), *self._steps.values()) for one in moved.findings()))
-        if found and self._layers.count > 1:
-            found.add(Finding(code="clock.tables_step_apart", value=self._layers.count))
         return found
 
 

@@ -1,4 +1,4 @@
-"""Tables in which several logs stand side by side, each with a clock of its own: ``time,position,time.1,torque``."""
+"""Several logs in one table: side by side, each with its clock (``time,position,time.1,torque``), or merged, with blank cells."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
+from vsalog.readers.carried import LEAST_TOGETHER
 from vsalog.readers.tables.time_columns import ClockColumn, ClockPlan, nanoseconds
 
 
@@ -57,6 +59,32 @@ def find_sections(
         if i not in others:
             sections[bisect(clocks if ahead else again, i)].columns.append(i)
     return sections if all(section.columns for section in sections) else [Section(plan.clocks, [*channels])]
+
+
+def group_by_blanks(sample: Sequence[pa.Array], columns: Sequence[int]) -> list[list[int]]:
+    """Group columns that fill the same rows.
+
+    Parameters
+    ----------
+    sample : sequence of pyarrow arrays
+        First rows of all columns.
+    columns : sequence of int
+        The columns to group.
+
+    Returns
+    -------
+    list of list of int
+        First the columns that are (nearly) full, or blank throughout, even if there are none; then the groups of others.
+    """
+    full: list[int] = []
+    sparse: dict[bytes, list[int]] = {}
+    for i in columns:
+        blank = np.asarray(pc.is_null(sample[i], nan_is_null=True).to_numpy(zero_copy_only=False), bool)
+        if blank.all() or blank.mean() < 1 - LEAST_TOGETHER:
+            full.append(i)
+        else:
+            sparse.setdefault(blank.tobytes(), []).append(i)
+    return [full, *sparse.values()]
 
 
 def _called_again(names: Sequence[str], first: int) -> list[int]:

@@ -6,7 +6,7 @@ A publisher may change the order of its joints from message to message; a joint'
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pyarrow as pa
@@ -62,22 +62,12 @@ class Slots:
         namers = {i for one in self._families for i in one.namers}
         return [pa.nulls(len(cells), cells.type) if i in namers else cells for i, cells in enumerate(sample)]
 
-    def in_place(self, batch: pa.RecordBatch, at: Callable[[int], int]) -> pa.RecordBatch:
-        """Return a block with each joint's cells where the first row has them.
-
-        Parameters
-        ----------
-        batch : RecordBatch
-            Some columns.
-        at : callable
-            Tells where in it a column is, by its number; below zero where it is not.
-        """
+    def in_place(self, cells: Mapping[int, pa.Array]) -> Mapping[int, pa.Array]:
+        """Return some columns of a block with each joint's cells where the first row has them."""
         for family in self._families:
-            if at(family.namers[0]) >= 0:
-                stored = {i: batch.column(at(i)) for kind in (family.namers, *family.kinds) for i in kind if at(i) >= 0}
-                for i, cells in family.in_place(stored).items():
-                    batch = batch.set_column(at(i), batch.schema.field(at(i)), cells)
-        return batch
+            if family.namers[0] in cells:
+                cells = {**cells, **family.in_place(cells)}
+        return cells
 
     def findings(self) -> list[Finding]:
         """Return what to tell."""

@@ -21,11 +21,8 @@ def is_numeric(sample: pa.Array) -> bool:
 def floats(array: pa.Array) -> NDArray[np.float64]:
     """Return cells as floating point numbers, NaN where there is none."""
     if pa.types.is_string(array.type) or pa.types.is_large_string(array.type):
-        array = numbers_in(trimmed(array))[0]
-    try:
-        return np.asarray(pc.cast(array, pa.float64(), safe=False).to_numpy(zero_copy_only=False), np.float64)
-    except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
-        return np.full(len(array), np.nan)
+        array = trimmed(array)
+    return np.asarray(numbers_in(array)[0].to_numpy(zero_copy_only=False), np.float64)
 
 
 def scaled_up(array: pa.Array, digits: int) -> tuple[Stamps, NDArray[np.bool_]]:
