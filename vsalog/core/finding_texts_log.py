@@ -210,10 +210,6 @@ LOG_TEXTS: Mapping[str, Text] = {
         "What follows is put behind, with a gap.",
     ),
     "clock.overflows": Text("the time's counter of 32 bits overflows {value:n time}.", "It is taken as going on."),
-    "clock.steps_back": Text(
-        "the time steps back {times:n time}, by up to {value:.6g} s, while the rows go on (a clock that was set?).",
-        "It is taken as going on.",
-    ),
     "clock.guessed_by_dates": Text(
         "column '{part}' holds dates and times and is taken for the time, as no other is called so."
     ),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,7 +21,6 @@ from vsalog.readers.tables.row_times import RowTimes, row_clock
 from vsalog.readers.tables.sections import find_sections, group_by_blanks
 from vsalog.readers.tables.slots import Slots
 from vsalog.readers.tables.time_columns import ClockPlan, looks_like_clock, runs_backwards
-from vsalog.readers.tables.time_steps import row_marks
 
 
 class Batch(NamedTuple):
@@ -183,7 +181,7 @@ class ColumnarReader(ABC):
             for (own_clocks, own), time in zip(sections, times, strict=True):
                 stamps, good = row_clock(batch.row, batch.size, self.rate), every
                 if own_clocks:
-                    stamps, good = time.of(batch.of, parts, partial(row_marks, values, batch.size))
+                    stamps, good = time.of(batch.of, parts)
                     untimed += self._untimed(batch, own_clocks["column"].columns if len(sections) > 1 else (), good)
                 if own or len(sections) == 1:
                     for part, theirs in parts.items():

@@ -14,7 +14,6 @@ from vsalog.core.finding import Findings
 from vsalog.core.recording import Stamps
 from vsalog.readers.reach import Stamp
 from vsalog.readers.tables.time_columns import ClockColumn, folds_of, nanoseconds
-from vsalog.readers.tables.time_steps import Marks, StepsBack
 
 
 class RowTimes:
@@ -31,14 +30,11 @@ class RowTimes:
     def __init__(self, clocks: Mapping[str, ClockColumn], parts: Collection[str]) -> None:
         self._clocks = clocks
         self._folds = {one: folds_of(clocks[one[0]].form) for one in product(clocks, parts)}
-        # Of two clocks, what is wrong with the one is told by the other.
-        self._steps = {part: StepsBack() for part in parts} if [*clocks] == ["column"] else {}
 
     def of(
         self,
         cells: Callable[[Sequence[int]], Sequence[pa.Array]],
         parts: Mapping[str, NDArray[np.bool_]],
-        marks: Marks,
     ) -> tuple[dict[str, Stamps], NDArray[np.bool_]]:
         """Return a block's stamps by kind of clock, and which rows have one.
 
@@ -48,8 +44,6 @@ class RowTimes:
             Gives columns of the block by their numbers.
         parts : mapping of str to bool array, shape (n,)
             Whose rows they are.
-        marks : callable
-            See `vsalog.readers.tables.time_steps.StepsBack.unfold`.
         """
         good = np.ones(len(next(iter(parts.values()), ())), dtype=bool)
         stamps: dict[str, Stamps] = {}
@@ -57,8 +51,6 @@ class RowTimes:
             times, valid = nanoseconds(cells(clock.columns), clock.form)
             for part, own in parts.items():
                 times = self._folds[kind, part].unfold(times, valid & own)
-                if self._steps:
-                    times = self._steps[part].unfold(times, valid & own, marks)
             if kind == "header":  # without it there is still the log's time, for all rows then
                 times = np.where(valid, times, 0)
             else:
@@ -69,7 +61,7 @@ class RowTimes:
     def findings(self) -> Findings:
         """Return what to tell."""
         found = Findings()
-        found.add(*(one for moved in (*self._folds.values(), *self._steps.values()) for one in moved.findings()))
+        found.add(*(one for folds in self._folds.values() for one in folds.findings()))
         return found
 
 

@@ -19,7 +19,7 @@ from vsalog.readers.limits import MOST_EXCEPTIONS, SAMPLE_ROWS
 from vsalog.readers.reach import Nanoseconds
 from vsalog.readers.tables.dates import dates, dates_of, format_of, of_day, possible_formats, trimmed, without_midnight
 from vsalog.readers.tables.text import printable_cell
-from vsalog.readers.tables.time_folds import Folds, Restarts
+from vsalog.readers.tables.time_folds import Folds, Restarts, Unfolding
 from vsalog.readers.tables.time_names import UNITS, Rank, plain, rank_of, stated_unit
 from vsalog.readers.tables.time_numbers import floats, is_numeric, multiplied, scaled_up
 from vsalog.readers.tables.time_sizes import EPOCH, SERIAL, guessed_unit
@@ -198,7 +198,7 @@ def digits_of(form: str) -> tuple[int, ...]:
     return (_DIGITS[kind],) if kind in _DIGITS else ()
 
 
-def folds_of(form: str) -> Folds | Restarts:
+def folds_of(form: str) -> Unfolding:
     """Return what makes a clock go on where it goes back."""
     kind = form.partition(" ")[0]
     if kind == "day":

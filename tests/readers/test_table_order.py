@@ -1,4 +1,4 @@
-"""Clocks of tables that are set while rows are written, and rows that merely come in another order."""
+"""Rows of tables that come in another order, and stamps that are none."""
 
 from __future__ import annotations
 
@@ -32,46 +32,6 @@ def log(request, tmp_path):
     return log
 
 
-def told(recording):
-    return found(recording, "clock.steps_back")
-
-
-BACK = [(size, at) for size in (0.05, 2.0, 2.0003, 10.0) for at in (700, 6000, N - 50)]
-
-
-@pytest.mark.parametrize(("begin", "size", "at"), [*((TODAY, *one) for one in BACK), (3 * 10**12, 2.0, 6000)])
-def test_a_clock_that_is_set_back_goes_on(log, begin, size, at):
-    """As NTP sets it; by whole milliseconds, later rows would have the stamps of earlier ones, and be lost."""
-    times = TRUE - TODAY + begin
-    times[at:] -= round(size * 1e9)
-    recording = log(times, range(N))
-    assert recording.channel("x").values.tolist() == list(range(N))
-    assert np.diff(recording.channel("x").stamps).tolist() == [STEP] * (N - 1)
-    assert [one.value for one in told(recording)] == [pytest.approx(size, abs=1e-5)]
-
-
-def test_a_clock_that_is_set_back_twice_with_jitter_and_dropouts(log):
-    times = TRUE + np.random.default_rng(1).integers(0, STEP // 2, N)
-    times[4000:] -= 2 * 10**9
-    times[9000:] -= 10**9
-    kept = np.delete(np.arange(N), np.r_[3000:3300, 5000:5200])
-    recording = log(times[kept], kept)
-    assert recording.channel("x").values.tolist() == kept.tolist()
-    np.testing.assert_allclose(recording.channel("x").stamps, TRUE[kept], atol=2 * STEP)
-    assert [one.evidence["times"] for one in told(recording)] == [2]
-    assert told(recording)[0].value == pytest.approx(2.0, abs=0.1)
-
-
-def test_a_step_back_far_below(log):
-    """In another block than the rows whose times come again."""
-    many = 80_000
-    times = TODAY + STEP * np.arange(many)
-    times[70_000:] -= 50 * 10**9
-    recording = log(times, np.arange(many) % N)
-    assert recording.channel("x").values.tolist() == (np.arange(many) % N).tolist()
-    assert told(recording)
-
-
 LATE = [
     np.r_[0:6000, 6000 + late : 6000 + late + ahead, 6000 : 6000 + late, 6000 + late + ahead : N]
     for late, ahead in ((1, 1), (1, 40), (4, 14), (9, 5), (14, 10), (20, 5), (12, 12), (200, 200), (20, 300))
@@ -84,7 +44,6 @@ def test_rows_in_another_order_are_sorted(log, order):
     recording = log(TRUE[order], order)
     assert recording.channel("x").values.tolist() == list(range(N))
     assert recording.channel("x").stamps.tolist() == TRUE.tolist()
-    assert not told(recording)
 
 
 def test_rows_that_were_written_twice_are_dropped(log):
@@ -92,7 +51,6 @@ def test_rows_that_were_written_twice_are_dropped(log):
     recording = log(TRUE[order], order)
     assert recording.channel("x").values.tolist() == list(range(N))
     assert recording.streams["log"].duplicates == 1000
-    assert not told(recording)
 
 
 def test_a_log_appended_to_another_is_put_behind_it(log):
@@ -141,7 +99,6 @@ def test_pauses_and_slow_rows_are_believed(log, begin):
 def test_stamps_from_end_to_end_of_64_bits(log):
     times = TRUE.copy()
     times[[100, 5000, 9000]] = [-(2**63), 2**63 - 1, -(2**62)]
-    times[6000:] -= 2 * 10**9
     recording = log(times, range(N))
     assert (np.diff(recording.channel("x").values) > 0).all()
     assert recording.channel("x").values.size >= N - 3
