@@ -283,10 +283,6 @@ LOG_TEXTS: Mapping[str, Text] = {
         "the time has {value:n column}: each is that of the columns next to it, up to the next."
     ),
     "table.long": Text("{part}: tells whose values a row holds; a stream for each of {value:.0f} values ({names})."),
-    "table.perhaps_long": Text(
-        "several rows share each time: if {part} says whose values they hold, call it so in the header, such as 'joint_id' or"
-        " 'channel'."
-    ),
     "table.others_left_out": Text(
         "{part}: {value:n row} left out that hold the values of others than the first {limit:.0f}."
     ),

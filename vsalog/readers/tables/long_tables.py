@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -13,16 +12,15 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
-from vsalog.core.recording import Stamps, Values
+from vsalog.core.recording import Stamps
 from vsalog.core.significance import REPEATS
-from vsalog.readers.limits import MAX_ARRAY, MOST_EXCEPTIONS, MOST_PARTS, TIMES_LARGER
+from vsalog.readers.limits import MAX_ARRAY, MOST_EXCEPTIONS, MOST_PARTS
 from vsalog.readers.reach import Stamp
 from vsalog.readers.tables.cells import numbers_and_words
 from vsalog.readers.tables.dates import trimmed
 from vsalog.readers.tables.text import printable_cell
 from vsalog.readers.tables.time_columns import ClockColumn, ClockPlan, nanoseconds
 from vsalog.readers.tables.time_names import plain
-from vsalog.readers.tables.time_numbers import floats
 
 MOST_KEYS = 3
 """Columns that together name a part: a robot, its arm and a joint."""
@@ -35,222 +33,7 @@ BETWEEN = "\x1f"
 """Stands between the texts of several columns; no text has it."""
 Whole = Callable[[Sequence[int]], Iterable[Sequence[pa.Array]]]
 """Gives some columns from their first row to the last, part by part."""
-Numbers = NDArray[np.int64]
-
-
-@dataclass(frozen=True, slots=True)
-class _Candidate:
-    """A column of few words, or of few numbers that is called so.
-
-    Attributes
-    ----------
-    column : int
-        Which.
-    called : bool
-        Its name says that it names parts of a machine.
-    who : int array, shape (n,)
-        Its values in the first rows that have a time, as numbers.
-    """
-
-    column: int
-    called: bool
-    who: Numbers
-
-
-def find_keys(
-    names: Sequence[str], sample: Sequence[pa.Array], plan: ClockPlan, whole: Whole
-) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the columns that together say whose values a row holds, and those that may but are not called so.
-
-    Rows of different parts of a machine share each time among them, or come in turn, or come in blocks, each of which begins
-    with an earlier time than the block ahead ends. Words that change from row to row while the time goes on tell the parts apart
-    only where their column is called so, or values jump with them: else they say what one machine does.
-
-    Parameters
-    ----------
-    names, sample, plan, whole : as for `vsalog.readers.tables.long_tables.find_speakers`
-    """
-    clock = plan.clocks.get("column")
-    if clock is None:
-        return (), ()
-    stamps, good = nanoseconds([sample[i] for i in clock.columns], clock.form)
-    rows = _FirstRows(names, sample, plan, stamps, good)
-    named = [*rows.candidates(False)]
-    keys = rows.sharing(named)
-    while len(keys) < MOST_KEYS:
-        others = [one for one in named if one.column not in keys]
-        more = next((one for one in others if rows.take_turns(one, keys)), None) or next(
-            (one for one in others if _in_blocks(one, sample[one.column], keys, clock, whole)), None
-        )
-        if more is None:
-            break
-        keys = tuple(sorted((*keys, more.column)))
-    return keys, rows.sharing([*rows.candidates(True)]) if rows.repeat and not keys else ()
-
-
-class _FirstRows:
-    """The first rows of a table that have a time."""
-
-    def __init__(
-        self, names: Sequence[str], sample: Sequence[pa.Array], plan: ClockPlan, stamps: Stamps, good: NDArray[np.bool_]
-    ) -> None:
-        self._names, self._sample, self._clocks = names, sample, plan.columns()
-        self._good, self._times = good, stamps[good]
-
-    @property
-    def repeat(self) -> bool:
-        """Whether rows share their times."""
-        return len(self._times) > 1 and bool(np.mean(np.diff(self._times) == 0) > 1 / (2 * MOST_PARTS))
-
-    def candidates(self, numbered: bool) -> Iterator[_Candidate]:
-        """Yield the columns that may say whose values rows hold, those of numbers that are not called so only if asked for."""
-        for i, name in enumerate(self._names[: len(self._sample)]):
-            cells = self._sample[i]
-            if i in self._clocks or not (pa.types.is_string(cells.type) or pa.types.is_integer(cells.type)):
-                continue
-            called = _NAMED.search(plain(name)) is not None
-            numbers, words = numbers_and_words(pc.cast(cells, pa.string()))
-            if (called if numbers else words) or (numbered and _whole(cells)):
-                yield self._candidate(i, called)
-
-    def _candidate(self, column: int, called: bool) -> _Candidate:
-        codes = joined([self._sample[column]]).dictionary_encode().indices
-        return _Candidate(column, called, np.asarray(codes.to_numpy(zero_copy_only=False), np.int64)[self._good])
-
-    def sharing(self, candidates: Sequence[_Candidate]) -> tuple[int, ...]:
-        """Return the fewest columns that tell the rows of each time apart, none where rows do not share their times."""
-        if not self.repeat:
-            return ()
-        few = [one for one in candidates if 2 <= len(np.unique(one.who)) <= min(MAX_ARRAY, len(one.who) // 3)]
-        few = sorted(few, key=lambda one: not one.called)[:REPEATS]
-        for size in range(1, MOST_KEYS + 1):
-            for some in combinations(few, size):
-                who = _together([one.who for one in some])
-                count = len(np.unique(who))
-                most = len(who) // 3 if size == 1 else min(MOST_PARTS, len(who) // 2)
-                if 2 <= count <= most and self._share(who, count) and self._tell_apart(who):
-                    return tuple(sorted(one.column for one in some))
-        return ()
-
-    def _share(self, who: Numbers, count: int) -> bool:
-        return bool(np.mean(np.diff(self._times) == 0) > 1 / (2 * count))
-
-    def _tell_apart(self, who: Numbers) -> bool:
-        return len(np.unique(np.stack([self._times, who]), axis=1).T) > (1 - MOST_EXCEPTIONS) * len(who)
-
-    def take_turns(self, candidate: _Candidate, keys: Sequence[int]) -> bool:
-        """Tell whether rows of few parts of a machine alternate, among those that other columns say to be of one."""
-        others = (
-            _together([self._candidate(i, True).who for i in keys]) if keys else np.zeros(len(candidate.who), np.int64)
-        )
-        groups = [np.flatnonzero(others == other) for other in np.unique(others)]
-        return bool(groups) and all(self._alternate(candidate, rows) for rows in groups)
-
-    def _alternate(self, candidate: _Candidate, rows: Numbers) -> bool:
-        who, times = candidate.who[rows], self._times[rows]
-        count = len(np.unique(who))
-        if not 2 <= count <= min(MAX_ARRAY, len(who) // 3) or np.mean(np.diff(times) == 0) > 1 / (2 * count):
-            return False
-        changes = np.mean(np.diff(who) != 0)
-        if candidate.called and changes > 0.5:
-            return True
-        in_turn = np.mean(who[count:] == who[:-count]) > (1 - MOST_EXCEPTIONS) and changes > (1 - MOST_EXCEPTIONS)
-        return bool(in_turn) and any(_jump(values[rows], who) for values in self._values(candidate.column))
-
-    def _values(self, but: int) -> Iterator[Values]:
-        """Yield the columns of numbers."""
-        for i, cells in enumerate(self._sample):
-            if i != but and i not in self._clocks and np.isfinite(values := floats(cells)).any():
-                yield values[self._good]
-
-
-def _whole(cells: pa.Array) -> bool:
-    values = floats(cells)
-    return bool(np.isfinite(values).all() and (np.rint(values) == values).all())
-
-
-def _jump(values: Values, who: Numbers) -> bool:
-    """Tell whether values differ more from row to row than from one row of the same speaker to its next."""
-    order = np.argsort(who, kind="stable")
-    own = np.abs(np.diff(values[order]))[np.diff(who[order]) == 0]
-    across = np.abs(np.diff(values))
-    own, across = own[np.isfinite(own)], across[np.isfinite(across)]
-    if not own.size or not across.size or not own.any():  # what stays the same says no more than the words do
-        return False
-    return bool(np.median(across) > TIMES_LARGER * np.median(own))
-
-
-def _in_blocks(candidate: _Candidate, first: pa.Array, keys: Sequence[int], clock: ClockColumn, whole: Whole) -> bool:
-    """Tell whether the rows of one speaker follow those of another, with the same times once more.
-
-    Where the column is not called so, it may tell one experiment from the next: only dates, which do not begin again with every
-    log, say that blocks are of the same time. Where other columns are known to say whose values rows hold, the rows of each are
-    looked at by themselves.
-    """
-    if not 1 <= len(pc.unique(first)) <= min(MAX_ARRAY, len(first) // 3):
-        return False
-    changes = falls = both = 0
-    last: dict[str, tuple[str, int]] = {}
-    for cells in whole([candidate.column, *keys, *clock.columns]):
-        stamps, good = nanoseconds(cells[1 + len(keys) :], clock.form)
-        names, others = joined(cells[:1]), joined(cells[1 : 1 + len(keys)]) if keys else None
-        if others is not None:  # each one's rows behind one another
-            order = pc.array_sort_indices(others.dictionary_encode().indices)
-            names, others, stamps, good = names.take(order), others.take(order), stamps[order], good[order]
-        good &= ~_lonely(names)
-        kept = pa.array(good)
-        names, stamps = names.filter(kept), stamps[good]
-        if not len(names):
-            continue
-        if not candidate.called and stamps.min() < Stamp.YEAR_2000:
-            return False
-        changed, fell = _steps(names, stamps, others.filter(kept) if others is not None else None, last)
-        changes, falls = changes + int(changed.sum()), falls + int(fell.sum())
-        both += int((changed & fell).sum())
-    # Where rows come in blocks, the clock goes back at half the changes of two speakers, or more of more.
-    return both > 0 and both >= (0.5 - MOST_EXCEPTIONS) * changes and falls <= 2 * both
-
-
-def _steps(
-    names: pa.Array, stamps: Stamps, others: pa.Array | None, last: dict[str, tuple[str, int]]
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return where the speaker changes and where the clock goes back, from each row to the next of the same others.
-
-    Of those, `last` has the last row so far.
-    """
-    begins = np.zeros(len(names), bool)
-    begins[0] = True
-    if others is not None:
-        begins[1:] = np.asarray(pc.not_equal(others[1:], others[:-1]).to_numpy(zero_copy_only=False), bool)
-    changed = np.zeros(len(names), bool)
-    changed[1:] = np.asarray(pc.not_equal(names[1:], names[:-1]).to_numpy(zero_copy_only=False), bool)
-    fell = np.concatenate([[False], np.diff(stamps) < 0])
-    starts = np.flatnonzero(begins)
-    for start, end in zip(starts, [*starts[1:], len(names)], strict=True):
-        other = "" if others is None else others[int(start)].as_py()
-        name, stamp = last.get(other, (names[int(start)].as_py(), int(stamps[start])))
-        changed[start], fell[start] = names[int(start)].as_py() != name, stamps[start] < stamp
-        last[other] = names[int(end) - 1].as_py(), int(stamps[end - 1])
-    return changed, fell
-
-
-def _lonely(names: pa.Array) -> NDArray[np.bool_]:
-    """Return which rows have another name than both their neighbours, as where a name is damaged."""
-    changed = np.asarray(pc.not_equal(names[1:], names[:-1]).to_numpy(zero_copy_only=False), bool)
-    lonely: NDArray[np.bool_] = np.concatenate([[False], changed]) & np.concatenate([changed, [False]])
-    return lonely[: len(names)]
-
-
-def _together(columns: Sequence[Numbers]) -> Numbers:
-    """Return one number for each row that tells the values of several columns apart."""
-    _, codes = np.unique(np.stack(columns), axis=1, return_inverse=True)
-    return np.asarray(codes, np.int64).ravel()
-
-
-def joined(cells: Sequence[pa.Array]) -> pa.Array:
-    """Return the texts of several columns as one, "" for a blank."""
-    texts = [pc.fill_null(trimmed(one), "") for one in cells]
-    return texts[0] if len(texts) == 1 else pc.binary_join_element_wise(*texts, BETWEEN)
+Keys = tuple[int, ...]
 
 
 def find_speakers(
@@ -269,13 +52,138 @@ def find_speakers(
     whole : function
         Gives all rows of some columns.
     """
-    keys, perhaps = find_keys(names, sample, plan, whole)
-    if keys:
-        speakers = Speakers([names[i] for i in keys], keys, whole(keys))
-        return speakers, speakers.finding()
-    if not perhaps:
+    keys = find_keys(names, sample, plan, whole)
+    if not keys:
         return None, None
-    return None, Finding(code="table.perhaps_long", part=_called([names[i] for i in perhaps]))
+    speakers = Speakers([names[i] for i in keys], keys, whole(keys))
+    return speakers, speakers.finding()
+
+
+def find_keys(names: Sequence[str], sample: Sequence[pa.Array], plan: ClockPlan, whole: Whole) -> Keys:
+    """Return the columns that together say whose values a row holds: the fewest for each of whose values the time goes on.
+
+    Columns of words may say it where rows share their times. A column that is called so may also where rows take turns, and
+    where they come in blocks, with the same times once more; so may any where these are dates, which do not begin again with
+    every experiment.
+    """
+    clock = plan.clocks.get("column")
+    if clock is None:
+        return ()
+    called = {i for i, name in enumerate(names) if _NAMED.search(plain(name))}
+    able = [
+        i
+        for i, cells in enumerate(sample)
+        if i not in plan.columns()
+        and _may_name(cells, i in called)
+        and len(cells)
+        and len(pc.unique(cells)) <= MAX_ARRAY
+    ]
+    able = sorted(able, key=lambda i: i not in called)[:REPEATS]
+    first = [[sample[i] for i in (*able, *clock.columns)]]
+    keys = _keys(able, (), first, clock)
+    if not keys:
+        keys = next(((i,) for i in able if i in called and _alternates(sample[i])), ())
+    stamps, good = nanoseconds([sample[i] for i in clock.columns], clock.form)
+    dated = bool(good.any() and stamps[good].min() >= Stamp.YEAR_2000)
+    others = [i for i in able if i in {*keys, *called} or dated]
+    return _keys(others, keys, whole([*others, *clock.columns]), clock) if {*others} - {*keys} else keys
+
+
+def _may_name(cells: pa.Array, called: bool) -> bool:
+    """Tell whether a column holds words, or whole numbers and is called so."""
+    if not (pa.types.is_string(cells.type) or pa.types.is_integer(cells.type)):
+        return False
+    numbers, words = numbers_and_words(pc.cast(cells, pa.string()))
+    return called if numbers else words > 0
+
+
+def _alternates(cells: pa.Array) -> bool:
+    """Tell whether few values change from row to row, mostly."""
+    who = joined([cells]).dictionary_encode().indices.to_numpy()
+    return 2 <= who.max() + 1 <= len(who) // 3 and bool(np.mean(np.diff(who) != 0) > 0.5)
+
+
+def _keys(able: Sequence[int], known: Keys, parts: Iterable[Sequence[pa.Array]], clock: ClockColumn) -> Keys:
+    """Return the fewest columns, those known among them, for each of whose values the time goes on where it does not for all.
+
+    Parameters
+    ----------
+    able : sequence of int
+        Columns to choose from.
+    known : tuple of int
+        Columns that are sure.
+    parts : iterable of sequences of pyarrow arrays
+        Rows of the able ones and of the clock's columns, part by part.
+    clock : ClockColumn
+        Whose form is taken.
+    """
+    some = (one for size in range(len(known), MOST_KEYS + 1) for one in combinations(able, size))
+    tried = {
+        one: _Rows([able.index(i) for i in one], [able.index(i) for i in one if i not in known])
+        for one in some
+        if {*known} <= {*one}
+    }
+    for cells in parts:
+        stamps, good = nanoseconds(cells[len(able) :], clock.form)
+        texts = [joined([one]) for one in cells[: len(able)]]
+        for rows in tried.values():
+            rows.add(texts, stamps, good)
+    before = tried.pop(known)
+    for keys, rows in tried.items():
+        few = MOST_PARTS if known else min(MOST_PARTS, rows.count // (3 if len(keys) == 1 else 2))
+        goes_on = 2 * rows.back <= before.back and rows.back <= MOST_EXCEPTIONS * rows.count
+        # Where values change from row to row, it has to go back with them; blocks are long.
+        tells = before.back >= (0.5 - MOST_EXCEPTIONS) * rows.changes
+        if (
+            2 <= len(rows.last) <= few
+            and before.back
+            and goes_on
+            and (tells or rows.changes <= MOST_EXCEPTIONS * rows.count)
+        ):
+            return tuple(sorted(keys))
+    return known
+
+
+class _Rows:
+    """Counts how often the time does not go on for the values of some columns.
+
+    Attributes
+    ----------
+    last : dict of str to int
+        The last stamp [ns] of each value.
+    count, back, changes : int
+        Rows, those that are not later than the one before of the same value, and those where the value of new columns changes.
+    """
+
+    def __init__(self, places: Sequence[int], new: Sequence[int]) -> None:
+        self._places, self._new = places, new
+        self.last: dict[str, int] = {}
+        self.count = self.back = self.changes = 0
+
+    def add(self, texts: Sequence[pa.Array], stamps: Stamps, good: NDArray[np.bool_]) -> None:
+        """Take rows into account, those that have a time."""
+        coded, new = (
+            joined([texts[k] for k in places] or [pa.nulls(len(stamps), pa.string())]).dictionary_encode()
+            for places in (self._places, self._new)
+        )
+        self.changes += int(np.count_nonzero(np.diff(new.indices.to_numpy()[good])))
+        who = coded.indices.to_numpy()[good]
+        order = np.argsort(who, kind="stable")
+        who, stamps = who[order], stamps[good][order]
+        self.count += len(who)
+        self.back += int(np.count_nonzero((np.diff(who) == 0) & (np.diff(stamps) <= 0)))
+        begins = np.flatnonzero(np.diff(who, prepend=-1))
+        for begin, end in zip(begins.tolist(), [*begins[1:].tolist(), len(who)], strict=True):
+            name = coded.dictionary[int(who[begin])].as_py()
+            self.back += name in self.last and stamps[begin] <= self.last[name]
+            if name in self.last or len(self.last) <= MOST_PARTS:
+                self.last[name] = int(stamps[end - 1])
+
+
+def joined(cells: Sequence[pa.Array]) -> pa.Array:
+    """Return the texts of several columns as one, "" for a blank."""
+    texts = [pc.fill_null(trimmed(one), "") for one in cells]
+    return texts[0] if len(texts) == 1 else pc.binary_join_element_wise(*texts, BETWEEN)
 
 
 def _called(names: Sequence[str]) -> str:
