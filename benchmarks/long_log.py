@@ -138,13 +138,12 @@ class Mcap:
         from mcap.data_stream import RecordBuilder
         from mcap.records import Channel, Header, Schema
 
-        from vsalog.writers.recording_messages import ROS2_DEFINITIONS
+        from vsalog.writers.recording_messages import typestore
         from vsalog.writers.recording_topics import JOINT_STATE
 
         definitions = RecordBuilder()
-        Schema(id=1, name=JOINT_STATE, encoding="ros2msg", data=ROS2_DEFINITIONS[JOINT_STATE].encode()).write(
-            definitions
-        )
+        text, _ = typestore(True).generate_msgdef(JOINT_STATE, ros_version=2)
+        Schema(id=1, name=JOINT_STATE, encoding="ros2msg", data=text.encode()).write(definitions)
         for number, topic in enumerate(TOPICS, 1):
             Channel(id=number, schema_id=1, topic=topic, message_encoding="cdr", metadata={}).write(definitions)
         self.definitions = definitions.end()

@@ -16,8 +16,8 @@ from vsalog.core.recording import Channel, Recording, Stamps
 from vsalog.readers import open_reader, read
 from vsalog.rig.find import find_rig
 from vsalog.writers.recording_files import MARK, LogFiles, write_log
-from vsalog.writers.recording_parquet import write_parquet
-from vsalog.writers.recording_rosbag2 import write_rosbag2
+from vsalog.writers.recording_rosbags import write_rosbag2
+from vsalog.writers.recording_tables import write_parquet
 
 Array = NDArray[np.float64]
 START = 1_767_225_600_000_000_123
@@ -127,10 +127,10 @@ def test_nothing_is_left_behind_when_the_disk_is_full(
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    for module in ("recording_mcap", "recording_rosbag1", "recording_rosbag2"):
+    for module in ("recording_mcap", "recording_rosbags"):
         monkeypatch.setattr(f"vsalog.writers.{module}.merged_messages", full)
-    monkeypatch.setattr("vsalog.writers.recording_csv.pa_csv.write_csv", full)
-    monkeypatch.setattr("vsalog.writers.recording_parquet.pq.write_table", full)
+    monkeypatch.setattr("vsalog.writers.recording_tables.pa_csv.write_csv", full)
+    monkeypatch.setattr("vsalog.writers.recording_tables.pq.write_table", full)
     with pytest.raises(WriteError, match="No space left"):
         written(output, one_clock(), tmp_path, monkeypatch)
     assert list(tmp_path.iterdir()) == []

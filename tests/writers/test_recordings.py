@@ -18,10 +18,10 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from vsalog.core.errors import WriteError
 from vsalog.core.recording import Channel, Recording, Stamps
 from vsalog.simulation import awas_experiment, vsa2_experiment
-from vsalog.writers.recording_csv import write_csv
 from vsalog.writers.recording_mcap import write_mcap, write_topics_mcap
-from vsalog.writers.recording_messages import ROS2_DEFINITIONS, merged_messages
-from vsalog.writers.recording_rosbag1 import write_rosbag1
+from vsalog.writers.recording_messages import merged_messages
+from vsalog.writers.recording_rosbags import write_rosbag1
+from vsalog.writers.recording_tables import write_csv
 from vsalog.writers.recording_topics import FLOAT64, JOINT_STATE, Topic, scalar_topic, topic_name, topics_of
 
 Array = NDArray[np.float64]
@@ -144,12 +144,6 @@ def test_messages_are_those_of_a_reference_serialiser(cdr: bool) -> None:
         assert raw == bytes(serialise(message, JOINT_STATE))
 
 
-def test_definitions_are_those_of_ros2() -> None:
-    types = get_typestore(Stores.ROS2_HUMBLE)
-    for kind, text in ROS2_DEFINITIONS.items():
-        assert text == types.generate_msgdef(kind, ros_version=2)[0]
-
-
 def test_csv_reads_back_bit_for_bit(tmp_path: Path) -> None:
     written, path = mixed(), tmp_path / "a.csv"
     write_csv(written, path)
@@ -243,8 +237,8 @@ def test_nothing_is_left_behind_and_the_old_file_stays(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("vsalog.writers.recording_mcap.merged_messages", full)
-    monkeypatch.setattr("vsalog.writers.recording_rosbag1.merged_messages", full)
-    monkeypatch.setattr("vsalog.writers.recording_csv.pa_csv.write_csv", full)
+    monkeypatch.setattr("vsalog.writers.recording_rosbags.merged_messages", full)
+    monkeypatch.setattr("vsalog.writers.recording_tables.pa_csv.write_csv", full)
     with pytest.raises(WriteError, match="No space left"):
         writer(mixed(), path)
     assert [p.name for p in tmp_path.iterdir()] == ["a"]

@@ -11,9 +11,9 @@ import pytest
 from vsalog.core.recording import Recording
 from vsalog.readers import read
 from vsalog.simulation import Experiment, awas_experiment, elastic_experiment, vsa2_experiment
-from vsalog.writers.recording_csv import write_csv
 from vsalog.writers.recording_mcap import write_mcap
-from vsalog.writers.recording_rosbag1 import write_rosbag1
+from vsalog.writers.recording_rosbags import write_rosbag1
+from vsalog.writers.recording_tables import write_csv
 
 EXPERIMENTS = [vsa2_experiment, awas_experiment, elastic_experiment]
 FORMATS = [(write_mcap, "mcap"), (write_rosbag1, "rosbag1"), (write_csv, "csv")]

@@ -27,9 +27,9 @@ from vsalog.simulation.experiments import (
     vsa2_experiment,
 )
 from vsalog.writers.atomic import atomic_path, write_text
-from vsalog.writers.recording_csv import write_csv
 from vsalog.writers.recording_mcap import write_mcap
-from vsalog.writers.recording_rosbag1 import write_rosbag1
+from vsalog.writers.recording_rosbags import write_rosbag1
+from vsalog.writers.recording_tables import write_csv
 
 # The first experiments run as long as the paper's, the validating ones half as long, to keep the folder small.
 SECONDS = {1: 20.0, 2: 10.0}

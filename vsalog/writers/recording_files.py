@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from vsalog.core.errors import WriteError
 from vsalog.core.recording import Recording
 from vsalog.core.units import shown
 from vsalog.writers.atomic import atomic_path, check_path
-from vsalog.writers.recording_csv import write_csv
 from vsalog.writers.recording_mcap import write_mcap
-from vsalog.writers.recording_parquet import write_parquet
-from vsalog.writers.recording_rosbag1 import write_rosbag1
-from vsalog.writers.recording_rosbag2 import check_folder, write_rosbag2
+from vsalog.writers.recording_rosbags import check_folder, write_rosbag1, write_rosbag2
+from vsalog.writers.recording_tables import write_csv, write_parquet
 
 MCAP, ROSBAG1, CSV, PARQUET, ROSBAG2 = "mcap", "rosbag1", "csv", "parquet", "rosbag2"
 FORMATS = {".mcap": MCAP, ".bag": ROSBAG1, ".csv": CSV, ".parquet": PARQUET, "": ROSBAG2}
@@ -95,17 +94,11 @@ def write_log(recording: Recording, files: LogFiles, rig_text: str) -> None:
         if files.rig is not None:
             temporary = stack.enter_context(atomic_path(files.rig))
             temporary.write_text(f"{MARK}{shown(files.log.name)}.\n\n{rig_text}", encoding="utf-8")
-        _writer(files.format, rig_text)(recording, files.log)
-
-
-def _writer(kind: str, rig_text: str) -> Callable[[Recording, Path], None]:
-    """Return the writer of a format."""
-    if kind == MCAP:
-        return lambda recording, path: write_mcap(recording, path, rig_text)
-    if kind == PARQUET:
-        return lambda recording, path: write_parquet(recording, path, rig_text)
-    if kind == ROSBAG1:
-        return write_rosbag1
-    if kind == CSV:
-        return write_csv
-    return write_rosbag2
+        writers: dict[str, Callable[[Recording, Path], None]] = {
+            MCAP: partial(write_mcap, rig_text=rig_text),
+            PARQUET: partial(write_parquet, rig_text=rig_text),
+            ROSBAG1: write_rosbag1,
+            ROSBAG2: write_rosbag2,
+            CSV: write_csv,
+        }
+        writers[files.format](recording, files.log)

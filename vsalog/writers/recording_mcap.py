@@ -9,7 +9,7 @@ from mcap.writer import CompressionType, Writer
 
 from vsalog.core.recording import Recording
 from vsalog.writers.atomic import atomic_path
-from vsalog.writers.recording_messages import ROS2_DEFINITIONS, merged_messages
+from vsalog.writers.recording_messages import merged_messages, typestore
 from vsalog.writers.recording_topics import Topic, read_back_name, topics_of
 
 # The metadata record that carries the rig, and its key.
@@ -60,7 +60,8 @@ def write_topics_mcap(
         for name, entries in records.items():
             writer.add_metadata(name, entries)
         kinds = dict.fromkeys(topic.type for topic in topics)
-        schemas = {kind: writer.register_schema(kind, "ros2msg", ROS2_DEFINITIONS[kind].encode()) for kind in kinds}
+        definitions = {kind: typestore(True).generate_msgdef(kind, ros_version=2)[0].encode() for kind in kinds}
+        schemas = {kind: writer.register_schema(kind, "ros2msg", text) for kind, text in definitions.items()}
         channels = [
             writer.register_channel(topic.name, "cdr", schemas[topic.type], dict((stated or {}).get(topic.name, {})))
             for topic in topics

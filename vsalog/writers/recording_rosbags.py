@@ -1,4 +1,7 @@
-"""Recordings as ROS 2 bags: a folder of one SQLite file and its metadata."""
+"""Recordings as bags: of ROS 1, a file; of ROS 2, a folder of one SQLite file and its metadata.
+
+A bag has no place for a rig: write it next to the bag, as ``NAME.rig.toml``.
+"""
 
 from __future__ import annotations
 
@@ -6,22 +9,44 @@ import os
 import shutil
 import sqlite3
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2.errors import WriterError
-from rosbags.typesys import Stores, get_typestore
 
 from vsalog.core.errors import WriteError
 from vsalog.core.recording import Recording
-from vsalog.writers.recording_messages import merged_messages
-from vsalog.writers.recording_topics import topics_of
+from vsalog.writers.atomic import atomic_path
+from vsalog.writers.recording_messages import merged_messages, typestore
+from vsalog.writers.recording_topics import Topic, topics_of
+
+
+def write_rosbag1(recording: Recording, path: Path | str) -> None:
+    """Write a recording as a ROS 1 bag (version 2.0, bz2 chunks).
+
+    Parameters
+    ----------
+    recording : its channels are sorted into topics as `topics_of` says
+    path : appears when all is written; replaced when it is there
+
+    Raises
+    ------
+    WriteError
+        The file cannot be written, or the channels do not make topics.
+    """
+    topics = topics_of(recording)
+    with atomic_path(Path(path)) as temporary:
+        # The library insists on a file that is not there yet.
+        temporary.unlink()
+        writer = rosbag1.Writer(temporary)
+        writer.set_compression(rosbag1.Writer.CompressionFormat.BZ2)
+        _write(writer, topics, cdr=False)
 
 
 def write_rosbag2(recording: Recording, path: Path | str) -> None:
     """Write a recording as the folder of a ROS 2 bag: ``NAME.db3`` (sqlite3) and ``metadata.yaml``.
-
-    A bag has no place for a rig: write it next to the folder, as ``NAME.rig.toml``.
 
     Parameters
     ----------
@@ -36,17 +61,13 @@ def write_rosbag2(recording: Recording, path: Path | str) -> None:
     folder = Path(path)
     check_folder(folder)
     topics = topics_of(recording)
-    types = get_typestore(Stores.ROS2_HUMBLE)
     temporary: str | None = None
     try:
         temporary = tempfile.mkdtemp(prefix=".vsalog-", suffix=".part", dir=folder.parent)
         # The library names the files after the folder it is given.
         made = Path(temporary) / folder.name
         # Version 8 is read by ROS 2 Iron and all later ones.
-        with Writer(made, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
-            connections = [writer.add_connection(topic.name, topic.type, typestore=types) for topic in topics]
-            for stamp, index, _, message in merged_messages(topics, cdr=True):
-                writer.write(connections[index], stamp, message)
+        _write(rosbag2.Writer(made, version=8, storage_plugin=rosbag2.StoragePlugin.SQLITE3), topics, cdr=True)
         made.rename(folder)
     except OSError as error:
         raise WriteError(f"{folder}: cannot be written: {error.strerror or error}") from error
@@ -55,6 +76,13 @@ def write_rosbag2(recording: Recording, path: Path | str) -> None:
     finally:
         if temporary is not None:
             shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _write(writer: Any, topics: Sequence[Topic], cdr: bool) -> None:
+    with writer:
+        connections = [writer.add_connection(topic.name, topic.type, typestore=typestore(cdr)) for topic in topics]
+        for stamp, index, _, message in merged_messages(topics, cdr):
+            writer.write(connections[index], stamp, message)
 
 
 def check_folder(folder: Path) -> None:
