@@ -19,7 +19,6 @@ from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each
 from vsalog.readers.compression import FILE_RATIO
 from vsalog.readers.limits import GLANCE_BYTES, MAX_ARRAY
 from vsalog.readers.matlab_clock import find_clock, is_called_time, stamps_of
-from vsalog.readers.matlab_variables import is_v4
 from vsalog.readers.tables.row_times import row_clock
 from vsalog.readers.tables.text import unique_names
 
@@ -110,9 +109,6 @@ class MatlabReader:
             raise ReadError(f"the MATLAB file is damaged: {damage[0]}", self.path)
         if not found:
             self.findings.add(Finding(code="recording.no_variables"))
-        elif damage and is_v4(head):  # nothing tells that the one ahead of it is as long as it should be
-            evidence = {"reason": damage[0]}
-            self.findings.add(Finding(code="recording.values_doubtful", part=[*found][-1], evidence=evidence))
         elif damage:
             evidence = {"reason": damage[0]}
             self.findings.add(Finding(code="recording.variables_damaged", value=len(damage), evidence=evidence))

@@ -4,23 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from datetime import date
 
 import numpy as np
+import pyarrow as pa
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.limits import MOST_EXCEPTIONS
-from vsalog.readers.reach import Nanoseconds
-from vsalog.readers.tables.time_sizes import SERIAL, SHORTEST_STEP, SINCE, guessed_unit
+from vsalog.readers.tables.time_columns import nanoseconds
+from vsalog.readers.tables.time_sizes import guessed_unit
 
-_NANOSECONDS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
 _STATED = re.compile(r"_(s|ms|us|ns)$", re.IGNORECASE)
-_WRITTEN = "{}_{}"
-
-
-# Days since the year 0, as MATLAB's datenum and now give them, from 1900 to 2100.
-_DAYS = [date(year, 1, 1).toordinal() + 366 for year in (1900, 2100)]
 
 
 def find_clock(vectors: Mapping[str, Values]) -> tuple[str | None, Finding | None]:
@@ -53,28 +47,19 @@ def stamps_of(name: str, values: Values, whole: Stamps | None = None) -> tuple[S
         The same as whole numbers, where they are stored as such: floating point rounds those of 64 bits.
     """
     unit, doubts = _unit(name, values)
-    if unit not in SERIAL:
-        if whole is not None:
-            return whole * np.int64(_NANOSECONDS[unit]), doubts
-        return np.rint(values * _NANOSECONDS[unit]).astype(np.int64), doubts
-    days = np.floor(values)
-    stamps = (days - SERIAL[unit][2]).astype(np.int64) * Nanoseconds.DAY
-    return stamps + np.rint((values - days) * Nanoseconds.DAY).astype(np.int64), doubts
-
-
-def _unit(name: str, values: Values) -> tuple[str, list[Finding]]:
-    """Return the unit of a clock, or how it counts days, and what to tell of it."""
-    step = float(np.median(np.diff(values))) if values.size > 1 else 0.0
-    if _DAYS[0] <= values[0] and values[-1] <= _DAYS[1] and step < SHORTEST_STEP:
-        evidence = {"since": SINCE["datenum"], "otherwise": _WRITTEN.format(name, "s")}
-        return "datenum", [Finding(code="clock.counts_days", part=name, value=step, unit="d", evidence=evidence)]
-    stated = _STATED.search(name)
-    return (stated[1].lower(), []) if stated else guessed_unit(name, values, _WRITTEN)
+    stamps, _ = nanoseconds([pa.array(values if whole is None else whole)], unit)
+    return stamps, doubts
 
 
 def is_called_time(name: str) -> bool:
     """Tell whether a vector may be a clock by its path."""
     return _tells_of_time(name) or _is_time_name(name.rpartition(".")[2])
+
+
+def _unit(name: str, values: Values) -> tuple[str, list[Finding]]:
+    """Return the unit of a clock, or how it counts days, and what to tell of it."""
+    stated = _STATED.search(name)
+    return (stated[1].lower(), []) if stated else guessed_unit(name, values, "{}_{}")
 
 
 def _trouble(name: str, values: Values, strictly: bool) -> Finding | None:
@@ -86,10 +71,8 @@ def _trouble(name: str, values: Values, strictly: bool) -> Finding | None:
     falls = np.flatnonzero(steps <= 0 if strictly or np.mean(steps > 0) < (1 - MOST_EXCEPTIONS) else steps < 0)
     if falls.size:
         return Finding(code="clock.not_rising", part=name, value=int(rows[falls[0] + 1]) + 1)
-    # In nanoseconds, too, it has to fit into 64 bits.
-    unit, _ = _unit(name, values[rows])
-    fits = unit in SERIAL or float(np.abs(values[rows]).max()) < 9e18 / _NANOSECONDS[unit]
-    return None if fits else Finding(code="clock.no_times", part=name)
+    _, fits = nanoseconds([pa.array(values[rows])], _unit(name, values[rows])[0])
+    return None if fits.all() else Finding(code="clock.no_times", part=name)
 
 
 def _is_time_name(name: str) -> bool:

@@ -27,7 +27,7 @@ class V5(IntEnum):
 
 
 _V4 = struct.Struct("5i").size
-_TYPES = ("f8", "f4", "i4", "i2", "u2", "u1")
+_PRECISIONS = len(("f8", "f4", "i4", "i2", "u2", "u1"))
 _NAME = re.compile(rb"[A-Za-z]\w*\0+", re.ASCII)
 
 
@@ -41,7 +41,16 @@ class Part(NamedTuple):
 
 def is_v4(head: bytes) -> bool:
     """Tell whether a file begins with a matrix of version 4."""
-    return _length_v4(head) is not None
+    if len(head) < _V4:
+        return False
+    for number, order in enumerate("<>"):
+        kind, rows, columns, imaginary, name = struct.unpack_from(f"{order}5i", head)
+        machine, rest = divmod(kind, 1000)
+        precision, what = divmod(rest, 10)
+        right = machine == number and precision < _PRECISIONS and what in (0, 1, 2) and imaginary in (0, 1)
+        if right and min(rows, columns) >= 0 and _NAME.fullmatch(head[_V4 : _V4 + max(name, 0)]):
+            return True
+    return False
 
 
 def load(path: Path, more: int) -> tuple[dict[str, Any], list[str]]:
@@ -64,8 +73,8 @@ def load(path: Path, more: int) -> tuple[dict[str, Any], list[str]]:
     with path.open("rb") as file:
         size = file.seek(0, 2)
         file.seek(0)
-        parts_in = _parts_v4 if is_v4(file.read(_V4 + LONGEST_TEXT)) else _parts_v5
-        parts = list(islice(parts_in(file, size), MOST_STEPS))
+        whole = is_v4(file.read(_V4 + LONGEST_TEXT))  # nothing in it tells that a variable is as long as it should be
+        parts = [Part(0, size, b"")] if whole else list(islice(_parts(file, size), MOST_STEPS))
     try:
         results = sandboxed(partial(_read, path, parts), more)
     except SandboxError:  # one of them is to blame
@@ -129,7 +138,7 @@ def _plain(value: Any, depth: int) -> Any:
     return structures[0] if value.size == 1 else structures
 
 
-def _parts_v5(file: IO[bytes], size: int) -> Iterator[Part]:
+def _parts(file: IO[bytes], size: int) -> Iterator[Part]:
     """Yield the variables of a file of version 5, whose elements tell how long they are."""
     file.seek(0)
     head = file.read(V5.HEADER)
@@ -142,30 +151,3 @@ def _parts_v5(file: IO[bytes], size: int) -> Iterator[Part]:
         _, length = struct.unpack(order + "II", file.read(V5.TAG).ljust(V5.TAG, b"\0"))
         begin, at = at, at + V5.TAG + length
         yield Part(begin, at, head)
-
-
-def _parts_v4(file: IO[bytes], size: int) -> Iterator[Part]:
-    """Yield the variables of a file of version 4, up to where there is none."""
-    at = 0
-    while at < size:
-        file.seek(at)
-        length = _length_v4(file.read(_V4 + LONGEST_TEXT))
-        if length is None:
-            yield Part(at, at, b"")
-            return
-        yield Part(at, at + length, b"")
-        at += length
-
-
-def _length_v4(head: bytes) -> int | None:
-    """Return how many bytes a matrix of version 4 has, None where there is none."""
-    for number, order in enumerate("<>"):
-        if len(head) < _V4:
-            return None
-        kind, rows, columns, imaginary, name = struct.unpack_from(f"{order}5i", head)
-        machine, rest = divmod(kind, 1000)
-        precision, what = divmod(rest, 10)
-        right = machine == number and precision < len(_TYPES) and what in (0, 1, 2) and imaginary in (0, 1)
-        if right and min(rows, columns) >= 0 and _NAME.fullmatch(head[_V4 : _V4 + max(name, 0)]):
-            return int(_V4 + name + (1 + imaginary) * rows * columns * np.dtype(_TYPES[precision]).itemsize)
-    return None
