@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from vsalog.readers import read
 
@@ -29,11 +28,3 @@ def test_a_comma_in_quotes_is_no_thousand_among_fractions(tmp_path):
 def test_a_stray_quote_swallows_no_lines(tmp_path):
     log = read(write(tmp_path / "log.csv", "time,pos,tau", lambda i: f'"{i}' if i in (1000, 2500) else str(i)))
     assert len(log.channels["tau"].values) >= ROWS - 2
-
-
-@pytest.mark.parametrize("header", ['time,"pos\nof motor [deg]",tau', '"time","pos\nof\nmotor [deg]","tau"'])
-def test_a_name_may_go_on_in_the_next_line(tmp_path, header):
-    pos = next(iter(read(write(tmp_path / "log.csv", header, str)).channels.values()))
-    assert pos.name == "pos of motor"
-    assert pos.unit == "deg"
-    np.testing.assert_array_equal(pos.stamps[:3], [0, 1_000_000, 2_000_000])

@@ -11,7 +11,7 @@ DECODED_BYTES = 4 * 2**20
 """Bytes of text (rows of a table, a JSON message, definitions) that become objects at once: two may become one of fifty."""
 
 MOST_WAITING = 2**22
-"""Samples of a stream that memory is taken for ahead of them, or that wait for late ones before it is sorted as a whole."""
+"""Samples of a stream that wait for late ones before it is sorted as a whole."""
 
 BLOCK_ROWS = 8192
 """Samples a block has at most: large enough for NumPy, small enough that a log never sits in memory."""

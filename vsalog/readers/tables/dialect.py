@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from vsalog.core.finding import Finding
 from vsalog.readers.limits import MOST_EXCEPTIONS, SAMPLE_ROWS
-from vsalog.readers.tables.header import find_header, join_torn_names, names_a_clock, split_names, without_labview_head
+from vsalog.readers.tables.header import find_header, names_a_clock, split_names, without_labview_head
 from vsalog.readers.tables.source import without_holes
 from vsalog.readers.tables.text import (
     COMMA_NUMBER,
@@ -102,7 +102,6 @@ def detect(head: bytes, whole: bool) -> Dialect:
     if stated:
         lines[0] = ""
     of_labview = without_labview_head(lines)
-    join_torn_names(lines)
     said = [(i, line) for i, line in enumerate(lines) if line.strip() and not is_comment(line)]
     separator = stated[1] if stated else _separator([line for _, line in said])
     table = [(i, split(line, separator)) for i, line in said]

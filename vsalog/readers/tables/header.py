@@ -151,20 +151,6 @@ def without_labview_head(lines: list[str]) -> str:
     return written
 
 
-def join_torn_names(lines: list[str]) -> None:
-    """Put names in quotes together that go on in the next line; the lines that they go on in become blank."""
-    for i, line in enumerate(lines):
-        if line.count('"') % 2 == 0:
-            continue
-        for end in range(i + 2, min(i + 2 + FIRST_ROWS, len(lines) + 1)):
-            joined = " ".join(lines[i:end])
-            if joined.count('"') % 2 == 0:
-                rows = [split(joined, separator) for separator in SEPARATORS if separator.strip()]
-                if any(len(cells) > 1 and not any(is_value(cell, True) for cell in cells) for cells in rows):
-                    lines[i:end] = [joined] + [""] * (end - i - 1)
-                break
-
-
 def is_clock(name: str) -> bool:
     """Tell whether a column is called a clock; a date alone is none."""
     return rank_of(split_header(name)[0]) not in (None, Rank.DATED)
