@@ -264,3 +264,9 @@ def test_late_rows_make_no_speaker_of_a_word_that_changes_in_each_row(tmp_path, 
     rows = "".join(f"{t:.2f},{('up', 'down')[i % 3 % 2]},{i}\n" for i, t in enumerate(late))
     (tmp_path / "log.csv").write_text(f"time,direction,pos\n{rows}")
     assert list(read(tmp_path / "log.csv").channels) == ["pos"]
+
+
+def test_rows_without_any_time_name_nobody(tmp_path):
+    rows = "".join(f"{i // 2 / 100},{'ab'[i % 2]},{i}\n" for i in range(N))
+    (tmp_path / "log.csv").write_text(f"time,joint,pos\n{rows}" + "".join(f",a,{i}\n" for i in range(400_000)))
+    assert list(read(tmp_path / "log.csv").channels) == ["pos[a]", "pos[b]"]

@@ -173,7 +173,7 @@ class _Rows:
         self.count += len(who)
         self.back += int(np.count_nonzero((np.diff(who) == 0) & (np.diff(stamps) <= 0)))
         begins = np.flatnonzero(np.diff(who, prepend=-1))
-        for begin, end in zip(begins.tolist(), [*begins[1:].tolist(), len(who)], strict=True):
+        for begin, end in zip(begins.tolist(), [*begins[1:].tolist(), len(who)], strict=False):
             name = coded.dictionary[int(who[begin])].as_py()
             self.back += name in self.last and stamps[begin] <= self.last[name]
             if name in self.last or len(self.last) <= MOST_PARTS:
