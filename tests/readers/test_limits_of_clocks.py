@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vsalog.readers.header_stamps import HeaderStamps, far_from_others
-from vsalog.readers.tables.time_sizes import guessed_unit
+from vsalog.readers.tables.time_units import guessed_unit
 from vsalog.readers.values_by_turns import alternating
 
 MS = 10**6

@@ -12,7 +12,7 @@ from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.limits import MOST_EXCEPTIONS
 from vsalog.readers.tables.time_columns import nanoseconds
-from vsalog.readers.tables.time_sizes import guessed_unit
+from vsalog.readers.tables.time_units import guessed_unit
 
 _STATED = re.compile(r"_(s|ms|us|ns)$", re.IGNORECASE)
 

@@ -20,7 +20,7 @@ from vsalog.readers.base import Reader
 from vsalog.readers.reach import Stamp, within_reach
 from vsalog.readers.stream_clock import choose_clock
 from vsalog.readers.tables.time_columns import nanoseconds
-from vsalog.readers.tables.time_sizes import epoch_unit
+from vsalog.readers.tables.time_units import epoch_unit
 
 HOW = (
     "give seconds from the log's beginning, a number with a unit such as '2 min', a date such as 2026-01-31T12:00:05.5Z,"

@@ -10,7 +10,7 @@ from vsalog.core.finding import Finding, Findings
 from vsalog.core.units import is_known_by_heart, split_header
 from vsalog.readers.limits import FIRST_ROWS
 from vsalog.readers.tables.text import SEPARATORS, is_comment, is_value, printable_cell, split
-from vsalog.readers.tables.time_names import Rank, rank_of
+from vsalog.readers.tables.time_units import Rank, rank_of
 
 _NO_UNIT = ("-", "–", "1")
 _UNIT_LABEL = re.compile(r"^units?:\s*", re.IGNORECASE)

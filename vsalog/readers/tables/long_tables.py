@@ -20,7 +20,7 @@ from vsalog.readers.tables.cells import numbers_and_words
 from vsalog.readers.tables.dates import trimmed
 from vsalog.readers.tables.text import printable_cell
 from vsalog.readers.tables.time_columns import ClockColumn, ClockPlan, nanoseconds
-from vsalog.readers.tables.time_names import plain
+from vsalog.readers.tables.time_units import plain
 
 MOST_KEYS = 3
 """Columns that together name a part: a robot, its arm and a joint."""

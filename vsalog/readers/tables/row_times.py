@@ -1,8 +1,13 @@
-"""When the rows of a table were: what its clocks say, made to go on where they go back, or else their numbers."""
+"""When the rows of a table were: what its clocks say, made to go on where they go back, or else their numbers.
+
+Clocks go back at midnight, in autumn by an hour, where a counter is full, and where a log was appended.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
+from enum import IntEnum
 from itertools import product
 
 import numpy as np
@@ -10,10 +15,149 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from vsalog.core.errors import ReadError
-from vsalog.core.finding import Findings
+from vsalog.core.finding import Finding, Findings
 from vsalog.core.recording import Stamps
-from vsalog.readers.reach import Stamp
-from vsalog.readers.tables.time_columns import ClockColumn, folds_of, nanoseconds
+from vsalog.core.significance import REPEATS
+from vsalog.readers.reach import Nanoseconds, Stamp
+from vsalog.readers.tables.time_columns import ClockColumn, nanoseconds
+
+_FULL = tuple(2**32 * unit for unit in (1, 10**3, 10**6))
+"""How far counters of nanoseconds, microseconds and milliseconds reach that have 32 bits [ns]."""
+
+
+class SetBack(IntEnum):
+    """Hours by which clocks go back: where summer time ends, and those without AM and PM."""
+
+    SUMMER_TIME = 1
+    HALF_A_DAY = 12
+
+
+class Unfolding(ABC):
+    """Makes the stamps of a clock go on where the clock goes back, block by block."""
+
+    def __init__(self) -> None:
+        self._first: int | None = None
+        self._last = self._shift = 0
+
+    def unfold(self, stamps: Stamps, good: NDArray[np.bool_]) -> Stamps:
+        """Return a block's stamps [ns], shape (n,); those that are not `good` stay as they are."""
+        times = stamps[good]
+        if not times.size:
+            return stamps
+        if self._first is None:
+            self._first = self._last = int(times[0])
+        before = np.concatenate([[self._last], times[:-1]])
+        self._last = int(times[-1])
+        steps = np.clip(times - before, -Stamp.YEAR_2000, Stamp.YEAR_2000)
+        shifts = self._shift + np.cumsum(self._sizes(times, before, steps))
+        if not shifts.any():
+            return stamps
+        self._shift = int(shifts[-1])
+        unfolded = stamps.copy()
+        unfolded[good] = times + shifts
+        return unfolded
+
+    @abstractmethod
+    def _sizes(self, times: Stamps, before: Stamps, steps: Stamps) -> Stamps:
+        """Return by how much more each sample and those after it are put later [ns]."""
+
+    @abstractmethod
+    def findings(self) -> list[Finding]:
+        """Return what to tell."""
+
+
+class Folds(Unfolding):
+    """Of a clock that begins again after some time.
+
+    Parameters
+    ----------
+    period : int
+        After how long the clock wraps [ns].
+    dated : bool
+        A date column goes with it: it wraps only where the date stays the same, because that is the date of the log's begin.
+    """
+
+    def __init__(self, period: int, dated: bool) -> None:
+        super().__init__()
+        self._period, self._dated = period, dated
+        self._turns = self._most = 0
+        self._often = dict.fromkeys(map(int, SetBack), 0)
+
+    def _sizes(self, times: Stamps, before: Stamps, steps: Stamps) -> Stamps:
+        late = self._period // 24
+        wraps = steps < -self._period // 8  # no sample comes so late
+        if self._dated:
+            wraps &= (steps < late - self._period) & (times // Nanoseconds.DAY == before // Nanoseconds.DAY)
+        hours = np.zeros(len(steps), np.int64)
+        if (steps < 0).any() and self._period == Nanoseconds.DAY:
+            near = min(REPEATS * int(np.median(steps)), Nanoseconds.MINUTE)
+            for size in map(int, SetBack):
+                back = (steps > -size * Nanoseconds.HOUR) & (steps <= near - size * Nanoseconds.HOUR)
+                hours[back] = size
+                self._often[size] += int(np.count_nonzero(back))
+        # A sample from before midnight may come after it, or a date follow late.
+        turns = (wraps & (hours == 0)).astype(np.int64) - (np.abs(steps - self._period) < late)
+        total = self._turns + np.cumsum(turns)
+        self._turns, self._most = int(total[-1]), max(self._most, int(total.max()))
+        sizes: Stamps = hours * Nanoseconds.HOUR + turns * self._period
+        return sizes
+
+    def findings(self) -> list[Finding]:
+        """Return what to tell."""
+        what = {"what": "at midnight" if self._period == Nanoseconds.DAY else "after an hour"}
+        begun = [Finding(code="clock.restarts", value=self._most, evidence=what)] if self._most else []
+        return begun + [
+            Finding(code="clock.set_back", value=often, evidence={"hours": hours})
+            for hours, often in self._often.items()
+            if often
+        ]
+
+
+class Restarts(Unfolding):
+    """Of any other clock: what was appended to a log goes behind it, with a gap, and what follows an overflow goes on."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._step = self._count = self._overflows = 0
+
+    def _sizes(self, times: Stamps, before: Stamps, steps: Stamps) -> Stamps:
+        earlier, later = np.append(self._step, steps[:-1]), np.append(steps[1:], 0)
+        self._step = int(steps[-1])
+        falls = steps < 0
+        sizes = np.zeros(len(steps), np.int64)
+        if self._first is None or not falls.any():
+            return sizes
+        few = REPEATS * int(np.median(steps[steps > 0])) if (steps > 0).any() else 0
+        # The clock goes on from the first stamps; a single stamp that is wrong, before or here, is left where it is.
+        restarts = falls & (-steps > few) & (times <= self._first + few) & (np.maximum(earlier, later) < -steps // 2)
+        restarts &= (self._first < Stamp.YEAR_2000) & (-steps < Stamp.YEAR_2000)
+        restarts &= 2 * np.count_nonzero(falls) <= len(steps)  # else the newest rows are first
+        sizes[restarts] = few - steps[restarts]
+        for size in _FULL:
+            if few < size // 4:
+                sizes[falls & (before >= size - few) & (before < size) & (times <= few)] = size
+        overflows = np.isin(sizes, _FULL)
+        self._count += int(np.count_nonzero(restarts & ~overflows))
+        self._overflows += int(np.count_nonzero(overflows))
+        return sizes
+
+    def findings(self) -> list[Finding]:
+        """Return what to tell."""
+        found = (
+            Finding(code="clock.log_appended", value=self._count),
+            Finding(code="clock.overflows", value=self._overflows),
+        )
+        return [one for one in found if one.value]
+
+
+def folds_of(form: str) -> Unfolding:
+    """Return what makes a clock go on where it goes back."""
+    kind = form.partition(" ")[0]
+    if kind == "day":
+        return Folds(Nanoseconds.DAY, False)
+    if kind == "minutes":
+        return Folds(Nanoseconds.HOUR, False)
+    return Folds(Nanoseconds.DAY, True) if kind in ("date", "date+day") else Restarts()
 
 
 class RowTimes:

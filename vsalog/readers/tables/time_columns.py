@@ -19,10 +19,8 @@ from vsalog.readers.limits import MOST_EXCEPTIONS, SAMPLE_ROWS
 from vsalog.readers.reach import Nanoseconds
 from vsalog.readers.tables.dates import dates, dates_of, format_of, of_day, possible_formats, trimmed, without_midnight
 from vsalog.readers.tables.text import printable_cell
-from vsalog.readers.tables.time_folds import Folds, Restarts, Unfolding
-from vsalog.readers.tables.time_names import UNITS, Rank, plain, rank_of, stated_unit
 from vsalog.readers.tables.time_numbers import floats, is_numeric, multiplied, scaled_up
-from vsalog.readers.tables.time_sizes import EPOCH, SERIAL, guessed_unit
+from vsalog.readers.tables.time_units import EPOCH, SERIAL, UNITS, Rank, guessed_unit, plain, rank_of, stated_unit
 
 # Decimal digits from the unit to the nanosecond.
 _DIGITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
@@ -196,16 +194,6 @@ def digits_of(form: str) -> tuple[int, ...]:
     if kind == "pair":
         return _DIGITS["s"], _DIGITS[order or "ns"]
     return (_DIGITS[kind],) if kind in _DIGITS else ()
-
-
-def folds_of(form: str) -> Unfolding:
-    """Return what makes a clock go on where it goes back."""
-    kind = form.partition(" ")[0]
-    if kind == "day":
-        return Folds(Nanoseconds.DAY, False)
-    if kind == "minutes":
-        return Folds(Nanoseconds.HOUR, False)
-    return Folds(Nanoseconds.DAY, True) if kind in ("date", "date+day") else Restarts()
 
 
 def _form(name: str, unit: str | None, sample: pa.Array, rest: Rest) -> tuple[str | None, list[Finding]]:

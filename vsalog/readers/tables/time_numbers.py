@@ -33,7 +33,7 @@ def scaled_up(array: pa.Array, digits: int) -> tuple[Stamps, NDArray[np.bool_]]:
     if pa.types.is_integer(kind):
         return scaled(*integers(array), 10**digits)
     if pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_decimal(kind):
-        exact = _surely(array, digits) or _exact(array if pa.types.is_decimal(kind) else trimmed(array), digits)
+        exact = _exact(array if pa.types.is_decimal(kind) else trimmed(array), digits)
         if exact is not None:
             return exact
     return multiplied(array, 10.0**digits)
@@ -46,21 +46,6 @@ def multiplied(array: pa.Array, factor: float, origin: float = 0.0) -> tuple[Sta
         values = (floats(array) - origin) * factor
     good = np.isfinite(values) & (np.abs(values) < 2.0**63)
     return np.rint(np.where(good, values, 0.0)).astype(np.int64), good
-
-
-def _surely(array: pa.Array, digits: int) -> tuple[Stamps, NDArray[np.bool_]] | None:
-    """Scale decimal numbers by way of floating point, many times as fast, where all come so near to integers that it is exact."""
-    if pa.types.is_decimal(array.type):
-        return None
-    try:
-        numbers = pc.cast(array, pa.float64())
-    except pa.ArrowInvalid:
-        return None
-    if not is_exact(numbers, digits):
-        return None
-    return multiplied(pc.fill_null(numbers, 0.0), 10.0**digits)[0], np.asarray(
-        pc.is_valid(numbers).to_numpy(zero_copy_only=False), bool
-    )
 
 
 def is_exact(numbers: pa.Array, digits: int) -> bool:
