@@ -121,12 +121,12 @@ class Restarts(Unfolding):
         self._step = self._count = self._overflows = 0
 
     def _sizes(self, times: Stamps, before: Stamps, steps: Stamps) -> Stamps:
-        earlier, later = np.append(self._step, steps[:-1]), np.append(steps[1:], 0)
-        self._step = int(steps[-1])
+        ahead, self._step = self._step, int(steps[-1])
         falls = steps < 0
         sizes = np.zeros(len(steps), np.int64)
         if self._first is None or not falls.any():
             return sizes
+        earlier, later = np.append(ahead, steps[:-1]), np.append(steps[1:], 0)
         few = REPEATS * int(np.median(steps[steps > 0])) if (steps > 0).any() else 0
         # The clock goes on from the first stamps; a single stamp that is wrong, before or here, is left where it is.
         restarts = falls & (-steps > few) & (times <= self._first + few) & (np.maximum(earlier, later) < -steps // 2)

@@ -195,7 +195,7 @@ class Lines:
     def __init__(self, file: Source, encoding: str, separator: str, labels: Sequence[str] = ()) -> None:
         self.findings: list[Finding] = []
         self._file = file
-        self._above = b""
+        self._above: bytes | bytearray = b""
         self._buffer = bytearray(DECODED_BYTES)
         self._separator = separator
         self._decoder = None if encoding == "utf-8" else codecs.getincrementaldecoder(encoding)("replace")
@@ -206,11 +206,13 @@ class Lines:
 
     def blocks(self) -> Iterator[tuple[pa.Buffer, bool]]:
         """Yield the text, cut at ends of lines outside quotes, and whether it has quotes; a line that is too long has no end."""
-        rest, ended, damaged = b"", False, False
+        rest: bytes | bytearray = b""
+        ended = damaged = False
         while not ended:
-            raw, damaged = self._read()
-            ended = not raw
-            text = rest + (raw if self._decoder is None else self._decoder.decode(raw, final=ended).encode())
+            text, damaged = self._behind(rest)
+            ended = len(text) == len(rest)
+            if self._decoder is not None:
+                text = rest + self._decoder.decode(text[len(rest) :], final=ended).encode()
             # A line that is not whole waits for its end, which never comes where the file is damaged: half a number is another.
             end = _end_of_lines(text)
             if ended and not damaged:
@@ -222,15 +224,20 @@ class Lines:
                 self._above = text[max(end - GLANCE_BYTES, 0) : end]
                 yield self._plain(text, end), b'"' in text
 
-    def _read(self) -> tuple[memoryview, bool]:
-        """Return what comes next, which is overwritten when it is asked for more, and whether the file is damaged there."""
+    def _behind(self, rest: bytes | bytearray) -> tuple[bytes | bytearray, bool]:
+        """Return a text with what comes next, and whether the file is damaged there; the same memory is taken for the next."""
+        if len(self._buffer) < 2 * len(rest):
+            self._buffer = bytearray(4 * len(rest))
+        self._buffer[: len(rest)] = rest
+        size, damaged = len(rest), False
         try:
-            return memoryview(self._buffer)[: self._file.readinto(self._buffer)], False
+            size += self._file.readinto(memoryview(self._buffer)[size:]) or 0
         except DAMAGE as error:
             self.findings.append(_damage(error))
-            return memoryview(b""), True
+            damaged = True
+        return self._buffer if size == len(self._buffer) else bytes(memoryview(self._buffer)[:size]), damaged
 
-    def _end_of_file(self, text: bytes, end: int) -> int:
+    def _end_of_file(self, text: bytes | bytearray, end: int) -> int:
         """Return where the text ends, without a last line that has no end and may be cut off."""
         last = text[end:].decode("utf-8", "replace")
         above = (self._above + text[max(end - GLANCE_BYTES, 0) : end]).decode("utf-8", "replace").splitlines()
@@ -239,7 +246,7 @@ class Lines:
         self.findings.append(Finding(code="table.last_line_left_out", evidence={"line": printable_cell(last)}))
         return end
 
-    def _plain(self, text: bytes, end: int) -> pa.Buffer:
+    def _plain(self, text: bytes | bytearray, end: int) -> pa.Buffer:
         if self._separator != WHITESPACE and self._labelled is None and text.isascii():
             return pa.py_buffer(text).slice(0, end)
         text = text[:end].decode("utf-8", "replace").replace("\ufeff", "").encode()
@@ -248,7 +255,7 @@ class Lines:
         return pa.py_buffer(text if self._labelled is None else self._labelled.sub(self._bare, text))
 
 
-def _end_of_lines(text: bytes) -> int:
+def _end_of_lines(text: bytes | bytearray) -> int:
     """Return where the last whole line ends that no quotes hold together with the next, 0 where there is none."""
     mark = b"\n" if b"\n" in text else b"\r"
     end = last = text.rfind(mark) + 1
