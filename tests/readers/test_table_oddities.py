@@ -330,3 +330,9 @@ def test_excel_writes_a_mark_a_separator_and_the_encoding_of_windows(tmp_path):
         path.write_bytes(raw)
         assert content(read(path)) == {"Winkel": ([1.5, 2.5], "°")}
         assert stamps(read(path)) == [S // 10, S // 5]
+
+
+def test_seconds_far_apart_that_begin_again_are_read(table):
+    """What lies between them is too much to be put behind ten of their steps in 64 bits."""
+    recording = table("sec,nanosec,x\n0,0,1\n1700000000,0,2\n0,5,3\n1700000001,4,4\n1700000001,5,5\n")
+    assert 5 in recording.channel("x").values

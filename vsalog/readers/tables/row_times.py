@@ -127,7 +127,7 @@ class Restarts(Unfolding):
         if self._first is None or not falls.any():
             return sizes
         earlier, later = np.append(ahead, steps[:-1]), np.append(steps[1:], 0)
-        few = REPEATS * int(np.median(steps[steps > 0])) if (steps > 0).any() else 0
+        few = min(REPEATS * int(np.median(steps[steps > 0])), Stamp.YEAR_2000) if (steps > 0).any() else 0
         # The clock goes on from the first stamps; a single stamp that is wrong, before or here, is left where it is.
         restarts = falls & (-steps > few) & (times <= self._first + few) & (np.maximum(earlier, later) < -steps // 2)
         restarts &= (self._first < Stamp.YEAR_2000) & (-steps < Stamp.YEAR_2000)
