@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from vsalog.readers.carried import LEAST_TOGETHER
+from vsalog.readers.columns_together import LEAST_TOGETHER
 from vsalog.readers.tables.time_columns import ClockColumn, ClockPlan, nanoseconds
 
 
