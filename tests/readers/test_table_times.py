@@ -175,6 +175,12 @@ def test_midnights_far_apart_and_late_samples(table):
     assert values_of(recording, "clock.restarts") == [len(falls)]
 
 
+def test_a_sample_a_day_is_a_day_apart(table):
+    """A step of a day undoes a midnight that was counted, and none was."""
+    found = table("time,q\n" + "".join(f"2024-01-{day:02},{day * day % 7}\n" for day in range(1, 13)))
+    np.testing.assert_array_equal(np.diff(found.channel("q").stamps), 86_400 * 10**9)
+
+
 def test_a_gap_of_a_night_is_no_step_back(table):
     recording = table("time,x", *noon("01:00:00", "01:00:01", "23:30:00", "23:30:01")[1:])
     assert since_first(recording) == [0, S, 81_000 * S, 81_001 * S]

@@ -118,9 +118,6 @@ LOG_TEXTS: Mapping[str, Text] = {
         "{value:n variable} of the MATLAB file damaged and left out ({reason}).", "The rest was read."
     ),
     "recording.no_variables": Text("the MATLAB file holds no variables (was it cut off?)."),
-    "recording.values_doubtful": Text(
-        "the MATLAB file is damaged ({reason}): read up to there, of '{part}' values may be wrong."
-    ),
     "recording.column_damaged": Text(
         "column '{part}' is damaged: {value:.0f} of its {rows:n row} are NaN, rows {begin} to {end} and {more:n more stretch}"
         " ({reason})."

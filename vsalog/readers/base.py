@@ -11,7 +11,6 @@ from vsalog.core.recording import Stamps, Values
 
 DOUBTFUL = frozenset(
     (
-        "recording.values_doubtful",
         "compressed.bad_checksum",
         "compressed.damaged",
         "compressed.rows_left_out",

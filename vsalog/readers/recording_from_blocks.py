@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection
 from pathlib import Path
 
-from msgspec import structs
-
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.finding_texts import sentence
@@ -141,9 +139,7 @@ def _bytes_of(path: Path) -> int:
 def _placed(name: str, samples: Samples, time: str) -> tuple[Stream, Stamps, dict[str, Values], list[Finding]]:
     """Put a stream on its clock and in order: what is known of it, its stamps, its columns, and what is odd about its time."""
     clock = choose_clock(samples.clocks, time)
-    reason = samples.timeless if clock.source == "none" else clock.reason
-    if reason is not None and clock.source != "none":
-        reason = structs.replace(reason, part=name, evidence={**reason.evidence, "used": clock.source})
+    reason = samples.timeless if clock.source == "none" else clock.reason_for(name)
     samples = samples.without(clock.off)
     delay_median, delay_spread = delay_of(samples.clocks, clock.source)
     stamps, columns, order = in_order(samples.clocks[clock.source], samples.columns)

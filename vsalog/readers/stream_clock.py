@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from msgspec import structs
 
 from vsalog.core.column import is_mapped
 from vsalog.core.finding import Finding
@@ -40,6 +41,12 @@ class Clock:
     source: str
     reason: Finding | None
     off: Stamps
+
+    def reason_for(self, stream: str) -> Finding | None:
+        """Return why it is this one of a stream, where that is to be told."""
+        if self.reason is None:
+            return None
+        return structs.replace(self.reason, part=stream, evidence={**self.reason.evidence, "used": self.source})
 
 
 def choose_clock(clocks: Mapping[str, Stamps], time: str) -> Clock:

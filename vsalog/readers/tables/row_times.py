@@ -95,11 +95,12 @@ class Folds(Unfolding):
                 back = (steps > -size * Nanoseconds.HOUR) & (steps <= near - size * Nanoseconds.HOUR)
                 hours[back] = size
                 self._often[size] += int(np.count_nonzero(back))
-        # A sample from before midnight may come after it, or a date follow late.
-        turns = (wraps & (hours == 0)).astype(np.int64) - (np.abs(steps - self._period) < late)
-        total = self._turns + np.cumsum(turns)
-        self._turns, self._most = int(total[-1]), max(self._most, int(total.max()))
-        sizes: Stamps = hours * Nanoseconds.HOUR + turns * self._period
+        # A sample from before midnight may come after it, or a date follow late: that undoes a turn, where there was one.
+        walk = self._turns + np.cumsum((wraps & (hours == 0)).astype(np.int64) - (np.abs(steps - self._period) < late))
+        turns = walk - np.minimum(np.minimum.accumulate(walk), 0)
+        changes = np.diff(turns, prepend=self._turns)
+        self._turns, self._most = int(turns[-1]), max(self._most, int(turns.max()))
+        sizes: Stamps = hours * Nanoseconds.HOUR + changes * self._period
         return sizes
 
     def findings(self) -> list[Finding]:
