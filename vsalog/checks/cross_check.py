@@ -155,7 +155,7 @@ class CrossCheck:
             found = _bound(recordings, device.joint, joint, [role], ()) if _is_sensor(role) else None
             if found is not None:
                 self.moves[role] = FEWEST_LEVELS * found.resolution.get(role, 0.0)
-                self.sensors[role] = _sensed(found.stamps, found.run, found.roles[role], found.period)
+                self.sensors[role] = sensed_by_run(found.stamps, found.run, found.roles[role], found.period)
         if motor := motor_roles(device, joint, read):
             signals = _bound(recordings, device.joint, joint, motor, setpoints)
             if signals is not None:
@@ -170,7 +170,7 @@ class CrossCheck:
             role, (_, std, sure) = f"{MOTOR} {name}", _torque(columns)
             # Not what it fits, which would show where its basis ends; noise is averaged out anyway.
             torque = np.asarray(columns["flexibility_torque"], float)
-            self.sensors[role] = _sensed(trace.stamps, trace.run, torque, signals.period)
+            self.sensors[role] = sensed_by_run(trace.stamps, trace.run, torque, signals.period)
             self.moves[role], self.claimed[role] = 0.0, float(np.median(std[sure])) if sure.any() else 0.0
 
     def add(self, trace: Trace) -> None:
@@ -254,7 +254,9 @@ def _is_sensor(role: str) -> bool:
     return role.startswith("torque_sensor") or role == ANGLE
 
 
-def _sensed(stamps: NDArray[np.int64], runs: NDArray[np.int32], values: Array, period: float) -> dict[int, Sensed]:
+def sensed_by_run(
+    stamps: NDArray[np.int64], runs: NDArray[np.int32], values: Array, period: float
+) -> dict[int, Sensed]:
     """Tell the runs apart: each log has a clock of its own."""
     return {int(run): Sensed(stamps[runs == run], values[runs == run], period) for run in np.unique(runs)}
 

@@ -1,4 +1,4 @@
-"""Stiffness and torque beside the rig's own spring: a torque in the wrong unit, or a gear that is counted once too often."""
+"""Stiffness and torque compared with the rig's own spring: a torque in the wrong unit, or a gear ratio counted twice."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.checks.check import Context, Watch
+from vsalog.checks.cross_check import sensed_by_run
 from vsalog.core.finding import Finding, Text
 from vsalog.core.finding_texts import add_texts
 from vsalog.core.signals import JointSignals
@@ -24,10 +25,10 @@ LARGEST_RATIO = 10.0**0.5
 
 
 class NominalSpring:
-    """Compares the stiffness with that of the rig, and the motor's torque with what moves the rig's motor and spring.
+    """Compares the stiffness with the rig's spring, and the motor torque with what the rig's inertia and spring need.
 
-    Of a motor's torque that is recorded ten times too large the spring's torque seems to be most: the stiffness is too large.
-    Of one that is too small the motor's inertia is, and there is no stiffness that could be compared.
+    Where the motor torque is recorded ten times too large, it dominates the residual, and the stiffness is too large. Where it is
+    recorded too small, the motor's inertia dominates, and no stiffness is excited that could be compared.
     """
 
     name = "nominal"
@@ -40,16 +41,23 @@ class NominalSpring:
         """Begin, where the rig has a spring of known type."""
         views = [v for v in context.device.transmissions if not isinstance(v.nominal, UnknownTransmission)]
         motors = [v.name for v in views if v.motor_torque in context.read and v.motor.inertia is not None]
-        return _Ratios(context.device, views, context.signals, motors) if views else None
+        return _Ratios(context.device, views, context.look, motors) if views else None
 
 
 class _Ratios:
     def __init__(
         self, device: Device, views: Sequence[TransmissionView], signals: JointSignals, motors: Sequence[str]
     ) -> None:
-        self.device, self.views, self.signals = device, views, signals
-        # Second moments of a motor's torque, recorded and expected: of the expected one, of both, of the recorded one.
-        self.torques = {name: np.zeros(3) for name in motors}
+        self.device, self.views = device, views
+        self.recorded = {
+            v.name: sensed_by_run(
+                signals.stamps, signals.run, np.asarray(signals.roles[v.motor_torque]), signals.period
+            )
+            for v in views
+            if v.name in motors
+        }
+        # Sums of products of 1, the expected and the recorded torque, shape (3, 3).
+        self.moments = {name: np.zeros((3, 3)) for name in motors}
         # Of each block, of excited samples and of the others: how many, median of log σ/σ_rig, median of σ_rig.
         self.medians: dict[tuple[str, bool], list[tuple[int, float, float]]] = {}
 
@@ -68,9 +76,9 @@ class _Ratios:
             torque[known], rig[known] = torque_and_stiffness(
                 view.nominal, phi[known], None if c is None else c[known], trace.time[known]
             )
-            if view.name in self.torques:
+            if view.name in self.recorded:
                 fed = np.asarray(columns["flexibility_torque"], dtype=np.float64)
-                self._add_torques(view, trace, fed - torque)
+                self._add_torques(view.name, trace, fed - torque)
             excited = np.asarray(columns["excited"], dtype=np.bool_)
             for sure in (True, False):
                 use = known & (found > 0.0) & (excited == sure)
@@ -83,23 +91,27 @@ class _Ratios:
                     counted = (int(np.count_nonzero(inside)), *medians)
                     self.medians.setdefault((view.name, sure), []).append(counted)
 
-    def _add_torques(self, view: TransmissionView, trace: Trace, more: Array) -> None:
-        """Take recorded torques into account, and by how much `more` the rig's motor and spring take."""
-        rows = np.searchsorted(self.signals.stamps, trace.stamps)
-        recorded = np.asarray(self.signals.roles[view.motor_torque])[rows]
-        expected = recorded + more
-        both = np.isfinite(expected)
-        x, y = expected[both], recorded[both]
-        self.torques[view.name] += x @ x, x @ y, y @ y
+    def _add_torques(self, name: str, trace: Trace, missing: Array) -> None:
+        """Take recorded motor torques into account, and what is `missing` of the torque that the rig needs [N·m]."""
+        for run, recorded in self.recorded[name].items():
+            rows = trace.run == run
+            y = recorded.at(trace.stamps[rows])
+            x = y + missing[rows]
+            known = np.isfinite(x)
+            columns = np.stack([np.ones(int(known.sum())), x[known], y[known]])
+            self.moments[name] += columns @ columns.T
 
     def findings(self) -> Iterator[Finding]:
         """Yield the transmissions whose stiffness or torque is another order of magnitude than the rig's.
 
-        Samples that are not excited count where none is. Noise in either torque bends a slope, and the slope the other way
-        round to the other side: both have to say it.
+        Samples that are not excited count where none is. Of two torques the changes are compared, since an offset is no scale.
+        Noise of one biases its slope over the other; both slopes have to say it.
         """
         for view in self.views:
-            xx, xy, yy = self.torques.get(view.name, np.zeros(3))
+            if view.name not in self.moments or not (count := self.moments[view.name][0, 0]) > 1.0:
+                continue
+            sums = self.moments[view.name]
+            (xx, xy), (_, yy) = (sums[1:, 1:] - np.outer(sums[0, 1:], sums[0, 1:]) / count) / count
             if not xy > 0.0 or xy**2 < MOST_NOISE * xx * yy:
                 continue
             if yy / xy < 1.0 / LARGEST_RATIO or xy / xx > LARGEST_RATIO:
@@ -129,7 +141,7 @@ class _Ratios:
 
 TEXTS = {
     "motor_torque.scale": Text(
-        "{part}: the torque is {value:.3g} times what moves the rig's motor and spring as they moved.",
+        "{part}: its changes are {value:.3g} times those of the torque that the rig's inertia and spring need for this motion.",
         "Its unit or scale is wrong, or a gear ratio, or inertia and spring in the rig: check the units under"
         " [joint.{joint}.signals].",
     ),
