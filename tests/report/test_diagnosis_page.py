@@ -189,7 +189,7 @@ def test_the_gain_in_multiples_of_the_noise():
     found = curves_of(chart)
     assert found["rig as it stands"].x == pytest.approx([40.0])
     assert found["extended rig"].x == pytest.approx([2.0])
-    ends = found["95 % interval of what is left"].x
+    ends = found["95 % interval of the remaining error"].x
     assert np.nanmin(ends) == pytest.approx(0.025 * 40.0)
     assert np.nanmax(ends) == pytest.approx(0.1 * 40.0)
     assert found["rig as it stands"].symbol != found["extended rig"].symbol

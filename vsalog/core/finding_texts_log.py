@@ -105,7 +105,7 @@ LOG_TEXTS: Mapping[str, Text] = {
         "{part}: {value:n sample} with the stamp of another but other values dropped.", "The first of each was kept."
     ),
     "recording.held_in_memory": Text(
-        "{part}: samples come {value:.3g} s out of order, so very many were held in memory at once to sort them."
+        "{part}: samples come {value:.3g} s out of order, so many of them were held in memory at once to sort them."
     ),
     "recording.too_long_for_memory": Text(
         "is too long for memory, so what its filters and scales are derived from, and whether its signals are plausible, was"

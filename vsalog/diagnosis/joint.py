@@ -143,7 +143,7 @@ def diagnose_joint(
     name, joint : of the rig
     signals : of the log, bound without undoing what the rig says of sensors and drives
     holdout : of another log, bound alike
-    progress : told what is being done
+    progress : called with the step that begins
     stated : tolerances of the rig, as the joint feels them
 
     Raises

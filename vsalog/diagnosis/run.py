@@ -51,7 +51,7 @@ class Options:
 
     Attributes
     ----------
-    rig : a loaded rig, a rig file or a preset's name; looked for in and beside the log when absent
+    rig : a loaded rig, a rig file or a preset's name; looked for in the log and next to it when absent
     joints : names of the joints wanted; all when empty
     set : key → value of the rig
     rate, time : as for `estimate`
@@ -97,7 +97,7 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
     log : to learn from
     holdout : another log of the same machine, to measure the gain on
     options : what is asked for
-    progress : told what is being done
+    progress : called with the step that begins
 
     Raises
     ------

@@ -70,7 +70,7 @@ def suggest(rig: Rig, found: Sequence[JointDiagnosis], progress: Progress = lamb
     ----------
     rig : as it stands
     found : about each joint; the first one that has causes confused is asked about, else the first
-    progress : told what is being done
+    progress : called with the step that begins
 
     Raises
     ------

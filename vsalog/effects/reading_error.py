@@ -63,7 +63,7 @@ def measured(errors: Sequence[ReadingError], m: Array, gain: float, rounds: int,
     m : its readings, less offset and drift
     gain : of the sensor
     rounds : at most
-    left : ends once a round changes none by more than this part of the largest, or of 1; what is left is its square
+    left : relative change at which the iteration ends; it converges quadratically
     """
     x = m / gain
     far = abs(sum(e.largest[0] for e in errors) / gain)

@@ -30,7 +30,7 @@ def estimate(
     Parameters
     ----------
     logs : a log's path or a recording, or several that make one model
-    rig : a rig, its file or a preset's name; what the log carries, or lies beside it, when absent
+    rig : a rig, its file or a preset's name; that in the log, or next to it, when absent
     joints : names of the joints wanted; all when empty
     estimator : ``residual-rls``, ``qr-rls``, ``batch-ls``, ``direct``, ``algebraic``, ``impedance``,
         ``impedance-coupled``, ``grioli-bicchi``, ``grioli-parametric``, ``acceleration-observer``, ``pam-ukf``,

@@ -47,7 +47,7 @@ class Options:
 
     Attributes
     ----------
-    rig : a loaded rig, a rig file or a preset; looked for in and beside the log when absent
+    rig : a loaded rig, a rig file or a preset; looked for in the log and next to it when absent
     joints : names of the joints wanted; all when empty
     estimator : a method's name or ``auto``
     tune : NAME → VALUE of the method's tuning
@@ -164,7 +164,7 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
     ----------
     logs : paths, or recordings read before
     options : what is asked for
-    progress : told what is being done
+    progress : called with the step that begins
 
     Raises
     ------

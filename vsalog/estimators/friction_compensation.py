@@ -1,4 +1,4 @@
-"""What moves a rotor beside its transmission: motor torque and torques of effects less dry friction, before anything is filtered.
+"""The torque on a rotor except its transmission's: motor torque plus torques of effects minus dry friction, before filtering.
 
 Dry friction jumps where the velocity changes its sign. Were it told from filtered signals and taken off a filtered torque, the
 jump would be sharp on one side and smeared on the other; so it is taken off first, and all is filtered alike.
@@ -57,7 +57,7 @@ class FrictionCompensationState:
 
 
 class FrictionCompensation:
-    """Put in the place of each motor torque what is left of it once friction and effects such as cogging are accounted for.
+    """Replace each motor torque by the net torque: plus effects such as cogging, minus dry friction.
 
     With a causal filter the velocity is the kinematic Kalman filter's; else that of a cubic fitted around each sample, which
     holds samples back by half its window.

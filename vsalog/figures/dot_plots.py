@@ -101,9 +101,8 @@ def _before_and_after(kind: str, title: str, words: str, label: str, rows: Seque
         # Bars with caps, a little below, where the mark does not hide them.
         at, cap = y - 0.24, 0.06
         x = strokes(low, low, low, high, high, high)
-        curves.append(
-            Curve("95 % interval of what is left", x, strokes(at - cap, at + cap, at, at, at + cap, at - cap), "model")
-        )
+        y_bars = strokes(at - cap, at + cap, at, at, at + cap, at - cap)
+        curves.append(Curve("95 % interval of the remaining error", x, y_bars, "model"))
     curves.append(Curve("extended rig", after, y, "model", "points", symbol="circle"))
     axes = Axes(label, "", tuple(curves), rows=tuple(r.name for r in rows), x_log=True)
     return Chart(kind, title, words, (axes,))

@@ -1,4 +1,4 @@
-"""Figures of equations' residuals: with and without a cause over the variable that reveals it, and what is left in the end."""
+"""Figures of equations' residuals: with and without a cause over the variable that reveals it, and the remaining residual."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def means_over(x: Array, y: Array) -> Means:
     held = count > 0
     mean = np.bincount(index, e) / np.maximum(count, 1)
     square = float(np.sum(e**2))
-    # What does not vary tells nothing.
+    # A constant variable explains nothing.
     left = 1.0 if np.ptp(v) == 0.0 else float(np.sum((e - mean[index]) ** 2)) / square if square > 0.0 else 0.0
     return Means(np.bincount(index, v)[held] / count[held], mean[held], left)
 

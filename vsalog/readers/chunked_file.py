@@ -37,9 +37,9 @@ class ChunkedFile(ABC):
     Attributes
     ----------
     chunks : dict of int to Chunk
-        What the index tells of chunks, by their positions.
+        Times and connections of each chunk by its position, from the index.
     counted : mapping of int to int
-        How many messages connections have, as the index tells.
+        Number of messages of each connection, from the index.
 
     Raises
     ------
@@ -63,7 +63,7 @@ class ChunkedFile(ABC):
 
     @abstractmethod
     def has_index(self) -> bool:
-        """Tell whether there is a sound index at the end, and learn what it tells."""
+        """Tell whether there is a sound index at the end, and read it."""
 
     @abstractmethod
     def connections(self) -> list[Connection]:
@@ -115,12 +115,12 @@ class ChunkedFile(ABC):
         Raises
         ------
         ReadError
-            Only a part is read, and the index tells two things of what is in it.
+            Only a part is read, and the index contradicts itself about it.
         """
         return ahead(in_packets(self._items(ids, None)))
 
     def beginnings(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield the chunks in which connections begin, as far as the index tells them."""
+        """Yield the chunks with the first messages of connections, as far as there is an index."""
         self.connections()
         begins: dict[int, int] = {}
         for position in sorted(self.chunks, reverse=True):
@@ -129,7 +129,7 @@ class ChunkedFile(ABC):
         return in_packets(self._items(ids, [(position, position + 1) for position in chosen]))
 
     def narrow(self, part: Part) -> bool:
-        """Pass by chunks without a message of a part of the log, where the index tells of chunks."""
+        """Skip chunks without a message in a part of the log, where the index lists chunks."""
         self.connections()
         self._part = part
         return bool(self.chunks)

@@ -103,7 +103,7 @@ def together(columns: Sequence[str], partial: Mapping[str, _Bits], messages: int
 
 
 def _are_together(one: bytes, other: bytes, counts: int) -> bool:
-    """Tell whether most messages that have either of two columns, which have so many together, have both."""
+    """Tell whether most messages with either of two columns have both; `counts` is the sum of their numbers."""
     both = _count(np.frombuffer(one, np.uint8) & np.frombuffer(other, np.uint8))
     return both >= LEAST_TOGETHER * (counts - both)
 

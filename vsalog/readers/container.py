@@ -79,7 +79,7 @@ class Container(Protocol):
         ...
 
     def beginnings(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield messages with which connections begin, as far as an index tells where."""
+        """Yield the first messages of connections, as far as an index says where they are."""
         ...
 
     def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
@@ -91,7 +91,7 @@ class Container(Protocol):
         ...
 
     def sample(self, budget: int) -> Sample | None:
-        """From now on read about so many bytes only, in stretches from the first message to the last, and tell which.
+        """Limit reading to stretches spread over the log, of a given total size, and return them.
 
         None where that would be half of the log or more, or cannot be done; of several files some may be cut then.
         """

@@ -1,4 +1,4 @@
-"""How far header stamps are from the log's times, told from samples of a log.
+"""How far header stamps are from the log's times, estimated from samples of a log.
 
 A part of a log is asked for by header stamps, and its index knows log times. Where the two are close in samples from all over
 the log, only what lies around that part is read. What is read is held against what the samples promised, so that a stamp

@@ -1,4 +1,4 @@
-"""The frame in messages' headers: where two publishers share a channel, as two IMUs on one topic, it alone tells them apart."""
+"""The frame in messages' headers: it alone distinguishes two publishers that share a channel, as two IMUs on one topic."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from vsalog.readers.packets import Bytes, Integers, Messages
 class At(IntEnum):
     """Byte of a message at which a part of it begins (std_msgs/Header).
 
-    Ahead of the stamp is a sequence number (ROS 1) or what tells the byte order (ROS 2).
+    Ahead of the stamp is a sequence number (ROS 1) or the encapsulation header with the byte order (ROS 2).
     """
 
     FRAME = 4 + 8

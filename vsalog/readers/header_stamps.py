@@ -1,6 +1,6 @@
 """Header stamps held against the log's times: which of them are none, and whether the others can be times of measurements.
 
-What tells is the *delay* of a sample, its log time less its header stamp. A few stamps with a delay unlike that of their
+The criterion is the *delay* of a sample, its log time minus its header stamp. A few stamps with a delay unlike that of their
 neighbours are none: nobody filled them in, or a bit of them flipped. Where the delay changes for good at once, since stamps step
 back or ahead, the header's clock was set, as by NTP or a restarted controller. Samples that come late step as well; but after
 those the delay is what it was before, or the log's times come in a burst.
@@ -151,7 +151,7 @@ def far_from_others(delay: Stamps) -> NDArray[np.bool_]:
     """Tell which header stamps cannot be the time of their samples by the delays [ns], shape (n,), of all."""
     off: NDArray[np.bool_] = np.abs(delay) > Nanoseconds.DAY
     if delay.size > 2 * LONGEST_OUTLIER and delay.max() - delay.min() > LARGEST_LEAP:
-        # At either end those beside the last are looked at twice, lest it vouch for itself.
+        # At either end the neighbours of the last sample count twice, so that it does not confirm itself.
         padded = np.pad(delay, LONGEST_OUTLIER, mode="reflect")
         around = np.lib.stride_tricks.sliding_window_view(padded, 2 * LONGEST_OUTLIER + 1)
         off |= np.abs(delay - np.median(around, axis=1)) > LARGEST_LEAP

@@ -73,7 +73,7 @@ def load(path: Path, more: int) -> tuple[dict[str, Any], list[str]]:
     with path.open("rb") as file:
         size = file.seek(0, 2)
         file.seek(0)
-        whole = is_v4(file.read(_V4 + LONGEST_TEXT))  # nothing in it tells that a variable is as long as it should be
+        whole = is_v4(file.read(_V4 + LONGEST_TEXT))  # the format has no checksum of a variable's length
         parts = [Part(0, size, b"")] if whole else list(islice(_parts(file, size), MOST_STEPS))
     try:
         results = sandboxed(partial(_read, path, parts), more)

@@ -90,7 +90,7 @@ class McapContainer(ChunkedFile):
             raise ReadError("is no MCAP file", self.path)
 
     def has_index(self) -> bool:
-        """Tell whether there is a sound summary at the end, and learn what it tells."""
+        """Tell whether there is a sound summary at the end, and read it."""
         if self._indexed is None:
             try:
                 self._indexed = self._summary()

@@ -126,7 +126,7 @@ def read(
             part = open_reader(file, rate)
             if isinstance(part, BagReader) and part.narrow(*bounds, time, channels):
                 known = {name for name in first.catalogue().channels if channels is None or name in channels}
-                with suppress(ReadError):  # nothing lies there: what the whole log has tells where to look
+                with suppress(ReadError):  # there is nothing in the window: read the whole log to say where there is
                     recording = cut(recorded(part), *bounds, known)
                 part = open_reader(file, rate)
             recording = recording or cut(recorded(part), *bounds)

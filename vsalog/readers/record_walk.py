@@ -68,7 +68,7 @@ class RecordWalk(ABC):
         """Return where the first record surely begins in a stretch of the file from a position on; -1 where none does."""
 
     def lose(self, position: int, reason: str, read: int = 0) -> None:
-        """Note that no more than so many messages of the last chunk, which begins at a position, can be read."""
+        """Note that the last chunk, at `position`, is damaged, and that `read` of its messages could be read."""
         self.damage.append(Damage(self.chunks, position, read, reason))
 
     def heads(self, position: int) -> Iterator[Head]:

@@ -64,7 +64,7 @@ def _gather(path: Path, reader: Reader, wanted: Collection[str] | None, room: in
         reader.findings.append(Finding(code="clock.beyond_reach", value=absurd))
     for one in gathered.values():
         for column in [column for column in one.columns if column in reader.unread]:
-            del one.columns[column]  # only the last block tells that a column holds no number at all
+            del one.columns[column]  # that a column holds no number at all is known after the last block
     return gathered
 
 

@@ -70,7 +70,7 @@ class Rosbag1Container(ChunkedFile):
         return {} if self._pieces else {number: max(count, FIRST_ROWS) for number, count in self.counted.items()}
 
     def has_index(self) -> bool:
-        """Tell whether there is a sound index at the end, and learn what it tells."""
+        """Tell whether there is a sound index at the end, and read it."""
         with self.open() as file:
             return bool(self._indexed(file))
 

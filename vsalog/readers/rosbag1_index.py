@@ -81,7 +81,7 @@ class IndexCheck:
             raise ReadError("the bag's index contradicts itself")
 
     def findings(self, damage: Sequence[Damage], chunks: int) -> list[Finding]:
-        """Return what is lost with damaged chunks of so many, or otherwise, and what differs."""
+        """Return what is missing and what differs; `chunks` is how many chunks there are, `damage` what is wrong with some."""
         lost = sum(max(self._told.get(one.position, 0) - one.read, 0) for one in damage)
         found = []
         if damage:

@@ -93,7 +93,7 @@ class SqliteContainer:
         return True
 
     def beginnings(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield nothing: where topics begin, no index tells."""
+        """Yield nothing: SQLite files have no index of the first message of each topic."""
         yield from ()
 
     def sample(self, budget: int) -> Sample | None:
@@ -211,7 +211,7 @@ class SqliteContainer:
             self.findings.add(Finding(code="recording.row_numbers_missing", value=last - first + 1 - count))
 
     def _ends(self) -> tuple[int, int]:
-        """Return the first and the last row number; 0 and -1 where they cannot be told."""
+        """Return the first and the last row number; 0 and -1 where they are unknown."""
         query = "SELECT {}(rowid) FROM messages"  # of both in one, all rows would be looked at
         try:
             first, last = (self._database.execute(query.format(which)).fetchone()[0] for which in ("min", "max"))

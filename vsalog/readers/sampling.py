@@ -21,7 +21,7 @@ from vsalog.readers.sampling_tables import cut_parquet, cut_text
 from vsalog.readers.sniff import sniff
 
 Cutter = Callable[[Path, Path, int], Sample | None]
-"""Cuts about so many bytes of a log (first path) into a file (second path); None where that is no less than the whole."""
+"""Copies about a given number of bytes of a log (first path) into a file (second path); None where that would be all of it."""
 
 CUTTERS: Mapping[str, Cutter] = {"parquet": cut_parquet, "table": cut_text}
 

@@ -43,7 +43,7 @@ class Clock:
     off: Stamps
 
     def reason_for(self, stream: str) -> Finding | None:
-        """Return why it is this one of a stream, where that is to be told."""
+        """Return why a stream is on this clock, as a finding, where it is not the first choice."""
         if self.reason is None:
             return None
         return structs.replace(self.reason, part=stream, evidence={**self.reason.evidence, "used": self.source})

@@ -53,7 +53,7 @@ class TreeDecoder(ABC):
         self._fields = Fields(prefix, wanted)
         self.unread = self._fields.unread
         self._left = 0  # parts of the message that may still be looked at
-        # What tells of a message's clock and frame is no signal, by where its clock is.
+        # Fields of a message's clock and frame are no signals; which they are follows from where its clock is.
         self._told_by: dict[tuple[str, ...], set[str]] = {
             clock: {".".join((prefix, *path)) for path in (*FRAMES, clock) if path} for clock in ((), *STAMPS)
         }
@@ -188,7 +188,7 @@ class TreeDecoder(ABC):
 
 
 def stamp_of(seconds: int, fraction: int) -> int:
-    """Return a time stamp [ns] of seconds and nanoseconds, `Stamp.NEVER` where no time has so many."""
+    """Return a time stamp [ns] of seconds and nanoseconds, `Stamp.NEVER` where they are out of range."""
     stamp = seconds * Nanoseconds.SECOND + fraction
     return stamp if 0 <= fraction < Nanoseconds.SECOND and abs(stamp) < Stamp.FARTHEST else Stamp.NEVER
 

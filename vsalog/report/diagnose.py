@@ -1,4 +1,4 @@
-"""What `diagnose` says, as a document: the verdict, causes, errors before and after, what is left, the next experiment."""
+"""What `diagnose` says, as a document: verdict, causes, errors before and after, remaining residual, next experiment."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def write_diagnosis(
     ----------
     log, holdout, options : of `vsalog.diagnosis.run.diagnose`
     folder : where to; the current one when absent
-    progress : told what is being done
+    progress : called with the step that begins
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What a diagnosis tells people, made of its codes and numbers: the account, the causes, what is left, the next experiment."""
+"""The sentences of a diagnosis, made of its codes and numbers: summary, causes, remaining residual, next experiment."""
 
 from __future__ import annotations
 

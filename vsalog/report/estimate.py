@@ -73,7 +73,7 @@ def write_estimate(
     job : ready to run
     outputs : where to
     provenance : as `Job.provenance` gives it, which takes a hash of the logs; asked for when absent
-    progress : told what is being done
+    progress : called with the step that begins
     layout : of the trace's table, where it is not to be as a trace gives it
 
     Raises

@@ -68,7 +68,7 @@ class Outputs:
 
     @property
     def written(self) -> dict[str, str]:
-        """What each file is that is told of, and its path."""
+        """The files that the summary names: what each is → its path."""
         told = {"trace": self.trace, "model": self.model, "log of the trace": self.mcap}
         return {what: str(path) for what, path in told.items() if path is not None}
 

@@ -132,7 +132,7 @@ def write_validation(
     model, logs, options : of `vsalog.validation.run.validate`
     folder : where to; the current one when absent
     figures : folder for figures as files, or None
-    progress : told what is being done
+    progress : called with the step that begins
 
     Returns
     -------

@@ -264,7 +264,7 @@ def _measured(m: Array, gain: float, errors: tuple[ReadingError, ...]) -> Array:
 
 
 def said(joint: Any, role: str, truth: Mapping[str, Array], time: Array) -> Array:
-    """Return what a sensor makes of the truth: gain · x(t − delay) + offset + drift · t + errors(x(t − delay)).
+    """Return the reading of a sensor: gain · x(t − delay) + offset + drift · t + errors(x(t − delay)).
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ def validate(
     model : that `estimate` wrote
     logs : other experiments
     options : what is asked for
-    progress : told what is being done
+    progress : called with the step that begins
     draw : given what figures draw, one transmission at a time
 
     Raises

@@ -33,7 +33,7 @@ class Batch(NamedTuple):
     cells : mapping of int to pyarrow array
         Columns, by their numbers.
     expected : int
-        How many rows the table has in all, 0 where nothing tells.
+        How many rows the table has in all, 0 where it is unknown.
     """
 
     row: int
@@ -49,7 +49,7 @@ class Batch(NamedTuple):
 class ColumnarReader(ABC):
     """Reads a table, whatever it is stored as; see `vsalog.readers.base.Reader`.
 
-    A subclass tells names, units and first rows of the columns and calls `_interpret`; it gives rows by `_batches`.
+    A subclass finds names, units and first rows of the columns and calls `_interpret`; `_batches` yields its rows.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class ColumnarReader(ABC):
         keys : tuple of int
             Columns that are known to say together whose values a row holds.
         streams : mapping of int to str, optional
-            The stream of each column, where the file tells.
+            The stream of each column, where the file states it.
         """
         self._plan = plan
         self._slots = Slots(self._names, self._sample)

@@ -1,4 +1,4 @@
-"""The unit of a clock: stated by its name or header, or else told by the size and the steps of its numbers."""
+"""The unit of a clock: stated by its name or header, or else guessed from the size and the steps of its numbers."""
 
 from __future__ import annotations
 
