@@ -76,7 +76,6 @@ class Gathered:
     def add(self, block: Block) -> None:
         """Take a block in."""
         # Room for samples that a log promises is no memory before it is filled.
-        # What is made room for is no memory before it is filled.
         room = min(block.expected, AT_ONCE_BYTES // 8)
         for kind, stamps in block.clocks.items():
             if kind not in self.clocks:
