@@ -1,15 +1,15 @@
 """Reading logs into columns, beside rosbags and rerun-sdk on the same files in the same run.
 
-    python -m benchmarks.readers [--minutes 10] [--rounds 5]
+    python -m benchmarks.readers [--minutes 10] [--rows 10000000] [--rounds 5]
 
-Four topics at 1 kHz (JointState with three joints, WrenchStamped, FluidPressure, Imu: 2.4 million messages in 10 minutes) as MCAP
-(zstd), ROS 1 bag (lz4) and ROS 2 bag (sqlite3). Every number is noise in steps, but for covariances, which are zero as most
-drivers leave them. vsalog reads all channels through `vsalog.readers.read`; rosbags deserialises every message with its
-`AnyReader` and does nothing with it, rerun-sdk turns an MCAP file into Arrow. The floor is reading, decompressing and copying the
-chunks. Last, MCAP files of JointStates of 1 to 200 joints at random, always in one order or in
-another one in every message. A text table of a million rows of six numbers is compared with polars by CPU time. Each runs in
-a process of its own, in turn, round after round; compared are the least times. vsalog's process tells its peak of resident
-memory. Exits with 1 where a target is missed. Needs Linux.
+Four topics at 1 kHz (JointState with three joints, WrenchStamped, FluidPressure, Imu: 2.4 million messages in 10 minutes) as
+MCAP (zstd), ROS 1 bag (lz4) and ROS 2 bag (sqlite3). Every number is noise in steps, but for covariances, which are zero as
+most drivers leave them. vsalog reads all channels through `vsalog.readers.read`; rosbags deserialises every message with its
+`AnyReader` and does nothing with it, rerun-sdk turns an MCAP file into Arrow. The floor is reading, decompressing and copying
+the chunks. Last, MCAP files of JointStates of 1 to 200 joints at random, always in one order or in another one in every
+message. A text table of ten million rows of six numbers is compared with polars, and the same as Parquet with pyarrow, both to
+NumPy arrays. Each runs in a process of its own, in turn, round after round; compared are the least times. vsalog's process
+tells its peak of resident memory. Exits with 1 where a target is missed. Needs Linux.
 """
 
 from __future__ import annotations
@@ -30,8 +30,10 @@ from benchmarks.measure import machine
 START, PERIOD = 1_700_000_000_000_000_000, 1_000_000
 BLOCK, MARK = 10_000, 0.123456789
 # Least ratio of rosbags' time to vsalog's, and of rerun-sdk's; most memory [bytes]; most of the floor's time.
-TARGETS = {"mcap": 20.0, "bag": 30.0, "db3": 6.0, "random": 0.5, "shuffled": 0.05}
-RERUN, MEMORY, FLOOR = 2.0, 400 * 2**20, 4.0
+TARGETS = {"mcap": 20.0, "bag": 25.0, "db3": 6.0, "random": 0.5, "shuffled": 0.05}
+RERUN, MEMORY, FLOOR = 2.5, 400 * 2**20, 1.5
+# Most of the time that polars takes for a text table and pyarrow for Parquet; most memory [bytes].
+TABLES, TABLE_MEMORY = {"csv": 1.2, "parquet": 1.5}, 2**30
 JOINTS, RANDOM_ROWS = 200, 10_000
 # Seconds that each way of reading has in a round.
 A_TURN = 2.0
@@ -68,27 +70,38 @@ begin = time.perf_counter()
 rows = sum(chunk.num_rows for chunk in McapReader(sys.argv[1]).stream().to_chunks())
 print(time.perf_counter() - begin, rows)
 """
-TABLE_ROWS = 1_000_000
 READ_TABLE = """
 import sys, time
 from pathlib import Path
 from vsalog.readers import read
 path = Path(sys.argv[1])
-read(path.with_name("short.csv"))
-begin = time.process_time()
+read(path.with_stem("short"))
+begin, cpu = time.perf_counter(), time.process_time()
 recording = read(path)
-print(time.process_time() - begin, len(recording.channel("x0").values))
+status = Path("/proc/self/status").read_text().split()
+print(time.process_time() - cpu, time.perf_counter() - begin, 1024 * int(status[status.index("VmHWM:") + 1]))
 """
 POLARS = """
 import sys, time
 from pathlib import Path
 import polars
 path = Path(sys.argv[1])
-polars.read_csv(path.with_name("short.csv"))
-begin = time.process_time()
+polars.read_csv(path.with_stem("short"))
+begin, cpu = time.perf_counter(), time.process_time()
 table = polars.read_csv(path)
 columns = [table[name].to_numpy() for name in table.columns]
-print(time.process_time() - begin, len(columns[0]))
+print(time.process_time() - cpu, time.perf_counter() - begin, 0)
+"""
+PYARROW = """
+import sys, time
+from pathlib import Path
+import pyarrow.parquet
+path = Path(sys.argv[1])
+pyarrow.parquet.read_table(path.with_stem("short"))
+begin, cpu = time.perf_counter(), time.process_time()
+table = pyarrow.parquet.read_table(path)
+columns = [column.to_numpy() for column in table.columns]
+print(time.process_time() - cpu, time.perf_counter() - begin, 0)
 """
 COPY = """
 import struct, sys, time
@@ -246,29 +259,46 @@ def write_table(path: Path, rows: int) -> None:
     pyarrow.csv.write_csv(pa.table({"time": np.arange(rows) / 1000, **columns}), path)
 
 
-def tables(folder: Path, rounds: int) -> None:
-    """Print how many times polars' CPU time a text table takes; Arrow's parser alone takes about as much as all of polars."""
-    path = folder / "table.csv"
-    write_table(folder / "short.csv", 200)
-    write_table(path, TABLE_ROWS)
-    ways = {"vsalog": READ_TABLE, "polars": POLARS}
-    found = {way: min(run(code, path)[0] for _ in range(rounds)) for way, code in ways.items()}
-    own, other = found["vsalog"], found["polars"]
-    print(f"csv      vsalog {own:6.2f} s of CPU; polars {other:6.2f} s: {own / other:5.2f} x that")
+def tables(folder: Path, rows: int, rounds: int) -> bool:
+    """Print CPU and wall-clock time of reading a text table and the same as Parquet; tell whether targets are met."""
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    met = True
+    for stem, count in (("short", 200), ("table", rows)):
+        write_table(folder / f"{stem}.csv", count)
+        pyarrow.parquet.write_table(pyarrow.csv.read_csv(folder / f"{stem}.csv"), folder / f"{stem}.parquet")
+    for ending, name, code in (("csv", "polars", POLARS), ("parquet", "pyarrow", PYARROW)):
+        path = folder / f"table.{ending}"
+        found: dict[str, list[tuple[float, ...]]] = {"vsalog": [], name: []}
+        for _ in range(rounds):
+            found["vsalog"].append(run(READ_TABLE, path))
+            found[name].append(run(code, path))
+        (cpu, wall, _), (other_cpu, other_wall, _) = (map(min, zip(*runs, strict=True)) for runs in found.values())
+        peak = max(memory for _, _, memory in found["vsalog"])
+        good = wall <= TABLES[ending] * other_wall and peak <= TABLE_MEMORY
+        met &= good
+        print(
+            f"{ending:9}vsalog {wall:6.2f} s, {cpu:6.2f} s of CPU, {peak / 2**20:5.0f} MiB; {name} {other_wall:6.2f} s, "
+            f"{other_cpu:6.2f} s: {wall / other_wall:5.2f} x, {cpu / other_cpu:5.2f} x that   {'met' if good else 'MISSED'}",
+            flush=True,
+        )
+        path.unlink()
+    return met
 
 
-def run(code: str, path: Path) -> tuple[float, int]:
-    """Run a piece of Python on a log; return the two numbers it prints, of which the first is its time [s]."""
+def run(code: str, path: Path) -> tuple[float, ...]:
+    """Run a piece of Python on a log; return the numbers it prints, of which the first is its time [s]."""
     done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True)
     if done.returncode != 0:
         sys.exit(f"failed on {path.name}: {done.stderr[-2000:]}")
-    seconds, other = done.stdout.split()
-    return float(seconds), int(other)
+    return tuple(map(float, done.stdout.split()))
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--rows", type=int, default=10_000_000, help="of the tables")
     parser.add_argument("--rounds", type=int, default=5)
     asked = parser.parse_args()
     rows = round(asked.minutes * 60_000)
@@ -279,7 +309,7 @@ def main() -> int:
         folder = Path(name)
         (folder / "short").mkdir()
         if find_spec("polars"):
-            tables(folder, asked.rounds)
+            met &= tables(folder, asked.rows, asked.rounds)
         for ending, write in WRITERS.items():
             path = folder / {"db3": "log", "mcap": "log.mcap", "bag": "log.bag"}.get(ending, f"{ending}.mcap")
             for where, count in ((folder / "short" / path.name, 200), (path, rows)):
@@ -287,7 +317,7 @@ def main() -> int:
             ways = {"vsalog": READ, "rosbags": ROSBAGS}
             if ending == "mcap":
                 ways |= {"floor": COPY} | ({"rerun": RERUN_SDK} if find_spec("rerun") else {})
-            found: dict[str, list[tuple[float, int]]] = {way: [] for way in ways}
+            found: dict[str, list[tuple[float, ...]]] = {way: [] for way in ways}
             for _ in range(asked.rounds):
                 for way, code in ways.items():
                     # What else a machine does strikes a short run more than a long one: each has its time.
@@ -304,7 +334,7 @@ def main() -> int:
     return 0 if met else 1
 
 
-def told(ending: str, seconds: dict[str, float], peak: int) -> bool:
+def told(ending: str, seconds: dict[str, float], peak: float) -> bool:
     """Print a line and tell whether its targets are met."""
     own = seconds["vsalog"]
     ratio = seconds["rosbags"] / own
