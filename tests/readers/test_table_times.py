@@ -186,18 +186,6 @@ def test_a_gap_of_a_night_is_no_step_back(table):
     assert since_first(recording) == [0, S, 81_000 * S, 81_001 * S]
 
 
-@pytest.mark.parametrize(("date", "hours"), [("2024-10-27 ", 1), ("", 12)])
-def test_clocks_that_are_set_back(table, date, hours):
-    """By summer time, and at one o'clock where nobody writes AM and PM."""
-    begin = datetime(2024, 10, 27, 12 if hours == 12 else 2, 59, 50, tzinfo=UTC)
-    rows = [begin + timedelta(seconds=i) for i in range(20)]
-    written = [moment - timedelta(hours=hours) * (moment.hour > begin.hour) for moment in rows]
-    recording = table("time,x", *(f"{date}{moment:%H:%M:%S},{i}" for i, moment in enumerate(written)))
-    assert since_first(recording) == [i * S for i in range(20)]
-    (found,) = recording.findings
-    assert (found.code, found.value, found.evidence["hours"]) == ("clock.set_back", 1, hours)
-
-
 def test_minutes_and_seconds_as_spreadsheets_show_them(table):
     recording = table(
         "time,x", *(f"{(3599 + i // 2) // 60 % 60:02d}:{(59 + i // 2) % 60:02d}.{i % 2 * 5},{i}" for i in range(6))

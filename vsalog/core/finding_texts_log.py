@@ -198,10 +198,6 @@ LOG_TEXTS: Mapping[str, Text] = {
     "clock.restarts": Text(
         "the time begins again {what} {value:n time}, and no new date says so.", "It is taken as going on."
     ),
-    "clock.set_back": Text(
-        "the time is set back by {hours:n hour} {value:n time}, as where summer time ends, or on clocks without AM and PM.",
-        "It is taken as going on.",
-    ),
     "clock.log_appended": Text(
         "the time begins again {value:n time}, as where a log was appended to another.",
         "What follows is put behind, with a gap.",

@@ -1,13 +1,12 @@
 """When the rows of a table were: what its clocks say, made to go on where they go back, or else their numbers.
 
-Clocks go back at midnight, in autumn by an hour, where a counter is full, and where a log was appended.
+Clocks go back at midnight, where a counter is full, and where a log was appended.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
-from enum import IntEnum
 from itertools import product
 
 import numpy as np
@@ -23,13 +22,6 @@ from vsalog.readers.tables.time_columns import ClockColumn, nanoseconds
 
 _FULL = tuple(2**32 * unit for unit in (1, 10**3, 10**6))
 """How far counters of nanoseconds, microseconds and milliseconds reach that have 32 bits [ns]."""
-
-
-class SetBack(IntEnum):
-    """Hours by which clocks go back: where summer time ends, and those without AM and PM."""
-
-    SUMMER_TIME = 1
-    HALF_A_DAY = 12
 
 
 class Unfolding(ABC):
@@ -81,37 +73,24 @@ class Folds(Unfolding):
         super().__init__()
         self._period, self._dated = period, dated
         self._turns = self._most = 0
-        self._often = dict.fromkeys(map(int, SetBack), 0)
 
     def _sizes(self, times: Stamps, before: Stamps, steps: Stamps) -> Stamps:
         late = self._period // 24
         wraps = steps < -self._period // 8  # no sample comes so late
         if self._dated:
             wraps &= (steps < late - self._period) & (times // Nanoseconds.DAY == before // Nanoseconds.DAY)
-        hours = np.zeros(len(steps), np.int64)
-        if (steps < 0).any() and self._period == Nanoseconds.DAY:
-            near = min(REPEATS * int(np.median(steps)), Nanoseconds.MINUTE)
-            for size in map(int, SetBack):
-                back = (steps > -size * Nanoseconds.HOUR) & (steps <= near - size * Nanoseconds.HOUR)
-                hours[back] = size
-                self._often[size] += int(np.count_nonzero(back))
         # A sample from before midnight may come after it, or a date follow late: that undoes a turn, where there was one.
-        walk = self._turns + np.cumsum((wraps & (hours == 0)).astype(np.int64) - (np.abs(steps - self._period) < late))
+        walk = self._turns + np.cumsum(wraps.astype(np.int64) - (np.abs(steps - self._period) < late))
         turns = walk - np.minimum(np.minimum.accumulate(walk), 0)
         changes = np.diff(turns, prepend=self._turns)
         self._turns, self._most = int(turns[-1]), max(self._most, int(turns.max()))
-        sizes: Stamps = hours * Nanoseconds.HOUR + changes * self._period
+        sizes: Stamps = changes * self._period
         return sizes
 
     def findings(self) -> list[Finding]:
         """Return what to tell."""
         what = {"what": "at midnight" if self._period == Nanoseconds.DAY else "after an hour"}
-        begun = [Finding(code="clock.restarts", value=self._most, evidence=what)] if self._most else []
-        return begun + [
-            Finding(code="clock.set_back", value=often, evidence={"hours": hours})
-            for hours, often in self._often.items()
-            if often
-        ]
+        return [Finding(code="clock.restarts", value=self._most, evidence=what)] if self._most else []
 
 
 class Restarts(Unfolding):
