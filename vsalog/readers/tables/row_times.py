@@ -5,7 +5,6 @@ Clocks go back at midnight, where a counter is full, and where a log was appende
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import product
 
@@ -24,24 +23,38 @@ _FULL = tuple(2**32 * unit for unit in (1, 10**3, 10**6))
 """How far counters of nanoseconds, microseconds and milliseconds reach that have 32 bits [ns]."""
 
 
-class Unfolding(ABC):
-    """Makes the stamps of a clock go on where the clock goes back, block by block."""
+class Unfolding:
+    """Makes the stamps of a clock go on where the clock goes back, block by block.
 
-    def __init__(self) -> None:
-        self._first: int | None = None
-        self._last = self._shift = 0
+    Times of day begin again at midnight, and minutes after an hour. Of any other clock, what was appended to a log goes behind
+    it, with a gap, and what follows an overflow goes on.
+
+    Parameters
+    ----------
+    form : str
+        As in `ClockColumn`.
+    """
+
+    def __init__(self, form: str) -> None:
+        kind = form.partition(" ")[0]
+        self._dated = kind in ("date", "date+day")
+        self._period = Nanoseconds.HOUR if kind == "minutes" else Nanoseconds.DAY if self._dated or kind == "day" else 0
+        self._begun = False
+        self._first = self._last = self._step = self._shift = 0
+        self._turns = self._restarts = self._appended = self._overflows = 0
 
     def unfold(self, stamps: Stamps, good: NDArray[np.bool_]) -> Stamps:
         """Return a block's stamps [ns], shape (n,); those that are not `good` stay as they are."""
         times = stamps[good]
         if not times.size:
             return stamps
-        if self._first is None:
-            self._first = self._last = int(times[0])
+        if not self._begun:
+            self._begun, self._first, self._last = True, int(times[0]), int(times[0])
         before = np.concatenate([[self._last], times[:-1]])
         self._last = int(times[-1])
         steps = np.clip(times - before, -Stamp.YEAR_2000, Stamp.YEAR_2000)
-        shifts = self._shift + np.cumsum(self._sizes(times, before, steps))
+        sizes = self._turn(times, before, steps) if self._period else self._append(times, before, steps)
+        shifts = self._shift + np.cumsum(sizes)
         if not shifts.any():
             return stamps
         self._shift = int(shifts[-1])
@@ -49,62 +62,25 @@ class Unfolding(ABC):
         unfolded[good] = times + shifts
         return unfolded
 
-    @abstractmethod
-    def _sizes(self, times: Stamps, before: Stamps, steps: Stamps) -> Stamps:
-        """Return by how much more each sample and those after it are put later [ns]."""
-
-    @abstractmethod
-    def findings(self) -> list[Finding]:
-        """Return what to tell."""
-
-
-class Folds(Unfolding):
-    """Of a clock that begins again after some time.
-
-    Parameters
-    ----------
-    period : int
-        After how long the clock wraps [ns].
-    dated : bool
-        A date column goes with it: it wraps only where the date stays the same, because that is the date of the log's begin.
-    """
-
-    def __init__(self, period: int, dated: bool) -> None:
-        super().__init__()
-        self._period, self._dated = period, dated
-        self._turns = self._most = 0
-
-    def _sizes(self, times: Stamps, before: Stamps, steps: Stamps) -> Stamps:
+    def _turn(self, times: Stamps, before: Stamps, steps: Stamps) -> Stamps:
+        """Return by how much more each sample and those after it are put later [ns]: a period where the clock begins again."""
         late = self._period // 24
         wraps = steps < -self._period // 8  # no sample comes so late
-        if self._dated:
+        if self._dated:  # only where the date stays the same, because that is the date of the log's begin
             wraps &= (steps < late - self._period) & (times // Nanoseconds.DAY == before // Nanoseconds.DAY)
         # A sample from before midnight may come after it, or a date follow late: that undoes a turn, where there was one.
         walk = self._turns + np.cumsum(wraps.astype(np.int64) - (np.abs(steps - self._period) < late))
         turns = walk - np.minimum(np.minimum.accumulate(walk), 0)
-        changes = np.diff(turns, prepend=self._turns)
-        self._turns, self._most = int(turns[-1]), max(self._most, int(turns.max()))
-        sizes: Stamps = changes * self._period
+        sizes: Stamps = np.diff(turns, prepend=self._turns) * self._period
+        self._turns, self._restarts = int(turns[-1]), max(self._restarts, int(turns.max()))
         return sizes
 
-    def findings(self) -> list[Finding]:
-        """Return what to tell."""
-        what = {"what": "at midnight" if self._period == Nanoseconds.DAY else "after an hour"}
-        return [Finding(code="clock.restarts", value=self._most, evidence=what)] if self._most else []
-
-
-class Restarts(Unfolding):
-    """Of any other clock: what was appended to a log goes behind it, with a gap, and what follows an overflow goes on."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._step = self._count = self._overflows = 0
-
-    def _sizes(self, times: Stamps, before: Stamps, steps: Stamps) -> Stamps:
+    def _append(self, times: Stamps, before: Stamps, steps: Stamps) -> Stamps:
+        """Return by how much more each sample and those after it are put later [ns]: behind what was there already."""
         ahead, self._step = self._step, int(steps[-1])
         falls = steps < 0
         sizes = np.zeros(len(steps), np.int64)
-        if self._first is None or not falls.any():
+        if not falls.any():
             return sizes
         earlier, later = np.append(ahead, steps[:-1]), np.append(steps[1:], 0)
         few = min(REPEATS * int(np.median(steps[steps > 0])), Stamp.YEAR_2000) if (steps > 0).any() else 0
@@ -117,27 +93,19 @@ class Restarts(Unfolding):
             if few < size // 4:
                 sizes[falls & (before >= size - few) & (before < size) & (times <= few)] = size
         overflows = np.isin(sizes, _FULL)
-        self._count += int(np.count_nonzero(restarts & ~overflows))
+        self._appended += int(np.count_nonzero(restarts & ~overflows))
         self._overflows += int(np.count_nonzero(overflows))
         return sizes
 
     def findings(self) -> list[Finding]:
         """Return what to tell."""
+        what = {"what": "at midnight" if self._period == Nanoseconds.DAY else "after an hour"}
         found = (
-            Finding(code="clock.log_appended", value=self._count),
+            Finding(code="clock.restarts", value=self._restarts, evidence=what),
+            Finding(code="clock.log_appended", value=self._appended),
             Finding(code="clock.overflows", value=self._overflows),
         )
         return [one for one in found if one.value]
-
-
-def folds_of(form: str) -> Unfolding:
-    """Return what makes a clock go on where it goes back."""
-    kind = form.partition(" ")[0]
-    if kind == "day":
-        return Folds(Nanoseconds.DAY, False)
-    if kind == "minutes":
-        return Folds(Nanoseconds.HOUR, False)
-    return Folds(Nanoseconds.DAY, True) if kind in ("date", "date+day") else Restarts()
 
 
 class RowTimes:
@@ -153,7 +121,7 @@ class RowTimes:
 
     def __init__(self, clocks: Mapping[str, ClockColumn], parts: Collection[str]) -> None:
         self._clocks = clocks
-        self._folds = {one: folds_of(clocks[one[0]].form) for one in product(clocks, parts)}
+        self._folds = {one: Unfolding(clocks[one[0]].form) for one in product(clocks, parts)}
 
     def of(
         self,
