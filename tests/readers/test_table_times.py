@@ -125,12 +125,6 @@ def test_a_single_date_that_nothing_decides_is_told(table, written, month, day):
     assert "clock.date_order_unknown" in codes(recording)
 
 
-def test_a_header_that_states_the_order_of_its_dates(table):
-    recording = table("Date (DD/MM/YYYY),Time,x", *(f"3/4/2024,12:00:0{i},{i}" for i in range(5)))
-    assert stamps(recording)[0] == nanoseconds(datetime(2024, 4, 3, 12, tzinfo=UTC))
-    assert recording.findings == ()
-
-
 def test_a_date_far_behind_the_first_rows_decides(table):
     """The first rows are of 12 March or 3 December; only the next day, deep in the file, tells."""
     begin = datetime(2024, 3, 12, 22, tzinfo=UTC)

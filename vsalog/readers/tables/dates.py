@@ -42,7 +42,6 @@ _COMPACT = r"^(\d{8})T(\d\d)(\d\d)(\d\d)"
 _NO_TIME_OF_DAY = r"[\sT]+(?:0{1,2}:00(?::00(?:[.,]0+)?)?|12:00(?::00)? ?[Aa][Mm])$"
 """What spreadsheets add to a date that has a column of its own."""
 _OFFSET = re.compile(r"^([+-])(\d{1,2}):?(\d\d)?$")
-_STATED = re.compile(r"\b(d+|m+)[./-](d+|m+)[./-]y+\b|\by+[./-]m+[./-]d+\b")
 _FACTORS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 """How many nanoseconds the units of Arrow's types have."""
 
@@ -107,8 +106,7 @@ def possible_formats(written: Sequence[str]) -> list[str]:
 def format_of(name: str, written: Sequence[str]) -> tuple[str, list[Finding]]:
     """Return how dates are written, "" where they are none, and what is worth telling of it.
 
-    What is possible as a date decides, then what the column's name says, as in "Date (DD/MM/YYYY)"; else that the log's time runs
-    forward, and ends early.
+    What is possible as a date decides; else that the log's time runs forward, and ends early.
 
     Parameters
     ----------
@@ -118,10 +116,6 @@ def format_of(name: str, written: Sequence[str]) -> tuple[str, list[Finding]]:
         Its dates, each once, in the order of the log.
     """
     possible = possible_formats(written)
-    stated = _STATED.search(name.lower())
-    if stated:
-        order = re.sub(r"(.)\1*[./-]?", r"\1", stated[0])
-        possible = [form for form in possible if _order(form) == order] or possible
     if len(possible) < 2:
         return (possible[0] if possible else ""), []
     cost = {form: _cost(written, form) for form in possible}
