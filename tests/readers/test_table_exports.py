@@ -134,12 +134,3 @@ def test_separators_at_the_ends_of_a_header_alone(tmp_path, ends, units):
     assert {name: channel.unit for name, channel in log.channels.items()} == {"theta": "deg", "torque": "Nm"}
     assert log.channel("theta").stamps[-1] == 590_000_000
     assert log.findings == ()
-
-
-def test_lists_whose_header_names_their_elements(tmp_path):
-    rows = "".join(f'{i / 100},"[{i}, {-i}]"\n' for i in range(60))
-    log = log_of(tmp_path, 'time,"state[hip,knee]"\n' + rows)
-    assert list(log.channels) == ["state[hip]", "state[knee]"]
-    np.testing.assert_array_equal(log.channel("state[knee]").values, -np.arange(60.0))
-    (tmp_path / "log").write_text('time,"state[hip,knee]"\n' + rows)
-    assert list(read(tmp_path / "log", ["state[knee]"]).channels) == ["state[knee]"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 
 import numpy as np
 import pyarrow as pa
@@ -22,7 +21,6 @@ _EMPTY = arrow_texts(["", *LIKE_NUMBERS])
 _WHOLE = re.compile(r"^[+-]?\d{1,40}$")
 _NOTHING = pa.nulls(1, pa.string())[0]
 _LIST = r"^\s*[\[(].*[\])]\s*$"
-_NAMED = re.compile(r"^(.*)\[([^\]]*)\]$", re.DOTALL)
 
 
 class Cells:
@@ -167,19 +165,6 @@ def split_lists(cells: pa.Array, count: int) -> list[pa.Array]:
     good = pc.fill_null(pc.equal(pc.list_value_length(parts), count), False)
     whole = pc.if_else(good, parts, pa.scalar(None, parts.type))
     return [pc.if_else(good, pc.list_element(whole, k), cells) if len(cells) else cells for k in range(count)]
-
-
-def element_names(name: str, count: int) -> Sequence[str]:
-    """Return what the elements of a column of lists are called, by the names in its header's brackets, else by their numbers.
-
-    >>> element_names("state[hip,knee]", 2), element_names("state", 2)
-    (['state[hip]', 'state[knee]'], ['state[0]', 'state[1]'])
-    """
-    found = _NAMED.match(name)
-    names = [one.strip() for one in found[2].split(",")] if found else []
-    if found and len(names) == count == len({*names}) > 1:
-        return [f"{found[1]}[{one}]" for one in names]
-    return [f"{name}[{k}]" for k in range(count)]
 
 
 def _parts(cells: pa.Array) -> pa.Array:

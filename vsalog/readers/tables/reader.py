@@ -13,7 +13,7 @@ from vsalog.core.memory import PIECE_BYTES
 from vsalog.core.printable import plural
 from vsalog.readers.fields import MAX_FIELDS
 from vsalog.readers.limits import DECODED_BYTES, SAMPLE_ROWS
-from vsalog.readers.tables.cells import Cells, element_names, elements_of, numbers_and_words, with_points
+from vsalog.readers.tables.cells import Cells, elements_of, numbers_and_words, with_points
 from vsalog.readers.tables.columnar import Batch, ColumnarReader
 from vsalog.readers.tables.dialect import Dialect, detect
 from vsalog.readers.tables.rows import Rows
@@ -56,7 +56,7 @@ class TableReader(ColumnarReader):
         plan = find_clocks(self._names, self._units, self._sample, self._all_cells if thorough else None)
         clocks = plan.columns()
         lists = {i: elements_of(column) for i, column in enumerate(self._sample) if counts[i][1] and i not in clocks}
-        self._lists = {i: element_names(self._names[i], count) for i, count in lists.items() if count}
+        self._lists = {i: [f"{self._names[i]}[{k}]" for k in range(count)] for i, count in lists.items() if count}
         if not self._lists and not any(good and (clocks or good > words) for good, words in counts):
             raise ReadError("holds text, but no table: none of its columns holds numbers", path)
         self._interpret(plan, range(len(self._names)))
