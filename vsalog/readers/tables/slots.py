@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -19,6 +20,14 @@ from vsalog.readers.tables.dates import trimmed
 from vsalog.readers.tables.text import printable_cell
 
 _NAME = re.compile(r"^(?P<stem>.*?)names?(?P<number>[\[_.]?\d+\]?)$")
+
+
+class _Family(NamedTuple):
+    """Columns of names, what they say in the first row, and columns of values of as many joints each."""
+
+    namers: list[int]
+    called: pa.Array
+    kinds: list[list[int]]
 
 
 class Slots:
@@ -45,15 +54,17 @@ class Slots:
             ends = {name[len(stem) :].removesuffix(n) for n in numbered for name in at if name.startswith(stem)}
             kinds = [[at.get(f"{stem}{end}{number}") for number in numbered] for end in sorted(ends)]
             whole = [[i for i in kind if i is not None] for kind in kinds if None not in kind]
-            called = _called([sample[i] for i in numbered.values()])
+            namers = [*numbered.values()]
+            called = _called([sample[i] for i in namers])
             if called and len(called) > 1:
-                namers = [*numbered.values()]
-                self._families.append(_Family(namers, called, [kind for kind in whole if kind != namers]))
+                others = [kind for kind in whole if kind != namers]
+                self._families.append(_Family(namers, pa.array(called, pa.string()), others))
+        self.begin(())
 
     def begin(self, columns: Sequence[int]) -> set[int]:
         """Begin to read some columns; return what has to be read with them."""
-        for one in self._families:
-            one.begin()
+        self._moved = [0 for _ in self._families]
+        self._strangers, self._stranger = 0, ""
         mine = [one for one in self._families if any(set(kind).intersection(columns) for kind in one.kinds)]
         return {i for one in mine for kind in (one.namers, *one.kinds) for i in kind}
 
@@ -64,56 +75,35 @@ class Slots:
 
     def in_place(self, cells: Mapping[int, pa.Array]) -> Mapping[int, pa.Array]:
         """Return some columns of a block with each joint's cells where the first row has them."""
-        for family in self._families:
-            if family.namers[0] in cells:
-                cells = {**cells, **family.in_place(cells)}
-        return cells
+        moved: dict[int, pa.Array] = {}
+        for n, family in enumerate(self._families):
+            if family.namers[0] not in cells:
+                continue
+            names = [trimmed(cells[i]) for i in family.namers]
+            who = np.stack([_numbers(pc.index_in(one, family.called)) for one in names])
+            usual = np.arange(len(names))[:, None]
+            if (who == usual).all():
+                continue
+            self._moved[n] += int(np.count_nonzero(((who != usual) & (who >= 0)).any(axis=0)))
+            for one, theirs in zip(names, who, strict=True):
+                strange = np.flatnonzero((theirs < 0) & one.is_valid().to_numpy(zero_copy_only=False))
+                self._strangers += strange.size
+                self._stranger = self._stranger or (str(one[int(strange[0])]) if strange.size else "")
+            for kind in (kind for kind in family.kinds if cells.keys() >= set(kind)):
+                for j, column in enumerate(kind):
+                    own = [pc.if_else(pa.array(who[k] == j), cells[i], None) for k, i in enumerate(kind)]
+                    moved[column] = pc.coalesce(*own)
+        return {**cells, **moved}
 
     def findings(self) -> list[Finding]:
         """Return what to tell."""
-        return [found for one in self._families for found in one.findings(self._names)]
-
-
-class _Family:
-    """Columns of names, what they say in the first row, and columns of values of as many joints each."""
-
-    def __init__(self, namers: list[int], called: list[str], kinds: list[list[int]]) -> None:
-        self.namers, self.kinds = namers, kinds
-        self._called = pa.array(called, pa.string())
-        self.begin()
-
-    def begin(self) -> None:
-        """Forget what there is to tell."""
-        self._moved = self._strangers = 0
-        self._stranger = ""
-
-    def in_place(self, cells: Mapping[int, pa.Array]) -> dict[int, pa.Array]:
-        """Return the columns of values that change."""
-        names = [trimmed(cells[i]) for i in self.namers]
-        who = np.stack([_numbers(pc.index_in(one, self._called)) for one in names])
-        usual = np.arange(len(names))[:, None]
-        if (who == usual).all():
-            return {}
-        self._moved += int(np.count_nonzero(((who != usual) & (who >= 0)).any(axis=0)))
-        for one, theirs in zip(names, who, strict=True):
-            strange = np.flatnonzero((theirs < 0) & one.is_valid().to_numpy(zero_copy_only=False))
-            self._strangers += strange.size
-            self._stranger = self._stranger or (str(one[int(strange[0])]) if strange.size else "")
-        moved = {}
-        for kind in (kind for kind in self.kinds if cells.keys() >= set(kind)):
-            for j, column in enumerate(kind):
-                own = [pc.if_else(pa.array(who[k] == j), cells[i], None) for k, i in enumerate(kind)]
-                moved[column] = pc.coalesce(*own)
-        return moved
-
-    def findings(self, names: Sequence[str]) -> list[Finding]:
-        """Return what to tell."""
         found = []
-        if self._moved:
-            pairs = zip(self.kinds[0] if self.kinds else (), self._called.to_pylist(), strict=False)
-            shown = ", ".join(f"'{names[i]}' is of '{printable_cell(called)}'" for i, called in [*pairs][:3])
-            column, evidence = names[self.namers[0]], {"shown": shown}
-            found.append(Finding(code="table.names_move", part=column, value=self._moved, evidence=evidence))
+        for count, family in zip(self._moved, self._families, strict=True):
+            if count:
+                pairs = zip(family.kinds[0] if family.kinds else (), family.called.to_pylist(), strict=False)
+                shown = ", ".join(f"'{self._names[i]}' is of '{printable_cell(called)}'" for i, called in [*pairs][:3])
+                column, evidence = self._names[family.namers[0]], {"shown": shown}
+                found.append(Finding(code="table.names_move", part=column, value=count, evidence=evidence))
         if self._strangers:
             evidence = {"first": printable_cell(self._stranger)}
             found.append(Finding(code="table.names_unknown", value=self._strangers, evidence=evidence))
