@@ -113,19 +113,12 @@ def _gzip_head(path: Path) -> bytes:
 
 
 def looks_like_text(head: bytes) -> bool:
-    """Tell whether bytes are text in UTF-8, UTF-16 or a Latin encoding."""
+    """Tell whether bytes are text in UTF-8, UTF-16 with its mark, or a Latin encoding."""
     if not head.strip():
         return False
     if head.startswith(_BOMS):
         return True
-    if head.count(0) > len(head) // 4 and _zeros_alternate(head):
-        return True  # UTF-16 without its mark
     if head[0] and b"\n" in head:
         head = without_holes(head)
     control = len(head) - len(head.translate(None, _CONTROL))
     return head.count(0) <= MOST_DAMAGED * len(head) and 20 * control < len(head)
-
-
-def _zeros_alternate(head: bytes) -> bool:
-    even, odd = head[0::2].count(0), head[1::2].count(0)
-    return min(even, odd) == 0
