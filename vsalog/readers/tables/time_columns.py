@@ -80,12 +80,12 @@ Whole = Callable[[int], Iterable[pa.Array]]
 """Gives all of a column, part by part."""
 
 
-def _nothing() -> Iterable[pa.Array]:
+def _nothing(_: int) -> Iterable[pa.Array]:
     return ()
 
 
 def find_clocks(
-    names: Sequence[str], units: Sequence[str | None], sample: Sequence[pa.Array], whole: Whole | None = None
+    names: Sequence[str], units: Sequence[str | None], sample: Sequence[pa.Array], whole: Whole = _nothing
 ) -> ClockPlan:
     """Find the clocks of a table by its headers, checked against its first rows.
 
@@ -104,7 +104,7 @@ def find_clocks(
     )
     clocks: list[tuple[int, ClockColumn, tuple[Finding, ...]]] = []
     for rank, i in ranked:
-        form, doubts = _form(names[i], units[i], sample[i], partial(whole, i) if whole else _nothing)
+        form, doubts = _form(names[i], units[i], sample[i], partial(whole, i))
         if form is not None and (rank != Rank.DATED or _is_moment(form, sample[i])):
             clock, more = _with_date(ClockColumn((i,), form), names, sample, whole)
             clocks.append((rank, clock, (*doubts, *more)))
@@ -122,7 +122,7 @@ def find_clocks(
     return ClockPlan({"column": clocks[0][1]}, clocks[0][2])
 
 
-def _unnamed(names: Sequence[str], sample: Sequence[pa.Array], whole: Whole | None) -> ClockPlan | None:
+def _unnamed(names: Sequence[str], sample: Sequence[pa.Array], whole: Whole) -> ClockPlan | None:
     """Return the clock that is not called so, but whose cells leave no doubt: a date with a time of day in each, which go on.
 
     Those of a column without a name may be times of day alone.
@@ -130,7 +130,7 @@ def _unnamed(names: Sequence[str], sample: Sequence[pa.Array], whole: Whole | No
     for i, cells in enumerate(sample):
         if not (_is_text(cells) or pa.types.is_timestamp(cells.type)):
             continue
-        form, doubts = _form(names[i], None, cells, partial(whole, i) if whole else _nothing)
+        form, doubts = _form(names[i], None, cells, partial(whole, i))
         if form is None or not (_is_moment(form, cells) or (form == "day" and names[i] == f"column_{i}")):
             continue
         stamps, good = nanoseconds([cells], form)
@@ -306,7 +306,7 @@ def _second_and_fraction(names: Sequence[str], sample: Sequence[pa.Array]) -> Cl
 
 
 def _with_date(
-    clock: ClockColumn, names: Sequence[str], sample: Sequence[pa.Array], whole: Whole | None
+    clock: ClockColumn, names: Sequence[str], sample: Sequence[pa.Array], whole: Whole
 ) -> tuple[ClockColumn, list[Finding]]:
     """Join a time of day with the date in another column, where there is one; return what to tell of it, too."""
     if clock.form != "day":
@@ -315,7 +315,7 @@ def _with_date(
     for i, name in enumerate(names[: len(sample)]):
         if rank_of(name) != Rank.DATED:
             continue
-        order, doubts = _order(name, sample[i], partial(whole, i) if whole else _nothing)
+        order, doubts = _order(name, sample[i], partial(whole, i))
         both = ClockColumn((i, clock.columns[0]), f"date+day {order}".strip())
         _, good = nanoseconds([sample[c] for c in both.columns], both.form)
         if good.mean() > 0.5:
