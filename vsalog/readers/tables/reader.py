@@ -93,8 +93,9 @@ class TableReader(ColumnarReader):
             yield batch.columns
 
     def _all_cells(self, column: int) -> Iterator[pa.Array]:
-        """Yield all of a column, part by part."""
-        return (cells for (cells,) in self._whole([column]))
+        """Yield all of a column, part by part; nothing where its first rows have to do."""
+        if self._thorough:
+            yield from (cells for (cells,) in self._whole([column]))
 
     def _where(self, row: int) -> str:
         return f"line {self._dialect.lines[row]}"
