@@ -27,11 +27,11 @@ GROUPED = {
     False: re.compile(r"^[+-]?\d{1,3}(?:,\d{3})+\.\d+$"),
 }
 """Thousands apart and a decimal mark, which leaves no doubt which of the two is which; by whether that is a comma."""
-_DURATION = re.compile(r"^(-?\d+(?:[.,]\d+)?) (sec|min|hr|days?)$")
+DURATION = r"^(?P<number>-?\d+(?:\.\d+)?) (?P<unit>sec|min|hr|days?)$"
 """As MATLAB writes durations."""
 _BLANKS = re.compile(r"[ \t]+(?![\[(])")
 """Between cells; a unit in brackets belongs to the name ahead of it."""
-_NUMBER = re.compile(NUMBER)
+_NUMBER, _DURATION = re.compile(NUMBER), re.compile(DURATION)
 _NOT_A_NUMBER = re.compile(r"^(nan|[+-]?inf(inity)?|n/?a|null|none)$", re.IGNORECASE)
 _CLOCK = r"(?:\d{1,5} days?,? )?-?\d{1,4}:\d\d(?::\d\d(?:[.,]\d+)?)?(?:\s*[ap]\.?m\.?)?|\d{1,3}:\d\d[.,]\d+"
 _DAY = r"\d{1,4}([./-])\d{1,2}\1\d{2,4}|\d{8}(?=[T ])|\d{1,2}[ -][a-z]{3,9}[ -]\d{2,4}"

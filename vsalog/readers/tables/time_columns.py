@@ -18,7 +18,7 @@ from vsalog.core.significance import REPEATS
 from vsalog.readers.limits import MOST_EXCEPTIONS, SAMPLE_ROWS
 from vsalog.readers.reach import Nanoseconds
 from vsalog.readers.tables.dates import dates, dates_of, format_of, of_day, possible_formats, trimmed, without_midnight
-from vsalog.readers.tables.text import printable_cell
+from vsalog.readers.tables.text import DURATION, printable_cell
 from vsalog.readers.tables.time_numbers import floats, is_numeric, multiplied, scaled_up
 from vsalog.readers.tables.time_units import EPOCH, SERIAL, UNITS, Rank, guessed_unit, plain, rank_of, stated_unit
 
@@ -26,8 +26,6 @@ from vsalog.readers.tables.time_units import EPOCH, SERIAL, UNITS, Rank, guessed
 _DIGITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 _NANOSECONDS = {"min": 60 * 10**9, "h": Nanoseconds.HOUR, "d": Nanoseconds.DAY}
 
-_DURATION = r"^(?P<number>-?\d+(?:\.\d+)?) (?P<unit>sec|min|hr|days?)$"
-"""As MATLAB writes durations."""
 _SECONDS = re.compile(r"^(?P<stem>.*?)(?:^|[._/])(secs?)$")
 _FRACTION = dict.fromkeys(("nanosec", "nsec", "nsecs", "nanosecs"), "pair") | dict.fromkeys(
     ("usec", "usecs"), "pair us"
@@ -172,7 +170,7 @@ def nanoseconds(columns: Sequence[pa.Array], form: str) -> tuple[Stamps, NDArray
         good &= also & (np.abs(seconds // 2 + fraction // 2) < 2**61)  # their sum fits into 64 bits, and is a time
         return np.where(good, seconds, 0) + np.where(good, fraction, 0), good
     if kind == "duration":
-        return nanoseconds([pc.replace_substring_regex(trimmed(columns[0]), _DURATION, r"\1")], order)
+        return nanoseconds([pc.replace_substring_regex(trimmed(columns[0]), DURATION, r"\1")], order)
     if kind == "date+day":
         joined = pc.binary_join_element_wise(without_midnight(trimmed(columns[0])), trimmed(columns[1]), " ")
         return dates(joined, order)
@@ -238,7 +236,7 @@ def _written_form(name: str, sample: pa.Array, rest: Rest) -> tuple[str | None, 
         return f"date {order}", doubts
     if _reads(sample, "day"):
         return "day", []
-    units = pc.struct_field(pc.extract_regex(sample, _DURATION), "unit").drop_null().unique().to_pylist()
+    units = pc.struct_field(pc.extract_regex(sample, DURATION), "unit").drop_null().unique().to_pylist()
     if len(units) == 1 and _reads(sample, form := f"duration {UNITS[units[0]]}"):
         return form, []
     if _reads(sample, "minutes"):
