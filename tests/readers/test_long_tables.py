@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -164,6 +166,53 @@ def test_a_damaged_time_among_blocks_costs_its_row(tmp_path):
     np.testing.assert_array_equal(log.channels["value[y]"].values, 1000 + np.arange(500.0))
 
 
+ROBOTS, JOINTS, SIGNALS = ["r1", "r2"], ["hip", "knee", "toe"], ["pos", "tau"]
+
+
+def melted(path, header, keys, order):
+    """Write a row for each time and each combination of keys; return what is read."""
+    rows = [(t, *key, 1000.0 * k + t) for (k, key), t in product(enumerate(product(*keys)), range(250))]
+    rows.sort(key=order)
+    names = [*header.split(",")]
+    if path.suffix == ".csv":
+        path.write_text(
+            "".join(",".join(map(str, row)) + "\n" for row in [names, *((0.01 * r[0], *r[1:]) for r in rows)])
+        )
+    else:
+        columns = dict(zip(names, zip(*((0.01 * r[0], *r[1:]) for r in rows), strict=True), strict=True))
+        pq.write_table(pa.table({name: pa.array(cells) for name, cells in columns.items()}), path)
+    return read(path)
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.parquet"])
+@pytest.mark.parametrize(
+    ("header", "keys"),
+    [
+        ("time,robot,joint,value", (ROBOTS, JOINTS)),
+        ("time,joint,signal,value", (JOINTS, SIGNALS)),
+        ("time,robot,joint,signal,value", (ROBOTS, JOINTS, SIGNALS)),
+        ("time,joint_id,signal,value", (["1", "2"], SIGNALS)),
+        ("time,which,what,value", (ROBOTS, SIGNALS)),
+    ],
+)
+@pytest.mark.parametrize(
+    "order",
+    [lambda row: row[0], lambda row: row[1:-1], lambda row: (row[-2], row[0])],
+    ids=["times", "keys", "last key"],
+)
+def test_several_columns_say_whose_values_a_row_holds(tmp_path, name, header, keys, order):
+    """By one of them alone, the values of several would be mixed, or dropped as duplicates."""
+    if "which" in header and order((0, "a", "b", 1)) != 0:
+        return  # blocks of one experiment each, with times from zero on
+    log = melted(tmp_path / name, header, keys, order)
+    assert set(log.channels) == {f"value[{'.'.join(key)}]" for key in product(*keys)}
+    for k, key in enumerate(product(*keys)):
+        channel = log.channels[f"value[{'.'.join(key)}]"]
+        np.testing.assert_array_equal(channel.values, 1000.0 * k + np.arange(250))
+        np.testing.assert_array_equal(np.rint(channel.stamps / 1e7), np.arange(250))
+    assert not any(stream.conflicts or stream.duplicates or stream.inversions for stream in log.streams.values())
+
+
 def test_columns_that_add_nothing_are_no_keys(tmp_path):
     """One that stays the same, one that goes with another; being text, they are no signals."""
     rows = [
@@ -173,6 +222,18 @@ def test_columns_that_add_nothing_are_no_keys(tmp_path):
     log = read(tmp_path / "log.csv")
     assert list(log.channels) == ["value[hip]", "value[knee]"]
     assert dict(log.unread) == {"robot": "text", "label": "text", "unit": "text"}
+
+
+def test_texts_of_two_keys_that_look_alike_together(tmp_path):
+    rows = [
+        f"{i / 100},{a},{b},{1000 * k + i}\n"
+        for i in range(200)
+        for k, (a, b) in enumerate((("a.b", "c"), ("a", "b.c"), ("a", "c")))
+    ]
+    (tmp_path / "log.csv").write_text("time,robot,joint,value\n" + "".join(rows))
+    log = read(tmp_path / "log.csv")
+    assert list(log.channels) == ["value[a.b.c]", "value[a|b.c]", "value[a.c]"]
+    np.testing.assert_array_equal(log.channels["value[a|b.c]"].values, 1000 + np.arange(200.0))
 
 
 @pytest.mark.parametrize("begin", [0, 1_700_000_000])

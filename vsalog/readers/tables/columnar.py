@@ -16,7 +16,7 @@ from vsalog.core.finding import Finding, Findings
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each
 from vsalog.readers.tables.cells import Cells, split_lists
-from vsalog.readers.tables.long_tables import Speakers, find_key
+from vsalog.readers.tables.long_tables import Speakers, find_speakers
 from vsalog.readers.tables.row_times import RowTimes, row_clock
 from vsalog.readers.tables.sections import find_sections, group_by_blanks
 from vsalog.readers.tables.slots import Slots
@@ -111,10 +111,12 @@ class ColumnarReader(ABC):
         """
         self._plan = plan
         self._slots = Slots(self._names, self._sample)
-        long = None if keys else find_key(self._names, self._slots.without_names(self._sample), plan, self._whole)
-        said = keys if long is None else (long,)
-        self._speakers = Speakers([self._names[i] for i in said], said, self._whole(said)) if said else None
-        self._long = None if long is None or self._speakers is None else self._speakers.finding()
+        self._long: Finding | None = None
+        if keys:
+            self._speakers: Speakers | None = Speakers([self._names[i] for i in keys], keys, self._whole(keys))
+        else:
+            first = self._slots.without_names(self._sample)
+            self._speakers, self._long = find_speakers(self._names, first, plan, self._whole)
         taken = self._not_channels()
         own = [i for i in columns if i not in taken]
         self._sections = find_sections(self._names, self._sample, plan, own)

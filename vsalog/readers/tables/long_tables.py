@@ -1,9 +1,10 @@
-"""Long tables: a column says whose values a row holds; rows of several joints or signals alternate, or come in blocks."""
+"""Long tables: columns say whose values a row holds; rows of several joints or signals alternate, or come in blocks."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Sequence
+from itertools import combinations
 
 import numpy as np
 import pyarrow as pa
@@ -21,6 +22,8 @@ from vsalog.readers.tables.text import printable_cell
 from vsalog.readers.tables.time_columns import ClockColumn, ClockPlan, nanoseconds
 from vsalog.readers.tables.time_units import plain
 
+MOST_KEYS = 3
+"""Columns that together name a part: a robot, its arm and a joint."""
 _NAMED = re.compile(
     r"(^|[_.])(robot|joint|motor|axis|actuator|sensor|device|node|link|part|channel|topic|source|signal|variable|quantity|id|name)"
     r"(_?(id|name|no|nr|index))?$"
@@ -30,14 +33,13 @@ BETWEEN = "\x1f"
 """Stands between the texts of several columns; no text has it."""
 Whole = Callable[[Sequence[int]], Iterable[Sequence[pa.Array]]]
 """Gives some columns from their first row to the last, part by part."""
+Keys = tuple[int, ...]
 
 
-def find_key(names: Sequence[str], sample: Sequence[pa.Array], plan: ClockPlan, whole: Whole) -> int | None:
-    """Return the column that says whose values a row holds, for each of whose values the time goes on; None where none does.
-
-    A column of words may say it where rows share their times. One that is called so may also where rows take turns, and
-    where they come in blocks, with the same times once more; so may any where these are dates, which do not begin again with
-    every experiment.
+def find_speakers(
+    names: Sequence[str], sample: Sequence[pa.Array], plan: ClockPlan, whole: Whole
+) -> tuple[Speakers | None, Finding | None]:
+    """Return whose values the rows of a table hold, None where they are all of the same, and what to tell of that.
 
     Parameters
     ----------
@@ -50,9 +52,23 @@ def find_key(names: Sequence[str], sample: Sequence[pa.Array], plan: ClockPlan, 
     whole : function
         Gives all rows of some columns.
     """
+    keys = find_keys(names, sample, plan, whole)
+    if not keys:
+        return None, None
+    speakers = Speakers([names[i] for i in keys], keys, whole(keys))
+    return speakers, speakers.finding()
+
+
+def find_keys(names: Sequence[str], sample: Sequence[pa.Array], plan: ClockPlan, whole: Whole) -> Keys:
+    """Return the columns that together say whose values a row holds: the fewest for each of whose values the time goes on.
+
+    Columns of words may say it where rows share their times. A column that is called so may also where rows take turns, and
+    where they come in blocks, with the same times once more; so may any where these are dates, which do not begin again with
+    every experiment.
+    """
     clock = plan.clocks.get("column")
     if clock is None:
-        return None
+        return ()
     called = {i for i, name in enumerate(names) if _NAMED.search(plain(name))}
     able = [
         i
@@ -63,15 +79,14 @@ def find_key(names: Sequence[str], sample: Sequence[pa.Array], plan: ClockPlan, 
         and len(pc.unique(cells)) <= MAX_ARRAY
     ]
     able = sorted(able, key=lambda i: i not in called)[:REPEATS]
-    key = _key(able, [[sample[i] for i in (*able, *clock.columns)]], clock)
-    if key is None:
-        key = next((i for i in able if i in called and _alternates(sample[i])), None)
-    if key is not None:
-        return key
+    first = [[sample[i] for i in (*able, *clock.columns)]]
+    keys = _keys(able, (), first, clock)
+    if not keys:
+        keys = next(((i,) for i in able if i in called and _alternates(sample[i])), ())
     stamps, good = nanoseconds([sample[i] for i in clock.columns], clock.form)
     dated = bool(good.any() and stamps[good].min() >= Stamp.YEAR_2000)
-    others = [i for i in able if i in called or dated]
-    return _key(others, whole([*others, *clock.columns]), clock) if others else None
+    others = [i for i in able if i in {*keys, *called} or dated]
+    return _keys(others, keys, whole([*others, *clock.columns]), clock) if {*others} - {*keys} else keys
 
 
 def _may_name(cells: pa.Array, called: bool) -> bool:
@@ -88,63 +103,92 @@ def _alternates(cells: pa.Array) -> bool:
     return 2 <= who.max() + 1 <= len(who) // 3 and bool(np.mean(np.diff(who) != 0) > 0.5)
 
 
-def _key(able: Sequence[int], parts: Iterable[Sequence[pa.Array]], clock: ClockColumn) -> int | None:
-    """Return the column for each of whose values the time goes on where it does not for all rows.
+def _keys(able: Sequence[int], known: Keys, parts: Iterable[Sequence[pa.Array]], clock: ClockColumn) -> Keys:
+    """Return the fewest columns, those known among them, for each of whose values the time goes on where it does not for all.
 
     Parameters
     ----------
     able : sequence of int
         Columns to choose from.
+    known : tuple of int
+        Columns that are sure.
     parts : iterable of sequences of pyarrow arrays
         Rows of the able ones and of the clock's columns, part by part.
     clock : ClockColumn
         Whose form is taken.
     """
-    every, tried = _Rows(), {i: _Rows() for i in able}
+    some = (one for size in range(len(known), MOST_KEYS + 1) for one in combinations(able, size))
+    tried = {
+        one: _Rows([able.index(i) for i in one], [able.index(i) for i in one if i not in known])
+        for one in some
+        if {*known} <= {*one}
+    }
     for cells in parts:
         stamps, good = nanoseconds(cells[len(able) :], clock.form)
-        every.add(pa.nulls(len(stamps), pa.string()), stamps, good)
-        for rows, texts in zip(tried.values(), cells, strict=False):
+        texts = [joined([one]) for one in cells[: len(able)]]
+        for rows in tried.values():
             rows.add(texts, stamps, good)
-    return next((i for i, rows in tried.items() if rows.tell_apart(every.back)), None)
+    before = tried.pop(known)
+    for keys, rows in tried.items():
+        few = MOST_PARTS if known else min(MOST_PARTS, rows.count // (3 if len(keys) == 1 else 2))
+        goes_on = 2 * rows.back <= before.back and rows.back <= MOST_EXCEPTIONS * rows.count
+        # Where values change from row to row, it has to go back with them; blocks are long.
+        tells = before.back >= (0.5 - MOST_EXCEPTIONS) * rows.changes
+        if (
+            2 <= len(rows.last) <= few
+            and before.back
+            and goes_on
+            and (tells or rows.changes <= MOST_EXCEPTIONS * rows.count)
+        ):
+            return tuple(sorted(keys))
+    return known
 
 
 class _Rows:
-    """Counts how often the time does not go on for the values of a column."""
+    """Counts how often the time does not go on for the values of some columns.
 
-    def __init__(self) -> None:
-        self._last: dict[str, int] = {}  # stamp [ns] of each value
-        self._count = self._changes = self.back = 0
+    Attributes
+    ----------
+    last : dict of str to int
+        The last stamp [ns] of each value.
+    count, back, changes : int
+        Rows, those that are not later than the one before of the same value, and those where the value of new columns changes.
+    """
 
-    def add(self, cells: pa.Array, stamps: Stamps, good: NDArray[np.bool_]) -> None:
+    def __init__(self, places: Sequence[int], new: Sequence[int]) -> None:
+        self._places, self._new = places, new
+        self.last: dict[str, int] = {}
+        self.count = self.back = self.changes = 0
+
+    def add(self, texts: Sequence[pa.Array], stamps: Stamps, good: NDArray[np.bool_]) -> None:
         """Take rows into account, those that have a time."""
-        coded = joined([cells]).dictionary_encode()
+        coded, new = (
+            joined([texts[k] for k in places] or [pa.nulls(len(stamps), pa.string())]).dictionary_encode()
+            for places in (self._places, self._new)
+        )
+        self.changes += int(np.count_nonzero(np.diff(new.indices.to_numpy()[good])))
         who = coded.indices.to_numpy()[good]
-        self._changes += int(np.count_nonzero(np.diff(who)))
         order = np.argsort(who, kind="stable")
         who, stamps = who[order], stamps[good][order]
-        self._count += len(who)
+        self.count += len(who)
         self.back += int(np.count_nonzero((np.diff(who) == 0) & (np.diff(stamps) <= 0)))
         begins = np.flatnonzero(np.diff(who, prepend=-1))
         for begin, end in zip(begins.tolist(), [*begins[1:].tolist(), len(who)], strict=False):
             name = coded.dictionary[int(who[begin])].as_py()
-            self.back += name in self._last and stamps[begin] <= self._last[name]
-            if name in self._last or len(self._last) <= MOST_PARTS:
-                self._last[name] = int(stamps[end - 1])
-
-    def tell_apart(self, back: int) -> bool:
-        """Tell whether the time goes on for each of a few values, while it goes back `back` times for all rows."""
-        few = MOST_EXCEPTIONS * self._count
-        goes_on = 2 * self.back <= back and self.back <= few
-        # Where values change from row to row, it has to go back with them; blocks are long.
-        tells = back >= (0.5 - MOST_EXCEPTIONS) * self._changes or self._changes <= few
-        return back > 0 and 2 <= len(self._last) <= min(MOST_PARTS, self._count // 3) and goes_on and tells
+            self.back += name in self.last and stamps[begin] <= self.last[name]
+            if name in self.last or len(self.last) <= MOST_PARTS:
+                self.last[name] = int(stamps[end - 1])
 
 
 def joined(cells: Sequence[pa.Array]) -> pa.Array:
     """Return the texts of several columns as one, "" for a blank."""
     texts = [pc.fill_null(trimmed(one), "") for one in cells]
     return texts[0] if len(texts) == 1 else pc.binary_join_element_wise(*texts, BETWEEN)
+
+
+def _called(names: Sequence[str]) -> str:
+    *others, last = (f"'{printable_cell(name)}'" for name in names)
+    return f"columns {', '.join(others)} and {last}" if others else f"column {last}"
 
 
 class Speakers:
@@ -169,7 +213,7 @@ class Speakers:
 
     def __init__(self, names: Sequence[str], columns: tuple[int, ...], cells: Iterable[Sequence[pa.Array]]) -> None:
         self.columns = columns
-        self._called = "column " + ", ".join(f"'{printable_cell(name)}'" for name in names)
+        self._called = _called(names)
         found: dict[str, None] = {}
         for part in cells:
             found |= dict.fromkeys(pc.unique(joined(part)).to_pylist())
