@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Evidence, Finding, Findings
+from vsalog.core.memory import PIECE_BYTES
 from vsalog.readers.limits import BLOCK_ROWS, SAMPLE_ROWS
 from vsalog.readers.tables.cells import numbers_in, too_large, with_points
 from vsalog.readers.tables.dialect import Dialect
@@ -149,8 +150,9 @@ class Rows:
         table = pacsv.read_csv(
             pa.BufferReader(block),
             read_options=pacsv.ReadOptions(
-                use_threads=odd is None,  # else lines have no numbers
-                block_size=block.size + 1,
+                # Pieces are parsed in threads, of which odd lines would have no numbers; a line longer than one is no number's.
+                use_threads=odd is None,
+                block_size=PIECE_BYTES if odd is None else block.size + 1,
                 skip_rows=skip,
                 column_names=list(names),
             ),
