@@ -19,7 +19,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata
 
 from vsalog.readers.mcap_file import McapContainer
-from vsalog.writers.repair import _attachments
+from vsalog.writers.repair import _records_of
 
 
 def expected(path):
@@ -54,7 +54,8 @@ def read(path):
         for packet in container.packets([one.id for one in connections])
         for i, (first, size) in enumerate(zip(packet.messages.start, packet.messages.length, strict=True))
     ]
-    attachments = [Attachment.read(ReadDataStream(BytesIO(content))) for content in _attachments(container)]
+    stored = _records_of(container, Opcode.ATTACHMENT, Opcode.ATTACHMENT_INDEX)
+    attachments = [Attachment.read(ReadDataStream(BytesIO(content))) for content in stored]
     metadata = [
         Metadata.read(ReadDataStream(BytesIO(content)))
         for op, content in McapContainer(path).records()

@@ -15,7 +15,7 @@ from write_logs import MS, START, McapLog, joint_state, serialised
 
 from vsalog.cli import cli
 from vsalog.core.errors import ReadError
-from vsalog.readers import mcap_file, read
+from vsalog.readers import mcap_walk, read
 from vsalog.readers.time_window import Moment
 
 S = 10**9
@@ -96,8 +96,8 @@ def headerless(path, sqlite, **options):
 def unpacked(monkeypatch):
     """What was unpacked of chunks, or read of rows."""
     seen = []
-    own = mcap_file.decompress
-    monkeypatch.setattr(mcap_file, "decompress", lambda kind, data, size: seen.append(size) or own(kind, data, size))
+    own = mcap_walk.decompress
+    monkeypatch.setattr(mcap_walk, "decompress", lambda kind, data, size: seen.append(size) or own(kind, data, size))
     return seen
 
 

@@ -11,7 +11,7 @@ from rosbags import rosbag1, rosbag2
 from write_logs import START, McapLog, joint_state, serialised
 
 from vsalog.core.errors import ReadError
-from vsalog.readers import header_delays, mcap_file, read, rosbag1_walk
+from vsalog.readers import header_delays, mcap_walk, read, rosbag1_walk
 from vsalog.readers.messages import RosDecoder
 from vsalog.readers.time_window import cut
 
@@ -171,7 +171,7 @@ def test_the_beginning_of_a_late_stream_is_found_through_the_index(tmp_path, kin
     """The log's beginning is that of all its streams, and one of them may come at its very end."""
     path = write(kind, tmp_path / "log", rare=lambda i: plain(i) - 700 * S)
     unpacked = []
-    for module in (mcap_file, rosbag1_walk):
+    for module in (mcap_walk, rosbag1_walk):
         own = module.decompress
         monkeypatch.setattr(module, "decompress", lambda k, d, n, own=own: unpacked.append(n) or own(k, d, n))
     read(path, {NAME})

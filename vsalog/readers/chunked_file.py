@@ -19,7 +19,7 @@ from vsalog.readers.compression import beginning
 from vsalog.readers.container import Connection
 from vsalog.readers.limits import GLANCE_BYTES, MOST_STEPS
 from vsalog.readers.packets import Bytes, Packet, RawMessage, ahead, in_packets
-from vsalog.readers.record_walk import Head
+from vsalog.readers.record_walk import RecordWalk
 from vsalog.readers.sampling_pieces import Piece, Sample, chosen_pieces
 
 Spans = Sequence[tuple[int, ...]]
@@ -47,9 +47,9 @@ class ChunkedFile(ABC):
         The file cannot be opened or is no such file.
     """
 
-    CHUNK: ClassVar[int]
+    WALK: ClassVar[type[RecordWalk]]
     DEFINITIONS: ClassVar[tuple[int, ...]]
-    """Kinds of records: chunks, and those that tell what messages outside of them mean."""
+    """Kinds of records that tell what messages outside of chunks mean."""
     NO_INDEX: ClassVar[str]
     """Code of what is found of a file without an index."""
 
@@ -72,14 +72,6 @@ class ChunkedFile(ABC):
     @abstractmethod
     def _check(self, file: IO[bytes]) -> None:
         """Raise ReadError where a file that was just opened is none of this kind."""
-
-    @abstractmethod
-    def _heads(self, file: IO[bytes], position: int = 0) -> Iterator[Head]:
-        """Yield records, unread, from a position on or the first one, up to the end of the data or to damage."""
-
-    @abstractmethod
-    def _beginning(self, file: IO[bytes], position: int) -> tuple[str, bytes] | None:
-        """Return the compression and the first bytes of the data of the chunk at a position; None where there is none."""
 
     @abstractmethod
     def _messages(self, data: Bytes, ids: Collection[int]) -> Packet:
@@ -138,20 +130,22 @@ class ChunkedFile(ABC):
         """Yield the first messages of chunks from all over the file."""
         self.connections()
         with self.open() as file:
+            walk = self.WALK(file)
             for position in some_of(self.chunks, ids):
-                found = self._beginning(file, position)
+                found = walk.beginning(position)
                 if found is not None:
                     yield self._messages(np.frombuffer(beginning(*found, GLANCE_BYTES), np.uint8), ids)
 
     def sample(self, budget: int) -> Sample | None:
         """From now on read stretches of chunks only, or the beginning of a file without any; see `Container`."""
         with self.open() as file:
+            walk = self.WALK(file)
             indexed = self.has_index() and bool(self.chunks)
-            heads = [head for at in sorted(self.chunks) for head in islice(self._heads(file, at), 1)] if indexed else []
-            if len(heads) < len(self.chunks) or any(kind != self.CHUNK for kind, _, _ in heads) or not indexed:
+            heads = [head for at in sorted(self.chunks) for head in islice(walk.heads(at), 1)] if indexed else []
+            if len(heads) < len(self.chunks) or any(kind != walk.CHUNK for kind, _, _ in heads) or not indexed:
                 indexed = False
-                heads = list(islice(self._heads(file), MOST_STEPS))
-        chunks = [Piece(at, end - at) for kind, at, end in heads if kind == self.CHUNK]
+                heads = list(islice(walk.heads(), MOST_STEPS))
+        chunks = [Piece(at, end - at) for kind, at, end in heads if kind == walk.CHUNK]
         if chunks:
             pieces, stretches = chosen_pieces(chunks, budget)
         else:

@@ -7,7 +7,6 @@ must not hide those behind it.
 from __future__ import annotations
 
 import struct
-import zlib
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from io import BytesIO
@@ -26,14 +25,11 @@ from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding
 from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.readers.chunked_file import ChunkedFile, Spans
-from vsalog.readers.compression import DamagedDataError, decompress
 from vsalog.readers.container import Connection
-from vsalog.readers.limits import GLANCE_BYTES
 from vsalog.readers.mcap_scan import ends_whole, messages_in, others_in
 from vsalog.readers.mcap_summary import chunk_in, states_checksum, summary_records
 from vsalog.readers.mcap_walk import MAGIC, Walk
 from vsalog.readers.packets import Bytes, Packet, RawMessage
-from vsalog.readers.record_walk import Head
 
 RIG_METADATA = "vsalog.rig"
 RIG_KEY = "toml"
@@ -42,7 +38,6 @@ RIG_KEY = "toml"
 _LANGUAGES = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl", "protobuf": "protobuf"}
 _HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
-_CHUNK_HEAD = struct.Struct("<QQQII")
 
 
 class McapContainer(ChunkedFile):
@@ -56,7 +51,7 @@ class McapContainer(ChunkedFile):
 
     format = "mcap"
     has_publish = True
-    CHUNK, NO_INDEX = Opcode.CHUNK, "recording.no_summary"
+    WALK, NO_INDEX = Walk, "recording.no_summary"
     DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
 
     def __init__(self, path: Path) -> None:
@@ -97,17 +92,6 @@ class McapContainer(ChunkedFile):
             except (ValueError, LookupError, OSError, struct.error, McapError):
                 self._indexed = False  # damage anywhere in the summary: the walk will find what there is
         return self._indexed
-
-    def _heads(self, file: IO[bytes], position: int = len(MAGIC)) -> Iterator[Head]:
-        return Walk(file, verify=False).heads(position)
-
-    def _beginning(self, file: IO[bytes], position: int) -> tuple[str, bytes] | None:
-        file.seek(position + _HEAD.size)
-        content = file.read(GLANCE_BYTES)
-        if len(content) < _CHUNK_HEAD.size:
-            return None
-        start = _CHUNK_HEAD.size + _CHUNK_HEAD.unpack_from(content)[4] + 8
-        return content[_CHUNK_HEAD.size : start - 8].decode("ascii", "replace"), content[start:]
 
     def _messages(self, data: Bytes, ids: Collection[int]) -> Packet:
         return messages_in(data, _flags(ids))
@@ -234,19 +218,10 @@ class McapContainer(ChunkedFile):
                 chunked=bool(self.chunks),
             )
             spans_read = self._spans() if spans is None else spans
-            for record, content, position in chain.from_iterable(walk.records(*span) for span in spans_read):
-                if record != Opcode.CHUNK:
-                    yield record, content
-                    continue
-                walk.chunks += 1
-                try:
-                    data = _chunk_data(content)
-                except DamagedDataError as error:
-                    walk.lose(position, str(error))
-                    continue
-                if not ends_whole(np.frombuffer(data, np.uint8)):
-                    walk.lose(position, "its last record is cut off")
-                yield record, data
+            for record in chain.from_iterable(walk.records(*span) for span in spans_read):
+                if record.kind == Opcode.CHUNK and not ends_whole(np.frombuffer(record.content, np.uint8)):
+                    walk.lose(record.position, "its last record is cut off")
+                yield record.kind, record.content
             if spans is None and self._pieces is None and not self._indexed:
                 walk.note_joined()
         if spans is not None:
@@ -285,23 +260,3 @@ def _flags(ids: Collection[int]) -> NDArray[np.bool_]:
     flags = np.zeros(2**16, dtype=np.bool_)
     flags[list(ids)] = True
     return flags
-
-
-def _chunk_data(content: bytes) -> bytes:
-    """Return the records of a chunk, decompressed, their checksum verified.
-
-    Raises
-    ------
-    DamagedDataError
-        The chunk is damaged, or of a size or compression that is not read.
-    """
-    _, _, size, checksum, length = _CHUNK_HEAD.unpack_from(content)
-    start = _CHUNK_HEAD.size + length + 8
-    stored = int.from_bytes(content[start - 8 : start], "little")
-    if start + stored > len(content):
-        raise DamagedDataError("its lengths contradict one another")
-    kind = content[_CHUNK_HEAD.size : start - 8].decode("ascii", "replace")
-    data = decompress(kind, content[start : start + stored], size)
-    if checksum and zlib.crc32(data) != checksum:
-        raise DamagedDataError("checksum does not match")
-    return data

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection
 from typing import IO
 
 import numpy as np
@@ -16,9 +16,10 @@ from mcap.opcode import Opcode
 
 from vsalog.core.finding import Finding
 from vsalog.core.memory import AT_ONCE_BYTES, PIECE_BYTES
+from vsalog.readers.compression import DamagedDataError, decompress
 from vsalog.readers.limits import GLANCE_BYTES
 from vsalog.readers.mcap_scan import Reserved, Size, next_sure_record
-from vsalog.readers.record_walk import RecordWalk
+from vsalog.readers.record_walk import Place, RecordWalk
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -40,6 +41,7 @@ _PARTS: dict[int, tuple[int, ...]] = {
     Opcode.DATA_END: (4,),
 }
 _HEAD = struct.Struct("<BQ")
+_CHUNK_HEAD = struct.Struct("<QQQII")
 
 
 class Walk(RecordWalk):
@@ -61,14 +63,14 @@ class Walk(RecordWalk):
         Records of a kind that the format does not have.
     changed : bool
         The checksum of the data section does not match.
-    end : int or None
-        Where what follows the data section begins, once it was reached.
     """
+
+    MARK, CHUNK, LAST = MAGIC, Opcode.CHUNK, (Opcode.DATA_END, Opcode.FOOTER)
 
     def __init__(
         self,
         file: IO[bytes],
-        verify: bool,
+        verify: bool = False,
         passed: Callable[[int], bool] = lambda position: False,
         kept: Collection[int] = KEPT,
         chunked: bool = False,
@@ -76,56 +78,30 @@ class Walk(RecordWalk):
         super().__init__(file, passed)
         self.unknown = 0
         self.changed = False
-        self.end: int | None = None
         self._verify = verify
         self._kept = kept
         self._checksum = zlib.crc32(MAGIC)
         self._chunked = chunked
 
-    def records(self, position: int = len(MAGIC), until: int | None = None) -> Iterator[tuple[int, bytes, int]]:
-        """Yield kind, content and position of the records in `kept`, from a position on and `until` another.
-
-        Without that up to the end of the data section or of what there is.
-        """
-        while until is None or position < until:
-            kind, length = self._sound(position)
-            if kind in (Opcode.DATA_END, Opcode.FOOTER):
-                self._compare_checksum(kind, position)
-                self.end = position + (_HEAD.size + length if kind == Opcode.DATA_END else 0)
-                return
-            if kind < 0:
-                self._chunked |= self._resembles_chunk(position)
-                following = self._resume(position)
-                if following < 0:
-                    return
-                self.skipped.append((position, following))
-                position = following
-                continue
-            if kind == Opcode.CHUNK and self._passed(position):
-                position += _HEAD.size + length
-                continue
-            keep = kind in self._kept and (kind != Opcode.ATTACHMENT or length <= AT_ONCE_BYTES)
-            content = self._read(position, length, keep)
-            if keep and len(content) < length:  # the file has become shorter meanwhile
-                self.cut = (position, self._size)
-                return
-            self._chunked |= kind == Opcode.CHUNK
-            self.unknown += Opcode.DATA_END < kind < Reserved.PRIVATE
-            if keep:
-                yield kind, content, position
-            position += _HEAD.size + length
-
-    MARK = MAGIC
+    def beginning(self, position: int) -> tuple[str, bytes] | None:
+        """See `RecordWalk`."""
+        self._file.seek(position + _HEAD.size)
+        content = self._file.read(GLANCE_BYTES)
+        if len(content) < _CHUNK_HEAD.size:
+            return None
+        start = _CHUNK_HEAD.size + _CHUNK_HEAD.unpack_from(content)[4] + 8
+        return content[_CHUNK_HEAD.size : start - 8].decode("ascii", "replace"), content[start:]
 
     def note_joined(self) -> None:
         """Look whether another file begins behind the end of this one."""
         end = self._size if self.end is None else self.end
         for _, _, following in self.heads(end):
             end = following
-        kind, length = self._head(end)
-        self._file.seek(end + _HEAD.size + length + len(MAGIC))
-        if kind == Opcode.FOOTER and self._file.read(len(MAGIC)) == MAGIC:
-            self.joined = end + _HEAD.size + length + len(MAGIC)
+        last = self._head(end)
+        if last is not None and last.kind == Opcode.FOOTER:
+            self._file.seek(last.end + len(MAGIC))
+            if self._file.read(len(MAGIC)) == MAGIC:
+                self.joined = last.end + len(MAGIC)
 
     def findings(self) -> list[Finding]:
         """Return what was damaged."""
@@ -136,27 +112,24 @@ class Walk(RecordWalk):
             found.append(Finding(code="recording.bad_checksum"))
         return found
 
-    def _end(self, position: int) -> tuple[int, int] | None:
-        kind, length = self._head(position)
-        return None if kind in (-1, Opcode.FOOTER, Opcode.DATA_END) else (kind, position + _HEAD.size + length)
-
     def _next_sure(self, data: bytes, position: int) -> int:
         """See `RecordWalk`; messages count only as long as no chunk was seen: within one, nothing would vouch for them."""
         return next_sure_record(np.frombuffer(data, np.uint8), self._size - position, not self._chunked)
 
-    def _sound(self, position: int) -> tuple[int, int]:
-        """Return kind and content's length of the record at a position; kind -1 where none can be."""
-        kind, length = self._head(position)
-        if kind < 0:
-            return -1, 0
-        least = _least_length(kind, self._file.read(min(length, GLANCE_BYTES)) if kind != Opcode.MESSAGE else b"")
-        if least == length and kind != Opcode.MESSAGE:
-            return kind, length
-        # Records may have grown by parts that are not known yet, but hardly to twice their head.
-        if least > length or (kind == Opcode.CHUNK and length - least > Size.CHUNK):
-            return -1, 0
-        end = position + _HEAD.size + length
-        return (kind, length) if end == self._size or self._head(end)[0] > 0 else (-1, 0)
+    def _sound(self, position: int) -> Place | None:
+        place = self._head(position)
+        if place is not None:
+            length = place.end - place.start
+            beginning = self._file.read(min(length, GLANCE_BYTES)) if place.kind != Opcode.MESSAGE else b""
+            least = _least_length(place.kind, beginning)
+            if least == length and place.kind != Opcode.MESSAGE:
+                return place
+            # Records may have grown by parts that are not known yet, but hardly to twice their head.
+            grown = least <= length and (place.kind != Opcode.CHUNK or length - least <= Size.CHUNK)
+            if grown and (place.end == self._size or self._head(place.end) is not None):
+                return place
+        self._chunked |= self._resembles_chunk(position)
+        return None
 
     def _resembles_chunk(self, position: int) -> bool:
         """Tell whether a damaged record was a chunk: by its kind, or by its lengths."""
@@ -167,21 +140,24 @@ class Walk(RecordWalk):
         kind, length = _HEAD.unpack_from(head)
         return bool(kind == Opcode.CHUNK or length == _least_length(Opcode.CHUNK, head[_HEAD.size :]))
 
-    def _head(self, position: int) -> tuple[int, int]:
-        """Return kind and length as a record's head has them; kind -1 where they cannot be right."""
+    def _head(self, position: int) -> Place | None:
         self._file.seek(position)
         head = self._file.read(_HEAD.size)
         if len(head) < _HEAD.size:
-            return -1, 0
+            return None
         kind, length = _HEAD.unpack(head)
-        fits = length <= self._size - position - _HEAD.size
-        return (kind, length) if fits and kind else (-1, 0)
+        start = position + _HEAD.size
+        return Place(kind, start, start + length) if kind and length <= self._size - start else None
 
-    def _read(self, position: int, length: int, keep: bool) -> bytes:
+    def _content(self, place: Place) -> bytes | None:
         """Return a record's content if it is kept; its bytes are added to the checksum."""
-        self._file.seek(position)
+        length = place.end - place.start
+        keep = place.kind in self._kept and (place.kind != Opcode.ATTACHMENT or length <= AT_ONCE_BYTES)
+        self._chunked |= place.kind == Opcode.CHUNK
+        self.unknown += Opcode.DATA_END < place.kind < Reserved.PRIVATE
+        self._file.seek(place.start - _HEAD.size)
         if not keep and not self._verify:
-            return b""
+            return None
         head = self._file.read(_HEAD.size)
         if keep:
             content = self._file.read(length)
@@ -192,12 +168,27 @@ class Walk(RecordWalk):
         while length > 0 and (piece := self._file.read(min(length, PIECE_BYTES))):
             self._checksum = zlib.crc32(piece, self._checksum)
             length -= len(piece)
-        return b""
+        return None
 
-    def _compare_checksum(self, kind: int, position: int) -> None:
+    def _decompressed(self, chunk: Place, content: bytes) -> bytes:
+        """See `RecordWalk`; the chunk's checksum is verified."""
+        _, _, size, checksum, length = _CHUNK_HEAD.unpack_from(content)
+        start = _CHUNK_HEAD.size + length + 8
+        stored = int.from_bytes(content[start - 8 : start], "little")
+        if start + stored > len(content):
+            raise DamagedDataError("its lengths contradict one another")
+        kind = content[_CHUNK_HEAD.size : start - 8].decode("ascii", "replace")
+        data = decompress(kind, content[start : start + stored], size)
+        if checksum and zlib.crc32(data) != checksum:
+            raise DamagedDataError("checksum does not match")
+        return data
+
+    def _finish(self, last: Place) -> None:
         """Compare the checksum with the one at the end of the data section, 0 for none."""
-        self._file.seek(position + _HEAD.size)
-        stated = struct.unpack("<I", self._file.read(4))[0] if kind == Opcode.DATA_END else 0
+        ended = last.kind == Opcode.DATA_END
+        self.end = last.end if ended else last.start - _HEAD.size
+        self._file.seek(last.start)
+        stated = struct.unpack("<I", self._file.read(4))[0] if ended else 0
         self.changed = bool(self._verify and stated and not self.skipped and stated != self._checksum)
 
 

@@ -3,15 +3,40 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import IO, ClassVar, NamedTuple
 
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.memory import PIECE_BYTES
+from vsalog.readers.compression import DamagedDataError
 from vsalog.readers.limits import GLANCE_BYTES, SHOWN
 
 Head = tuple[int, int, int]
 """A record's kind, and where it begins and ends in the file [bytes]."""
+
+Header = Mapping[bytes, bytes]
+"""The fields of a record's header, by name, in formats that name them."""
+
+_NO_FIELDS: Header = MappingProxyType({})
+
+
+class Place(NamedTuple):
+    """Where a record is: its kind, where its content starts and ends in the file [bytes], and its header."""
+
+    kind: int
+    start: int
+    end: int
+    header: Header = _NO_FIELDS
+
+
+class Record(NamedTuple):
+    """A record: its kind, where it begins in the file, its content, that of a chunk decompressed, and its header."""
+
+    kind: int
+    position: int
+    content: bytes
+    header: Header
 
 
 class Damage(NamedTuple):
@@ -37,6 +62,8 @@ class RecordWalk(ABC):
     ----------
     chunks : int
         Chunks seen.
+    passing : bool
+        The last chunk was passed by.
     damage : list of Damage
         Those of them that cannot be read.
     skipped : list of (int, int)
@@ -45,38 +72,115 @@ class RecordWalk(ABC):
         Where reading ended and the size of the file, where no record follows up to its end.
     joined : int or None
         Where another file begins in this one, whose records are not those of this one.
+    end : int or None
+        Where what follows the data begins, once the record that ends them was reached.
     """
 
     MARK: ClassVar[bytes]
     """With which bytes a file begins."""
+    CHUNK: ClassVar[int]
+    LAST: ClassVar[tuple[int, ...]] = ()
+    """Kinds of records: chunks, and those that end the data, in formats that have such."""
 
     def __init__(self, file: IO[bytes], passed: Callable[[int], bool] = lambda position: False) -> None:
         self.chunks = 0
+        self.passing = False
         self.damage: list[Damage] = []
         self.skipped: list[tuple[int, int]] = []
         self.cut: tuple[int, int] | None = None
         self.joined: int | None = None
+        self.end: int | None = None
         self._file, self._passed = file, passed
         self._size = file.seek(0, 2)
 
     @abstractmethod
-    def _end(self, position: int) -> tuple[int, int] | None:
-        """Return kind and end of the record whose head is at a position; None where there is none, or the data end."""
+    def beginning(self, position: int) -> tuple[str, bytes] | None:
+        """Return the compression and the first bytes of the data of the chunk at a position; None where there is none."""
+
+    @abstractmethod
+    def _head(self, position: int) -> Place | None:
+        """Return the record whose head is at a position; None where there is none."""
+
+    @abstractmethod
+    def _sound(self, position: int) -> Place | None:
+        """Return the record at a position; None where there is none whose parts agree."""
+
+    @abstractmethod
+    def _decompressed(self, chunk: Place, content: bytes) -> bytes:
+        """Return the records in a chunk, or raise DamagedDataError."""
 
     @abstractmethod
     def _next_sure(self, data: bytes, position: int) -> int:
         """Return where the first record surely begins in a stretch of the file from a position on; -1 where none does."""
 
+    def _content(self, place: Place) -> bytes | None:
+        """Return a record's content; None where it is not handed over. DamagedDataError where it is too long."""
+        self._file.seek(place.start)
+        return self._file.read(place.end - place.start)
+
+    def _follows(self, end: int) -> bool:
+        """Tell whether the end of a chunk is right, as far as what is there tells."""
+        return True
+
+    def _finish(self, last: Place) -> None:
+        """Take note of the record that ends the data."""
+        self.end = last.end
+
+    def records(self, position: int | None = None, until: int | None = None) -> Iterator[Record]:
+        """Yield the records from a position on, or the first one, and `until` another.
+
+        Without that up to the end of the data or of what there is. Chunks that cannot be decompressed are noted.
+        """
+        position = len(self.MARK) if position is None else position
+        if until is None and not self.LAST:
+            until = self._size
+        while until is None or position < until:
+            place = self._sound(position)
+            if place is None:
+                following = self._resume(position)
+                if following < 0:
+                    return
+                self.skipped.append((position, following))
+                position = following
+                continue
+            if place.kind in self.LAST:
+                self._finish(place)
+                return
+            if place.kind == self.CHUNK:
+                self.passing = self._passed(position) and self._follows(place.end)
+                if self.passing:
+                    position = place.end
+                    continue
+                self.chunks += 1
+            try:
+                content = self._content(place)
+                if (
+                    content is not None and len(content) < place.end - place.start
+                ):  # the file has become shorter meanwhile
+                    self.cut = (position, self._size)
+                    return
+                if content is not None and place.kind == self.CHUNK:
+                    content = self._decompressed(place, content)
+            except DamagedDataError as error:
+                self.lose(position, str(error))
+                position = place.end if self._follows(place.end) else self._resume(position)
+                if position < 0:
+                    return
+                continue
+            if content is not None:
+                yield Record(place.kind, position, content, place.header)
+            position = place.end
+
     def lose(self, position: int, reason: str, read: int = 0) -> None:
         """Note that the last chunk, at `position`, is damaged, and that `read` of its messages could be read."""
         self.damage.append(Damage(self.chunks, position, read, reason))
 
-    def heads(self, position: int) -> Iterator[Head]:
-        """Yield the records from a position on, unread, up to the end of the data or to damage."""
-        while (found := self._end(position)) is not None:
-            kind, end = found
-            yield kind, position, end
-            position = end
+    def heads(self, position: int | None = None) -> Iterator[Head]:
+        """Yield the records from a position on, or the first one, unread, up to the end of the data or to damage."""
+        position = len(self.MARK) if position is None else position
+        while (place := self._head(position)) is not None and place.kind not in self.LAST:
+            yield place.kind, position, place.end
+            position = place.end
 
     def findings(self) -> list[Finding]:
         """Return what was damaged."""

@@ -18,20 +18,13 @@ from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
 from vsalog.readers.chunked_file import ChunkedFile, Spans
 from vsalog.readers.container import MOST_CONNECTIONS, Connection
-from vsalog.readers.limits import FIRST_ROWS, GLANCE_BYTES
+from vsalog.readers.limits import FIRST_ROWS
 from vsalog.readers.message_definitions import DefinitionError, ros1_checksum
 from vsalog.readers.packets import Bytes, Packet, RawMessage
-from vsalog.readers.record_walk import Head
+from vsalog.readers.record_walk import Header, Record
 from vsalog.readers.rosbag1_index import IndexCheck, chunk_told
 from vsalog.readers.rosbag1_scan import connections_in, messages_in
-from vsalog.readers.rosbag1_walk import (
-    VERSION,
-    Header,
-    Walk,
-    fields,
-    number,
-    op,
-)
+from vsalog.readers.rosbag1_walk import VERSION, Walk, fields, number
 
 MAGIC = b"#ROSBAG V"
 
@@ -46,7 +39,7 @@ class Rosbag1Container(ChunkedFile):
     format = "rosbag1"
     has_publish = False
     rig_text: str | None = None
-    CHUNK, DEFINITIONS, NO_INDEX = RecordType.CHUNK, (RecordType.CONNECTION,), "recording.no_index"
+    WALK, DEFINITIONS, NO_INDEX = Walk, (RecordType.CONNECTION,), "recording.no_index"
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
@@ -59,8 +52,8 @@ class Rosbag1Container(ChunkedFile):
             with self.open() as file:
                 found = dict(self._indexed(file))
                 if not found or not all(sound for _, sound in found.values()):
-                    for header, data in self._records(Walk(file)):
-                        self._keep_all(found, header, data)
+                    for record in self._records(Walk(file)):
+                        self._keep_all(found, record)
             self._connections = {identity: connection for identity, (connection, _) in found.items()}
         return list(self._connections.values())
 
@@ -74,16 +67,10 @@ class Rosbag1Container(ChunkedFile):
         with self.open() as file:
             return bool(self._indexed(file))
 
-    def _heads(self, file: IO[bytes], position: int = len(VERSION)) -> Iterator[Head]:
-        return Walk(file).heads(position)
-
-    def _beginning(self, file: IO[bytes], position: int) -> tuple[str, bytes] | None:
-        return Walk(file).beginning(position, GLANCE_BYTES)
-
     def _messages(self, data: Bytes, ids: Collection[int]) -> Packet:
         return messages_in(data, np.array(sorted(ids), dtype=np.int64))[0]
 
-    def _records(self, walk: Walk, spans: Spans | None = None) -> Iterator[tuple[Header, bytes]]:
+    def _records(self, walk: Walk, spans: Spans | None = None) -> Iterator[Record]:
         return chain.from_iterable(walk.records(*span) for span in (self._spans() if spans is None else spans))
 
     def _items(self, ids: Collection[int], spans: Spans | None) -> Iterator[Packet | RawMessage]:
@@ -93,16 +80,16 @@ class Rosbag1Container(ChunkedFile):
         check = IndexCheck(wanted, part, whole=part is None and self._pieces is None)
         with self.open() as file:
             walk = Walk(file, left_out.__contains__)
-            for header, data in self._records(walk, spans):
-                kind = op(header)
+            for record in self._records(walk, spans):
+                kind, position, data, header = record
                 check.damaged(walk.damage)
                 if kind == RecordType.CHUNK:
                     packet, sound, connections = messages_in(np.frombuffer(data, np.uint8), wanted)
                     if connections:
-                        self._compare(data)
+                        self._compare(record)
                     check.chunk(packet)
                     if not sound:
-                        walk.lose(walk.position, "some of its records cannot be read", len(packet.messages))
+                        walk.lose(position, "some of its records cannot be read", len(packet.messages))
                     yield packet
                 elif kind == RecordType.MSGDATA:
                     one = number(header, b"conn")
@@ -125,17 +112,17 @@ class Rosbag1Container(ChunkedFile):
         elif position >= self.size():
             self.findings.add(Finding(code="recording.index_cut_off"))
 
-    def _compare(self, chunk: bytes) -> None:
+    def _compare(self, chunk: Record) -> None:
         """Compare the connections that a chunk tells with what is known of them."""
         known = self._connections or {}
         found: Found = {}
-        self._keep_all(found, {b"op": bytes([RecordType.CHUNK])}, chunk)
+        self._keep_all(found, chunk)
         for identity, (connection, _) in found.items():
             if known.get(identity, connection) != connection:
                 topic = printable(known[identity].topic)
                 self.findings.add(Finding(code="recording.definition_damaged", part=topic))
 
-    def _keep_all(self, found: Found, header: Header, data: bytes) -> None:
+    def _keep_all(self, found: Found, record: Record) -> None:
         """Add the connections that a record tells to `found`.
 
         Raises
@@ -143,9 +130,10 @@ class Rosbag1Container(ChunkedFile):
         ReadError
             There are more than any bag has.
         """
-        if op(header) == RecordType.CONNECTION:
-            _keep(found, header, data)
-        elif op(header) == RecordType.CHUNK:
+        data = record.content
+        if record.kind == RecordType.CONNECTION:
+            _keep(found, record.header, data)
+        elif record.kind == RecordType.CHUNK:
             for start, stop, end in connections_in(np.frombuffer(data, np.uint8)):
                 _keep(found, fields(data[start:stop]) or {}, data[stop + 4 : end])
         if len(found) > MOST_CONNECTIONS:
@@ -169,21 +157,21 @@ class Rosbag1Container(ChunkedFile):
 
     def _read_index(self, file: IO[bytes]) -> Found:
         found: Found = {}
-        header, _ = next(Walk(file).records(), ({}, b""))
+        header = next((record.header for record in Walk(file).records()), {})
         if header.get(b"encryptor"):
             raise ReadError("is encrypted; decrypt it first ('rosbag decrypt')", self.path)
         index, count = header.get(b"index_pos", b""), header.get(b"conn_count", b"")
         if len(index) != 8 or len(count) != 4 or not struct.unpack("<Q", index)[0]:
             return {}
         walk, counted = Walk(file), Counter[int]()
-        for inner, data in walk.records(struct.unpack("<Q", index)[0]):
-            if op(inner) == RecordType.CHUNK_INFO:
-                for connection, number_of in struct.iter_unpack("<II", data):
+        for record in walk.records(struct.unpack("<Q", index)[0]):
+            if record.kind == RecordType.CHUNK_INFO:
+                for connection, number_of in struct.iter_unpack("<II", record.content):
                     counted[connection] += number_of
-                if told := chunk_told(inner, data):
+                if told := chunk_told(record.header, record.content):
                     self.chunks[told[0]] = told[1]
-            elif op(inner) == RecordType.CONNECTION:
-                self._keep_all(found, inner, data)
+            elif record.kind == RecordType.CONNECTION:
+                self._keep_all(found, record)
             else:
                 break
         if len(found) == number(header, b"conn_count") and not walk.skipped:

@@ -12,8 +12,8 @@ from vsalog.core.errors import ReadError
 from vsalog.core.finding import Evidence, Finding
 from vsalog.readers.chunk_index import Chunk, Part
 from vsalog.readers.packets import Integers, Packet
-from vsalog.readers.record_walk import Damage
-from vsalog.readers.rosbag1_walk import Header, number, op
+from vsalog.readers.record_walk import Damage, Header
+from vsalog.readers.rosbag1_walk import number, op
 
 _TIME = _COUNT = struct.Struct("<II")
 

@@ -9,17 +9,15 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Callable, Iterator
-from typing import IO
 
 from rosbags.rosbag1.reader import RecordType
 
-from vsalog.core.memory import AT_ONCE_BYTES, PIECE_BYTES
-from vsalog.readers.compression import DamagedDataError, decompress
-from vsalog.readers.record_walk import RecordWalk
+from vsalog.core.memory import PIECE_BYTES
+from vsalog.readers.compression import decompress, refuse_bomb
+from vsalog.readers.limits import GLANCE_BYTES
+from vsalog.readers.record_walk import Header, Place, RecordWalk
 
 VERSION = b"#ROSBAG V2.0\n"
-Header = dict[bytes, bytes]
 
 # The fields that a record of each kind has, and their lengths (0 where they vary).
 _FIELDS: dict[int, dict[bytes, int]] = {
@@ -37,99 +35,43 @@ _CHUNK_MARK = re.compile(rb"\x04\0\0\0op=\x05")
 
 
 class Walk(RecordWalk):
-    """One pass over the records of a bag; see `RecordWalk`.
+    """One pass over the records of a bag; see `RecordWalk`."""
 
-    Attributes
-    ----------
-    position : int
-        Where the last chunk begins.
-    passing : bool
-        The last chunk was passed by.
-    """
+    MARK, CHUNK = VERSION, RecordType.CHUNK
 
-    MARK = VERSION
-
-    def __init__(self, file: IO[bytes], passed: Callable[[int], bool] = lambda position: False) -> None:
-        super().__init__(file, passed)
-        self.position = 0
-        self.passing = False
-
-    def records(self, position: int = len(VERSION), until: int | None = None) -> Iterator[tuple[Header, bytes]]:
-        """Yield header and data of the records from a position on, `until` another or the end, chunks decompressed."""
-        while position < (self._size if until is None else until):
-            if self._passed(position) and (end := self._chunk_end(position)):
-                position, self.passing = end, True
-                continue
-            record = self._record(position)
-            if record is not None:
-                header, data, end = record
-                if op(header) != RecordType.CHUNK:
-                    yield header, data
-                    position = end
-                    continue
-                self.chunks, self.position = self.chunks + 1, position
-                try:
-                    data = decompress(_compression(header), data, number(header, b"size"))
-                except DamagedDataError as error:
-                    self.lose(position, f"cannot be decompressed, {error}")
-                else:
-                    self.passing = False
-                    yield header, data
-                    position = end
-                    continue
-                if end == self._size or self._header(end) is not None:
-                    position = end
-                    continue
-            following = self._resume(position)
-            if following < 0:
-                return
-            if record is None:
-                self.skipped.append((position, following))
-            position = following
-
-    def _end(self, position: int) -> tuple[int, int] | None:
-        found = self._header(position)
-        return None if found is None else (op(found[0]), found[1] + found[2])
-
-    def beginning(self, position: int, size: int) -> tuple[str, bytes] | None:
-        """Return the compression and the first bytes of the data of the chunk at a position; None where there is none."""
-        found = self._header(position)
-        if found is None or op(found[0]) != RecordType.CHUNK:
+    def beginning(self, position: int) -> tuple[str, bytes] | None:
+        """See `RecordWalk`."""
+        place = self._head(position)
+        if place is None or place.kind != RecordType.CHUNK:
             return None
-        header, start, length = found
-        self._file.seek(start)
-        return _compression(header), self._file.read(min(length, size))
+        self._file.seek(place.start)
+        return _compression(place.header), self._file.read(min(place.end - place.start, GLANCE_BYTES))
 
-    def _chunk_end(self, position: int) -> int:
-        """Return where the chunk at a position ends, 0 where there is none or nothing follows it."""
-        found = self._header(position)
-        if found is None or op(found[0]) != RecordType.CHUNK:
-            return 0
-        end = found[1] + found[2]
-        return end if self._header(end) is not None else 0
-
-    def _record(self, position: int) -> tuple[Header, bytes, int] | None:
-        """Return header, data and end of the record at a position; None where there is none whose parts agree."""
-        found = self._header(position)
-        if found is None:
+    def _sound(self, position: int) -> Place | None:
+        place = self._head(position)
+        if place is None:
             return None
-        header, start, length = found
-        end = start + length
-        kind = op(header)
-        if kind == RecordType.CHUNK and max(length, number(header, b"size")) > AT_ONCE_BYTES:
-            return header, b"", end
-        self._file.seek(start)
-        data = self._file.read(length)
-        if kind in _ITEM:
-            sound = length == _ITEM[kind] * number(header, b"count")
-        elif kind == RecordType.CONNECTION:
-            sound = fields(data) is not None
+        if place.kind in _ITEM:
+            sound = place.end - place.start == _ITEM[place.kind] * number(place.header, b"count")
+        elif place.kind == RecordType.CONNECTION:
+            sound = fields(self._content(place)) is not None
         else:
-            sound = kind == RecordType.CHUNK or end == self._size or self._header(end) is not None
-        return (header, data, end) if sound else None
+            sound = place.kind == RecordType.CHUNK or self._follows(place.end)
+        return place if sound else None
 
-    def _header(self, position: int) -> tuple[Header, int, int] | None:
-        """Return the header at a position, where its data start and how long they are; None where there is none."""
+    def _content(self, place: Place) -> bytes:
+        if place.kind == RecordType.CHUNK:
+            refuse_bomb(place.end - place.start, max(place.end - place.start, number(place.header, b"size")))
+        self._file.seek(place.start)
+        return self._file.read(place.end - place.start)
+
+    def _decompressed(self, chunk: Place, content: bytes) -> bytes:
+        return decompress(_compression(chunk.header), content, number(chunk.header, b"size"))
+
+    def _follows(self, end: int) -> bool:
+        return end == self._size or self._head(end) is not None
+
+    def _head(self, position: int) -> Place | None:
         self._file.seek(position)
         head = self._file.read(4)
         if len(head) < 4 or _LENGTH.unpack(head)[0] > PIECE_BYTES:
@@ -145,7 +87,7 @@ class Walk(RecordWalk):
             return None
         if any(name not in header or (size and len(header[name]) != size) for name, size in expected.items()):
             return None
-        return header, start, count
+        return Place(op(header), start, start + count, header)
 
     def _next_sure(self, data: bytes, position: int) -> int:
         """See `RecordWalk`: where the next chunk begins."""
@@ -153,9 +95,9 @@ class Walk(RecordWalk):
             # The header's length lies ahead of the field op, or of others before it.
             for start in range(mark.start() - 4, max(mark.start() - 80, -1), -1):
                 if mark.end() <= start + 4 + _LENGTH.unpack_from(data, start)[0] <= start + 256:
-                    found = self._header(position + start)
-                    is_chunk = found is not None and op(found[0]) == RecordType.CHUNK
-                    if found is not None and is_chunk and _compression(found[0]) in _COMPRESSIONS:
+                    place = self._head(position + start)
+                    is_chunk = place is not None and place.kind == RecordType.CHUNK
+                    if place is not None and is_chunk and _compression(place.header) in _COMPRESSIONS:
                         return start
         return -1
 
@@ -165,7 +107,7 @@ _COMPRESSIONS = ("none", "bz2", "lz4")
 
 def fields(raw: bytes) -> Header | None:
     """Split a record's header into its fields; None where it is nonsense."""
-    found: Header = {}
+    found: dict[bytes, bytes] = {}
     position = 0
     while position < len(raw):
         if position + 4 > len(raw):

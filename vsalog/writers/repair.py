@@ -126,8 +126,7 @@ def _profile(parts: list[Container]) -> str:
     if not isinstance(first, McapContainer):
         return "ros1" if first.format == "rosbag1" else "ros2"
     with first.open() as file:
-        walk = Walk(file, verify=False, kept=(Opcode.HEADER,))
-        header = next((content for _, content, _ in walk.records()), b"")
+        header = next((record.content for record in Walk(file, kept=(Opcode.HEADER,)).records()), b"")
     try:
         return str(Header.read(ReadDataStream(BytesIO(header))).profile)
     except (ValueError, struct.error, McapError):
@@ -239,16 +238,16 @@ def _records_of(part: McapContainer, wanted: int, index: int) -> Iterator[bytes]
     """Yield the contents of the records of a kind: those between other records, and those only the summary tells of."""
     found = set()
     with part.open() as file:
-        for _, content, position in Walk(file, verify=False, kept=(wanted,)).records():
-            found.add(position)
-            yield content
+        for record in Walk(file, kept=(wanted,)).records():
+            found.add(record.position)
+            yield record.content
         for kind, content in summary_records(file) or ():
             position, length = struct.unpack_from("<QQ", content) if kind == index else (0, 0)
             if Size.HEAD < length <= AT_ONCE_BYTES and position not in found:
                 file.seek(position)
-                record = file.read(length)
-                if record[: Size.HEAD] == struct.pack("<BQ", wanted, length - Size.HEAD) and len(record) == length:
-                    yield record[Size.HEAD :]
+                raw = file.read(length)
+                if raw[: Size.HEAD] == struct.pack("<BQ", wanted, length - Size.HEAD) and len(raw) == length:
+                    yield raw[Size.HEAD :]
 
 
 def _repair_table(source: Path, target: Path, rate: float | None) -> Repaired:
