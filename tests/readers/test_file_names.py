@@ -18,8 +18,7 @@ from test_damage import write_mcap, write_rosbag1, write_rosbag2
 from test_matlab_v73 import Matlab
 
 from vsalog.readers import read
-from vsalog.readers.sampling import read_sample
-from vsalog.readers.sampling_tables import cut_parquet
+from vsalog.readers.sampling import cut_parquet, read_sample
 from vsalog.writers.repair import repair
 
 NAME = os.fsdecode(b"line\nend\xff\xfe %41?mode=rw#'\"&;$(touch x)\x1b[31m")

@@ -7,6 +7,7 @@ must not hide those behind it.
 from __future__ import annotations
 
 import struct
+import zlib
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from io import BytesIO
@@ -24,10 +25,10 @@ from numpy.typing import NDArray
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding
 from vsalog.core.memory import AT_ONCE_BYTES
+from vsalog.readers.chunk_index import Chunk
 from vsalog.readers.chunked_file import ChunkedFile, Spans
 from vsalog.readers.container import Connection
 from vsalog.readers.mcap_scan import ends_whole, messages_in, others_in
-from vsalog.readers.mcap_summary import chunk_in, states_checksum, summary_records
 from vsalog.readers.mcap_walk import MAGIC, Walk
 from vsalog.readers.packets import Bytes, Packet, RawMessage
 
@@ -38,6 +39,9 @@ RIG_KEY = "toml"
 _LANGUAGES = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl", "protobuf": "protobuf"}
 _HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
+_FOOTER = struct.Struct("<BQQQI")
+_CHUNK_INDEX = struct.Struct("<QQQQI")
+_OFFSET = struct.Struct("<HQ")
 
 
 class McapContainer(ChunkedFile):
@@ -164,7 +168,7 @@ class McapContainer(ChunkedFile):
                 if kind == Opcode.STATISTICS:
                     statistics = _statistics(content)
                 elif kind == Opcode.CHUNK_INDEX:
-                    position, chunk = chunk_in(content)
+                    position, chunk = _chunk_in(content)
                     self.chunks[position] = chunk
                 elif kind == Opcode.METADATA_INDEX:
                     metadata.append(MetadataIndex.read(ReadDataStream(BytesIO(content))))
@@ -213,7 +217,7 @@ class McapContainer(ChunkedFile):
             whole = not passed and spans is None and self._pieces is None
             walk = Walk(
                 file,
-                whole and states_checksum(file),
+                whole and _states_checksum(file),
                 passed.__contains__,
                 chunked=bool(self.chunks),
             )
@@ -260,3 +264,65 @@ def _flags(ids: Collection[int]) -> NDArray[np.bool_]:
     flags = np.zeros(2**16, dtype=np.bool_)
     flags[list(ids)] = True
     return flags
+
+
+def summary_records(file: IO[bytes], start: int | None = None) -> Iterator[tuple[int, bytes]] | None:
+    """Return kind and content of the records in the summary; None where there is none, or it is damaged.
+
+    Parameters
+    ----------
+    file : binary file
+        Opened.
+    start : int, optional
+        Byte at which it begins, in place of the footer's: removed chunks leave the footer's number too large.
+    """
+    found = _footer(file)
+    if found is None:
+        return None
+    position, stated, checksum = found
+    start = stated if start is None else start
+    if not 0 < start <= position or position - start > AT_ONCE_BYTES:
+        return None
+    file.seek(start)
+    section = file.read(position - start + _FOOTER.size)
+    # The checksum covers the footer up to itself.
+    if checksum and zlib.crc32(section[:-4]) != checksum:
+        return None
+    records = np.frombuffer(section[: position - start], np.uint8)
+    return others_in(records) if ends_whole(records) else None
+
+
+def _chunk_in(content: bytes) -> tuple[int, Chunk]:
+    """Return the position of the chunk that a chunk index record is of, and what the record tells of it."""
+    first, last, position, _, size = _CHUNK_INDEX.unpack_from(content)
+    offsets = content[_CHUNK_INDEX.size : _CHUNK_INDEX.size + size]
+    channels = frozenset(channel for channel, _ in _OFFSET.iter_unpack(offsets[: size // _OFFSET.size * _OFFSET.size]))
+    return position, Chunk(first, last, channels or None)
+
+
+def _states_checksum(file: IO[bytes]) -> bool:
+    """Tell whether there may be a checksum of the data section."""
+    found = _footer(file)
+    if found is None:
+        return False
+    position, start, _ = found
+    at = (start or position) - _HEAD.size - 4
+    if not 0 <= at < position:
+        return True
+    file.seek(at)
+    end = file.read(_HEAD.size + 4)
+    return (
+        len(end) < _HEAD.size + 4
+        or end[: _HEAD.size] != _HEAD.pack(Opcode.DATA_END, 4)
+        or end[_HEAD.size :] != bytes(4)
+    )
+
+
+def _footer(file: IO[bytes]) -> tuple[int, int, int] | None:
+    """Return the footer's position, where the summary starts, and its checksum (0 for none); None without a footer."""
+    position = file.seek(0, 2) - len(MAGIC) - _FOOTER.size
+    if position < len(MAGIC):
+        return None
+    file.seek(position)
+    kind, length, start, _, checksum = _FOOTER.unpack(file.read(_FOOTER.size))
+    return (position, start, checksum) if kind == Opcode.FOOTER and length == _FOOTER.size - _HEAD.size else None

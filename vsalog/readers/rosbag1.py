@@ -23,11 +23,13 @@ from vsalog.readers.message_definitions import DefinitionError, ros1_checksum
 from vsalog.readers.packets import Bytes, Packet, RawMessage
 from vsalog.readers.record_walk import Header, Record
 from vsalog.readers.rosbag1_index import IndexCheck, chunk_told
-from vsalog.readers.rosbag1_scan import connections_in, messages_in
+from vsalog.readers.rosbag1_scan import messages_in
 from vsalog.readers.rosbag1_walk import VERSION, Walk, fields, number
 
 MAGIC = b"#ROSBAG V"
 
+
+_NONE = np.empty(0, np.int64)
 
 Found = dict[int, tuple[Connection, bool]]
 """Connections by number, and whether what a bag tells twice of each agrees."""
@@ -85,7 +87,7 @@ class Rosbag1Container(ChunkedFile):
                 check.damaged(walk.damage)
                 if kind == RecordType.CHUNK:
                     packet, sound, connections = messages_in(np.frombuffer(data, np.uint8), wanted)
-                    if connections:
+                    if connections.size:
                         self._compare(record)
                     check.chunk(packet)
                     if not sound:
@@ -134,7 +136,8 @@ class Rosbag1Container(ChunkedFile):
         if record.kind == RecordType.CONNECTION:
             _keep(found, record.header, data)
         elif record.kind == RecordType.CHUNK:
-            for start, stop, end in connections_in(np.frombuffer(data, np.uint8)):
+            _, _, connections = messages_in(np.frombuffer(data, np.uint8), _NONE)
+            for start, stop, end in connections.tolist():
                 _keep(found, fields(data[start:stop]) or {}, data[stop + 4 : end])
         if len(found) > MOST_CONNECTIONS:
             raise ReadError(f"has more than {MOST_CONNECTIONS} connections; no such bag is read", self.path)

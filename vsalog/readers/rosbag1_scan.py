@@ -5,7 +5,6 @@ Behind a record that makes no sense, the walk goes on at the next message that d
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from enum import IntEnum
 
 import numpy as np
@@ -16,17 +15,20 @@ from vsalog.readers.packets import Bytes, Integers, Messages, Packet
 
 
 class Least(IntEnum):
-    """Bytes that a message takes at least: lengths of header and data, and in the header the fields op, conn and time."""
+    """Bytes that records take at least: lengths of header and data, and the header's fields, of a message op, conn and time."""
 
     HEADER = (4 + 4) + (4 + 9) + (4 + 13)
     MESSAGE = 4 + 4 + HEADER
+    CONNECTION = 4 + (4 + 4) + 4
 
 
 _OP, _CONN, _TIME = (np.frombuffer(name, np.uint8) for name in (b"op=", b"conn=", b"time="))
 
 
-def messages_in(data: Bytes, wanted: Integers) -> tuple[Packet, bool, bool]:
-    """Return the messages in a chunk's records, whether all records are sound, and whether there are connections among them.
+def messages_in(data: Bytes, wanted: Integers) -> tuple[Packet, bool, Integers]:
+    """Return the messages in a chunk's records, whether all records are sound, and where its connection records are.
+
+    These are rows of three: where the header starts and stops, and where the data end.
 
     Parameters
     ----------
@@ -37,20 +39,11 @@ def messages_in(data: Bytes, wanted: Integers) -> tuple[Packet, bool, bool]:
     """
     most = data.size // Least.MESSAGE + 1
     connection, log, start, length = (np.empty(most, dtype=np.int64) for _ in range(4))
-    count, whole, connections = _walk(data, wanted, connection, log, start, length)
+    told = np.empty((data.size // Least.CONNECTION + 1, 3), dtype=np.int64)
+    count, whole, connections = _walk(data, wanted, connection, log, start, length, told)
     messages = Messages(data, start[:count], length[:count])
     found = Packet(connection[:count], log[:count], np.zeros(count, dtype=np.int64), messages, compressed=False)
-    return found, bool(whole), bool(connections)
-
-
-def connections_in(data: Bytes) -> Iterator[tuple[int, int, int]]:
-    """Yield where the headers of a chunk's connection records start and stop, and where their data end."""
-    at = 0
-    while True:
-        start, stop, at = _next_connection(data, at)
-        if at < 0:
-            return
-        yield int(start), int(stop), int(at)
+    return found, bool(whole), told[:connections]
 
 
 @njit(cache=True, nogil=True)
@@ -131,9 +124,18 @@ def _resume(data: Bytes, at: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _walk(
-    data: Bytes, wanted: Integers, connection: Integers, log: Integers, start: Integers, length: Integers
+    data: Bytes,
+    wanted: Integers,
+    connection: Integers,
+    log: Integers,
+    start: Integers,
+    length: Integers,
+    told: Integers,
 ) -> tuple[int, bool, int]:
-    """Write down where the wanted messages are; returns their number, whether all is sound, and how many connections are told."""
+    """Write down where the wanted messages and all connection records are.
+
+    Returns how many messages there are, whether all records are sound, and how many connections there are.
+    """
     at, count, whole, connections = 0, 0, True, 0
     while at < data.size:
         begin, end, op, number, time = _record(data, at)
@@ -146,20 +148,8 @@ def _walk(
                 connection[count], log[count] = number, time
                 start[count], length[count] = begin, end - begin
                 count += 1
-        connections += op == RecordType.CONNECTION
+        if op == RecordType.CONNECTION:
+            told[connections, 0], told[connections, 1], told[connections, 2] = at + 4, begin - 4, end
+            connections += 1
         at = end
     return count, whole, connections
-
-
-@njit(cache=True, nogil=True)
-def _next_connection(data: Bytes, at: int) -> tuple[int, int, int]:
-    """Return where the next connection record's header starts and stops and its data end; end -1 where there is none."""
-    while at < data.size:
-        begin, end, op, _, _ = _record(data, at)
-        if end < 0:
-            at = _resume(data, at + 1)
-            continue
-        if op == RecordType.CONNECTION:
-            return at + 4, begin - 4, end
-        at = end
-    return 0, 0, -1

@@ -27,9 +27,8 @@ from vsalog.readers import open_container, read
 from vsalog.readers.compressed_messages import plain
 from vsalog.readers.container import Connection, Container
 from vsalog.readers.file_sequence import SeveralContainer
-from vsalog.readers.mcap_file import McapContainer
+from vsalog.readers.mcap_file import McapContainer, summary_records
 from vsalog.readers.mcap_scan import Size, messages_in
-from vsalog.readers.mcap_summary import summary_records
 from vsalog.readers.mcap_walk import Walk
 from vsalog.readers.message_reader import BagReader
 from vsalog.readers.remote import local
