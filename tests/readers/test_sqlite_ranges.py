@@ -14,7 +14,7 @@ import vsalog.readers.rosbag2_sqlite as rosbag2_sqlite
 import vsalog.readers.sqlite_ranges as sqlite_ranges
 from vsalog.core.errors import ReadError
 from vsalog.readers import read
-from vsalog.readers.chunk_index import Part
+from vsalog.readers.container import Part
 from vsalog.readers.rosbag2_sqlite import SqliteContainer
 from vsalog.readers.sqlite_ranges import ranges
 

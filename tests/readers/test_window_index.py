@@ -104,7 +104,7 @@ def test_little_more_is_read_than_asked_for(tmp_path, kind, time, begin, end, de
 
 @KINDS
 def test_a_rare_stream_is_read_throughout(tmp_path, kind, monkeypatch):
-    monkeypatch.setattr("vsalog.readers.chunk_index.SAMPLE_ROWS", 10)
+    monkeypatch.setattr("vsalog.readers.container.SAMPLE_ROWS", 10)
     monkeypatch.setattr("vsalog.readers.rosbag2_sqlite.SAMPLE_ROWS", 10)
     path = write(kind, tmp_path / "log", rare=lambda i: plain(i) - 150 * S * (i == 900))
     found = equal_to_the_whole(path, 25, 35)
@@ -139,7 +139,7 @@ def test_a_stream_that_stands_still_in_that_part_alone(tmp_path, monkeypatch):
 
 
 def test_what_was_not_among_the_samples_is_noticed_where_it_is_read(tmp_path, monkeypatch, decoded):
-    monkeypatch.setattr("vsalog.readers.chunk_index.SAMPLE_ROWS", 10)
+    monkeypatch.setattr("vsalog.readers.container.SAMPLE_ROWS", 10)
     path = write("mcap", tmp_path / "log", lambda i: plain(i) - (100 * S if i == 1525 else 0))
     equal_to_the_whole(path, 300, 310)
     decoded.clear()

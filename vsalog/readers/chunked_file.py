@@ -14,9 +14,8 @@ import numpy as np
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import printable
-from vsalog.readers.chunk_index import Chunk, Part, some_of
 from vsalog.readers.compression import beginning
-from vsalog.readers.container import Connection
+from vsalog.readers.container import Chunk, Connection, Part, some_of
 from vsalog.readers.limits import GLANCE_BYTES, MOST_STEPS
 from vsalog.readers.packets import Bytes, Packet, RawMessage, ahead, in_packets
 from vsalog.readers.record_walk import RecordWalk

@@ -12,8 +12,7 @@ import numpy as np
 
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import printable
-from vsalog.readers.chunk_index import Part
-from vsalog.readers.container import Connection, Container
+from vsalog.readers.container import Connection, Container, Part
 from vsalog.readers.packets import Packet
 from vsalog.readers.sampling_pieces import Sample
 

@@ -25,9 +25,8 @@ from numpy.typing import NDArray
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding
 from vsalog.core.memory import AT_ONCE_BYTES
-from vsalog.readers.chunk_index import Chunk
 from vsalog.readers.chunked_file import ChunkedFile, Spans
-from vsalog.readers.container import Connection
+from vsalog.readers.container import Chunk, Connection
 from vsalog.readers.mcap_scan import ends_whole, messages_in, others_in
 from vsalog.readers.mcap_walk import MAGIC, Walk
 from vsalog.readers.packets import Bytes, Packet, RawMessage

@@ -13,9 +13,8 @@ from vsalog.core.look import LOOK_BYTES
 from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import Block, Catalogue, ChannelInfo
-from vsalog.readers.chunk_index import Part
 from vsalog.readers.compressed_messages import plain, plain_packets
-from vsalog.readers.container import Connection, Container
+from vsalog.readers.container import Connection, Container, Part
 from vsalog.readers.fields import MAX_FIELDS
 from vsalog.readers.header_delays import Delays
 from vsalog.readers.header_frames import Frames

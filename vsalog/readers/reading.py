@@ -20,7 +20,7 @@ from vsalog.readers.parquet import ParquetReader
 from vsalog.readers.recording_from_blocks import collect
 from vsalog.readers.remote import downloaded, local
 from vsalog.readers.rosbag1 import Rosbag1Container
-from vsalog.readers.rosbag2 import FolderContainer, bag_file, counted
+from vsalog.readers.rosbag2 import bag_file, bag_folder, counted
 from vsalog.readers.sniff import sniff
 from vsalog.readers.tables.reader import TableReader
 from vsalog.readers.time_window import Window, cut
@@ -155,7 +155,7 @@ def open_container(path: Path, kind: str) -> Container:
     if kind == "rosbag1":
         return Rosbag1Container(path)
     if kind == "rosbag2-folder":
-        return FolderContainer(path)
+        return bag_folder(path)
     if kind == "mcap":
         return McapContainer(path)
     return counted(bag_file(path, shown=path), path)

@@ -10,7 +10,7 @@ from rosbags.rosbag1.reader import RecordType
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Evidence, Finding
-from vsalog.readers.chunk_index import Chunk, Part
+from vsalog.readers.container import Chunk, Part
 from vsalog.readers.packets import Integers, Packet
 from vsalog.readers.record_walk import Damage, Header
 from vsalog.readers.rosbag1_walk import number, op

@@ -13,7 +13,7 @@ import struct
 from rosbags.rosbag1.reader import RecordType
 
 from vsalog.core.memory import PIECE_BYTES
-from vsalog.readers.compression import decompress, refuse_bomb
+from vsalog.readers.compression import DamagedDataError, decompress, refuse_bomb
 from vsalog.readers.limits import GLANCE_BYTES
 from vsalog.readers.record_walk import Header, Place, RecordWalk
 
@@ -66,7 +66,10 @@ class Walk(RecordWalk):
         return self._file.read(place.end - place.start)
 
     def _decompressed(self, chunk: Place, content: bytes) -> bytes:
-        return decompress(_compression(chunk.header), content, number(chunk.header, b"size"))
+        try:
+            return decompress(_compression(chunk.header), content, number(chunk.header, b"size"))
+        except DamagedDataError as error:
+            raise DamagedDataError(f"cannot be decompressed, {error}") from error
 
     def _follows(self, end: int) -> bool:
         return end == self._size or self._head(end) is not None

@@ -59,29 +59,27 @@ def _decompressed(path: Path) -> Container:
     return container
 
 
-class FolderContainer(SeveralContainer):
-    """The files of a ROS 2 bag.
+def bag_folder(folder: Path) -> SeveralContainer:
+    """Return the files of a ROS 2 bag.
 
     Raises
     ------
     ReadError
         The folder holds no bag.
     """
-
-    def __init__(self, folder: Path) -> None:
-        findings = Findings()
-        parts: list[Container] = []
-        for path in _bag_files(folder, findings):
-            try:
-                parts.append(bag_file(path, shown=path))
-            except ReadError as error:
-                evidence = {"reason": error.what}
-                findings.add(Finding(code="recording.file_left_out", part=path.name, evidence=evidence))
-        if not parts:
-            raise ReadError("; ".join(["none of its files can be read", *map(sentence, findings)]), folder)
-        formats = {part.format for part in parts}
-        kind = "rosbag2-mcap" if formats == {"mcap"} else "rosbag2-sqlite3"
-        super().__init__(parts, kind, findings, _stated(folder / METADATA))
+    findings = Findings()
+    parts: list[Container] = []
+    for path in _bag_files(folder, findings):
+        try:
+            parts.append(bag_file(path, shown=path))
+        except ReadError as error:
+            evidence = {"reason": error.what}
+            findings.add(Finding(code="recording.file_left_out", part=path.name, evidence=evidence))
+    if not parts:
+        raise ReadError("; ".join(["none of its files can be read", *map(sentence, findings)]), folder)
+    formats = {part.format for part in parts}
+    kind = "rosbag2-mcap" if formats == {"mcap"} else "rosbag2-sqlite3"
+    return SeveralContainer(parts, kind, findings, _stated(folder / METADATA))
 
 
 def bag_file(path: Path, shown: Path) -> Container:

@@ -17,8 +17,7 @@ from vsalog.core.finding import Finding, Findings
 from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.core.printable import printable
 from vsalog.core.resolution import STRETCHES
-from vsalog.readers.chunk_index import Part
-from vsalog.readers.container import MOST_CONNECTIONS, Connection
+from vsalog.readers.container import MOST_CONNECTIONS, Connection, Part
 from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS, PACKED_BYTES, SAMPLE_ROWS
 from vsalog.readers.packets import Messages, Packet
 from vsalog.readers.sampling_pieces import Sample
