@@ -81,15 +81,16 @@ class FlatRows:
             One of the required columns, or all others, cannot be read at all.
         """
         schema = self._rows.schema
-        read = list(dict.fromkeys(schema.names[self._owners[i]] for i in columns))
+        names = schema.names
+        first = {owner: i for i, owner in reversed([*enumerate(self._owners)])}
+        read = list(dict.fromkeys(names[self._owners[i]] for i in columns))
         # All of one name come together.
         fields = [i for name in read for i in schema.get_all_field_indices(name)]
-        for row, batch in self._rows.batches(read, {schema.names[self._owners[i]] for i in required}):
+        for row, batch in self._rows.batches(read, {names[self._owners[i]] for i in required}):
             cells = {}
             for i, stored in zip(fields, batch.columns, strict=True):
-                first = self._owners.index(i)
-                for k, (_, plain) in enumerate(self._columns(schema.field(i), stored)):
-                    cells[first + k] = plain
+                for k, (_, plain) in enumerate(self._columns(schema.field(i), stored), first[i]):
+                    cells[k] = plain
             yield row, batch.num_rows, cells
 
     def _columns(self, field: pa.Field, cells: pa.Array) -> list[tuple[pa.Field, pa.Array]]:

@@ -166,12 +166,14 @@ class ColumnarReader(ABC):
         asked = [i for i in self._channels if self._names[i] not in texts and self._is_wanted(i, wanted)]
         # A row is there for a sparse stream where any of its columns has a sample, whichever of them are wanted.
         sparse = self._sparse & {self._streams[i] for i in asked}
-        columns = [i for i in self._channels if i in {*asked} or self._streams[i] in sparse]
+        taken = {*asked}
+        columns = [i for i in self._channels if i in taken or self._streams[i] in sparse]
         counts = {name: Cells() for i in columns for name in self._named(i)}
         times = [RowTimes(section.clocks, self._parts) for section in self._sections]
-        sections = [(clocks, [i for i in own if i in {*columns}]) for clocks, own in self._sections]
+        needed = {*columns}
+        sections = [(clocks, [i for i in own if i in needed]) for clocks, own in self._sections]
         clocks = {i for section in self._sections for clock in section.clocks.values() for i in clock.columns}
-        needed = {*columns, *self._not_channels(), *clocks, *self._slots.begin(columns)}
+        needed |= {*self._not_channels(), *clocks, *self._slots.begin(columns)}
         untimed = 0
         for stored in self._batches(sorted(needed), needed & {*self._not_channels(), *clocks}):
             batch = stored._replace(cells=self._slots.in_place(stored.cells))
