@@ -7,10 +7,12 @@ import io
 import re
 import zlib
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from enum import IntEnum
 from pathlib import Path
 from typing import IO
 
+import numpy as np
 import pyarrow as pa
 
 from vsalog.core.errors import ReadError
@@ -280,7 +282,8 @@ def _squeezed(text: bytes) -> bytes:
 def may_be_cut(lines: Sequence[str], last: str, separator: str) -> bool:
     """Tell whether the last cell of a line without an end may have been longer.
 
-    It is whole where it is as long as the longest above, unless numbers may have an exponent or not.
+    It is whole where it is as long as the longest above, or where more decimals would make no other number in single precision,
+    unless numbers may have an exponent or not.
 
     Parameters
     ----------
@@ -299,7 +302,17 @@ def may_be_cut(lines: Sequence[str], last: str, separator: str) -> bool:
     widths = {len(cell) for cell in above}
     cell = cells[-1].lstrip("+-")
     exponents = len(widths) > 1 and any("e" in one.lower() for one in above) and "e" not in cell.lower()
-    return exponents or len(cell) < max(widths)
+    return exponents or (len(cell) < max(widths) and _may_lack_digits(cell, above))
+
+
+def _may_lack_digits(cell: str, above: Sequence[str]) -> bool:
+    """Tell whether more digits would make another number of a cell, in single precision of the largest above."""
+    decimals = len(cell.replace(",", ".").partition(".")[2])
+    largest = 0.0
+    for one in above:
+        with suppress(ValueError):
+            largest = max(largest, float(one.replace(",", ".")))
+    return not decimals or 10.0**-decimals > float(np.finfo(np.float32).resolution) * largest
 
 
 def _damage(error: Exception) -> Finding:
