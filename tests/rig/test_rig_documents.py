@@ -26,7 +26,7 @@ SECTIONS = {
                      "SpringForce", "PressureFriction", "SimpleFriction", "TonduFriction"), "Pneumatic"),
     "PneumaticSignals": "Signals", "Eccentricity": "Signals", "Friction": "Friction", "Cogging": "Cogging",
     "PolynomialTransmission": "Transmissions", "ExponentialTransmission": "Transmissions", "BoucWen": "Hysteresis",
-    "SlipElement": "Hysteresis", "Payload": "Link", "Contact": "Link",
+    "SlipElement": "Hysteresis", "PositionServo": "Drive", "Payload": "Link", "Contact": "Link",
     **dict.fromkeys(("Chain", "ChainLink", "Coupling", "Accelerometer"), "Chain"),
 }  # fmt: skip
 VALIDATOR = jsonschema.Draft202012Validator(rig_schema())

@@ -32,6 +32,7 @@ def quantity(
 # Fields of this type are numbers in the SI unit named here, or strings with any unit that converts to it.
 Acceleration = Annotated[float, quantity("m/s^2", "acceleration")]
 Angle = Annotated[float, quantity("rad", "angle")]
+AngularAcceleration = Annotated[float, quantity("rad/s^2", "angular acceleration", gt=0.0)]
 AngleRange = Annotated[float, quantity("rad", "angle", gt=0.0)]
 AngleWidth = Annotated[float, quantity("rad", "angle", ge=0.0)]
 BodyInertia = Annotated[float, quantity("kg*m^2", "moment of inertia about the centre of mass", ge=0.0)]
@@ -43,6 +44,7 @@ Damping = Annotated[float, quantity("N*m*s/rad", "viscous friction coefficient",
 DeflectionScale = Annotated[float, quantity("rad", "deflection the powers are taken of", gt=0.0, exact=True)]
 Duration = Annotated[float, quantity("s", "duration", gt=0.0)]
 Inertia = Annotated[float, quantity("kg*m^2", "moment of inertia", gt=0.0)]
+IntegralGain = Annotated[float, quantity("N*m/(rad*s)", "torque per integral of an angle", ge=0.0)]
 Length = Annotated[float, quantity("m", "length", gt=0.0)]
 LengthPerAngle = Annotated[float, quantity("m/rad", "travel per angle")]
 LinearStiffness = Annotated[float, quantity("N/m", "stiffness of a linear spring", gt=0.0)]
@@ -57,6 +59,7 @@ Time = Annotated[float, quantity("s", "time")]
 TimeSpan = Annotated[float, quantity("s", "time", ge=0.0)]
 Torque = Annotated[float, quantity("N*m", "torque")]
 TorqueConstant = Annotated[float, quantity("N*m/A", "rotor torque per current", gt=0.0)]
+TorqueLimit = Annotated[float, quantity("N*m", "torque", gt=0.0)]
 TorqueLevel = Annotated[float, quantity("N*m", "torque", ge=0.0)]
 
 # Of pneumatic joints.

@@ -1,14 +1,91 @@
-"""A motor's drive: the torque that acts, torque_gain · τ + torque_offset, of the recorded τ rounded to its least step."""
+"""A motor's drive: the torque that acts, torque_gain · τ + torque_offset, of the recorded τ rounded to its least step.
+
+Where a position is commanded instead, the drive has a loop of its own, whose torque is τ.
+"""
 
 from __future__ import annotations
+
+from math import copysign, inf, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.quantities import (
+    AngleWidth,
+    AngularAcceleration,
+    Base,
+    Damping,
+    Duration,
+    IntegralGain,
+    Speed,
+    Stiffness,
+    TimeSpan,
+    TorqueLimit,
+)
 from vsalog.effects.base import Default, Effect, OneNumber
 from vsalog.effects.quantisation import rounded
 
 Array = NDArray[np.float64]
+
+
+class PositionServo(Base, frozen=True, tag="position-servo", tag_field="kind"):
+    """A drive that turns its motor to a commanded position: τ = kp (r − θ) + kd (ṙ − θ̇) + ki ∫(r − θ) dt, within ± torque_limit.
+
+    r is the command `delay` late, held from sample to sample. Where speed or acceleration are limited, r moves to the command
+    as fast as they let it, from rest to rest, as most servos plan their motion.
+
+    Attributes
+    ----------
+    kp : proportional gain [N·m/rad]
+    kd : gain of the velocity's error [N·m·s/rad]
+    ki : gain of the error's integral, which stands still while the torque is at its limit [N·m/(rad·s)]
+    torque_limit : largest torque; none when absent [N·m]
+    delay : how long after it is recorded a command arrives [s]
+    speed_limit : of r; none when absent [rad/s]
+    acceleration_limit : of r; none when absent [rad/s²]
+    resolution : step of the encoder that it reads [rad]
+    period : of the loop [s]
+    """
+
+    kp: Stiffness
+    kd: Damping = 0.0
+    ki: IntegralGain = 0.0
+    torque_limit: TorqueLimit | None = None
+    delay: TimeSpan = 0.0
+    speed_limit: Speed | None = None
+    acceleration_limit: AngularAcceleration | None = None
+    resolution: AngleWidth = 0.0
+    period: Duration = 1e-3
+
+    @property
+    def plans(self) -> bool:
+        """Whether it moves to a command by a motion of its own."""
+        return self.speed_limit is not None or self.acceleration_limit is not None
+
+
+def planned(command: Array, period: float, speed_limit: float, acceleration_limit: float) -> tuple[Array, Array]:
+    """Return the position [rad] and velocity [rad/s] by which a servo moves to its command; it begins there, at rest.
+
+    It accelerates and brakes with all that it may, and brakes in time to come to rest at the command as it stands then.
+
+    Parameters
+    ----------
+    command : shape (N,), held for a period each [rad]
+    period : of the loop [s]
+    speed_limit, acceleration_limit : infinite where there is none [rad/s], [rad/s²]
+    """
+    position, velocity = np.empty(command.size), np.empty(command.size)
+    r, v = command[0], 0.0
+    for k in range(command.size):
+        position[k], velocity[k] = r, v
+        left, braking = command[k] - r, acceleration_limit * period
+        wanted = abs(left) / period
+        if braking < inf:  # the speed from which it still stops there when it brakes in steps
+            wanted = min(wanted, sqrt(2.0 * acceleration_limit * abs(left) + 0.25 * braking**2) - 0.5 * braking)
+        wanted = copysign(min(wanted, speed_limit), left)
+        v += min(max(wanted - v, -braking), braking)
+        r += v * period
+    return position, velocity
 
 
 def delivered(commanded: Array, gain: float, offset: float, step: float = 0.0) -> Array:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.compiled import compiled, inlined
 from vsalog.core.source_stamp import source_stamp
-from vsalog.effects import backlash, effects, friction, gravity, hysteresis, quantisation
+from vsalog.effects import backlash, drive, effects, friction, gravity, hysteresis, quantisation
 from vsalog.effects import spring as shape
 from vsalog.effects.body_torque import BodyTorque
 
@@ -56,6 +56,7 @@ stiffened = inlined(shape.stiffened)
 beyond_gap = inlined(backlash.beyond_gap)
 rounded = inlined(quantisation.rounded)
 holding_torque = inlined(gravity.holding_torque)
+planned = compiled(drive.planned)
 
 
 def _of_kind(kind: int, formula: Callable[..., float], others: Callable[..., float]) -> Callable[..., float]:

@@ -24,6 +24,7 @@ ROLE_UNITS: dict[str, tuple[str, ...]] = {
     "link_position": ("rad",),
     "link_acceleration": ("rad/s^2",),
     "deflection": ("rad",),
+    "commanded_position": ("rad",),
     "motor_torque": ("N*m", "A"),
     "torque_sensor": ("N*m",),
     "external_torque": ("N*m",),
@@ -95,12 +96,14 @@ SignalSpec = str | float | Signal
 class SingleSignals(Base, frozen=True):
     """The roles of a joint with one transmission.
 
-    `external_torque` is a push on the link; `link_acceleration` is that of the joint, q̈; `accelerometer_x`, `accelerometer_y`
-    and `accelerometer_z` are the axes of an accelerometer on the link, mounted as the chain says.
+    `commanded_position` is what the motor's drive is told, on the joint's side; `external_torque` is a push on the link;
+    `link_acceleration` is that of the joint, q̈; `accelerometer_x`, `accelerometer_y` and `accelerometer_z` are the axes of an
+    accelerometer on the link, mounted as the chain says.
     """
 
     motor_position: SignalSpec | None = None
     motor_torque: SignalSpec | None = None
+    commanded_position: SignalSpec | None = None
     link_position: SignalSpec | None = None
     link_acceleration: SignalSpec | None = None
     deflection: SignalSpec | None = None

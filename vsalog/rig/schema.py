@@ -11,6 +11,7 @@ from typing import Annotated
 from msgspec import Meta, field
 
 from vsalog.core.quantities import Base, DeflectionScale, SetpointScale
+from vsalog.effects.drive import PositionServo
 from vsalog.effects.friction import Friction
 from vsalog.effects.gravity import Payload
 from vsalog.effects.hysteresis import BoucWen, SlipElement
@@ -88,6 +89,7 @@ __all__ = [
     "PneumaticJoint",
     "PneumaticSignals",
     "PolynomialTransmission",
+    "PositionServo",
     "PressureFriction",
     "RigFile",
     "RigidJoint",
@@ -133,17 +135,25 @@ class Basis(Base, frozen=True):
 
 
 class RigidJoint(Base, frozen=True, tag="rigid", tag_field="kind"):
-    """A joint whose motor and link move as one: it has no stiffness to estimate, but `diagnose` holds it against a log."""
+    """A joint whose motor and link move as one: it has no stiffness to estimate, but `diagnose` holds it against a log.
+
+    `drive` is that of a motor that is commanded a position.
+    """
 
     motor: Motor = Motor()
+    drive: PositionServo | None = None
     link: Link | None = None
     signals: SingleSignals = SingleSignals()
 
 
 class ElasticJoint(Base, frozen=True, tag="elastic", tag_field="kind"):
-    """One motor, one (linear or nonlinear) transmission: a series elastic joint (Flacco 2012 eq. 3–4)."""
+    """One motor, one (linear or nonlinear) transmission: a series elastic joint (Flacco 2012 eq. 3–4).
+
+    `drive` is that of a motor that is commanded a position.
+    """
 
     motor: Motor = Motor()
+    drive: PositionServo | None = None
     transmission: Transmission = UnknownTransmission()
     link: Link | None = None
     basis: Basis = Basis()
@@ -152,9 +162,13 @@ class ElasticJoint(Base, frozen=True, tag="elastic", tag_field="kind"):
 
 
 class SerialJoint(Base, frozen=True, tag="serial", tag_field="kind"):
-    """A primary motor behind one transmission, whose stiffness a secondary motor sets (Flacco 2012 eq. 12)."""
+    """A primary motor behind one transmission, whose stiffness a secondary motor sets (Flacco 2012 eq. 12).
+
+    `drive` is that of a primary motor that is commanded a position.
+    """
 
     motor: Motor = Motor()
+    drive: PositionServo | None = None
     secondary_motor: Motor | None = None
     transmission: Transmission = UnknownTransmission()
     lever: Lever | None = None

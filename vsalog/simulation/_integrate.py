@@ -238,30 +238,33 @@ def _advance(
         done, before, after, seeking = after, after, 1.0, False
 
 
+class ServoRow(IntEnum):
+    """What stands where in a servo's row; `EVERY` is after how many steps it looks again, `DELAY` how many its torque is late."""
+
+    DOF, KP, KD, KI, LIMIT, RESOLUTION, STEP, GAIN, OFFSET, DELAY, EVERY = range(11)
+
+
 @njit(error_model="numpy", forceinline=True)
 def _command(
-    inputs: Array,
-    period: int,
-    steps: int,
-    servos: Array,
-    reference: Array,
-    commands: Array,
-    past: int,
-    x: Array,
-    n: int,
-) -> None:
-    """Let the servos look at the state and command torques, and put what acts during this period into the inputs."""
+    inputs: Array, period: int, s: int, steps: int, h: float, servos: Array, reference: Array, commands: Array, sums: Array,
+    past: int, x: Array, n: int,
+) -> None:  # fmt: skip
+    """Let the servos look at the state and command torques, and add what acts in step `s` of a period to the inputs."""
     for k in range(servos.shape[0]):
-        i = int(servos[k, 0])
-        torque = servos[k, 1] * (reference[period, 0, k] - x[i]) + servos[k, 2] * (reference[period, 1, k] - x[n + i])
-        torque = min(max(torque, -servos[k, 3]), servos[k, 3])
-        torque = rounded(torque, servos[k, 4])
-        now = past + period
-        commands[now, k] = torque
-        for s in range(steps):
-            late = max(now * steps + s - int(servos[k, 7]), 0) // steps
-            for c in range(3):
-                inputs[period * steps + s, c, i] = servos[k, 5] * commands[late, k] + servos[k, 6]
+        i, every = int(servos[k, ServoRow.DOF]), int(servos[k, ServoRow.EVERY])
+        if s % every == 0:
+            tick = s // every
+            error = reference[period, tick, 0, k] - rounded(x[i], servos[k, ServoRow.RESOLUTION])
+            wanted = servos[k, ServoRow.KP] * error + servos[k, ServoRow.KI] * sums[k]
+            wanted += servos[k, ServoRow.KD] * (reference[period, tick, 1, k] - x[n + i])
+            torque = min(max(wanted, -servos[k, ServoRow.LIMIT]), servos[k, ServoRow.LIMIT])
+            if torque == wanted:
+                sums[k] += error * every * h
+            commands[past + period, tick, k] = rounded(torque, servos[k, ServoRow.STEP])
+        late = max((past + period) * steps + s - int(servos[k, ServoRow.DELAY]), 0)
+        acting = commands[late // steps, late % steps // every, k]
+        for c in range(3):
+            inputs[period * steps + s, c, i] += servos[k, ServoRow.GAIN] * acting + servos[k, ServoRow.OFFSET]
 
 
 @njit(error_model="numpy")
@@ -288,8 +291,8 @@ def _compiled(stamp: str) -> Callable[..., Any]:
     @njit(cache=True, error_model="numpy", nogil=True)
     def integrate(
         p: Array, at: Integers, stiff: bool, fresh: bool, step: float, start_time: float, inputs: Array, prescribed: Array,
-        servos: Array, reference: Array, commands: Array, past: int, x: Array, modes: Integers, w: Array, room: Array,
-        states: Array, accelerations: Array,
+        servos: Array, reference: Array, commands: Array, sums: Array, past: int, x: Array, modes: Integers, w: Array,
+        room: Array, states: Array, accelerations: Array,
     ) -> None:  # fmt: skip
         stamp  # noqa: B018  numba's cache tells functions apart by what they close over
         n, periods = at[At.DOFS], states.shape[0]
@@ -300,8 +303,8 @@ def _compiled(stamp: str) -> Callable[..., Any]:
             for i in range(n):
                 if at[at[At.FIXED] + i]:
                     x[i], x[n + i] = prescribed[period, 0, i], prescribed[period, 1, i]
-            _command(inputs, period, steps, servos, reference, commands, past, x, n)
             k = period * steps
+            _command(inputs, period, 0, steps, step, servos, reference, commands, sums, past, x, n)
             for i in range(x.shape[0]):
                 states[period, i] = x[i]
             plain = not stiff and not at[At.GUARDED]
@@ -311,6 +314,8 @@ def _compiled(stamp: str) -> Callable[..., Any]:
                 for i in range(n):
                     accelerations[period, i] = room[0, n + i]
             for s in range(steps):
+                if s > 0:
+                    _command(inputs, period, s, steps, step, servos, reference, commands, sums, past, x, n)
                 _advance(stiff, p, at, inputs, k + s, start_time + (k + s) * step, step, x, modes, w, room)
                 if plain and s == 0:  # the first stage of the period's first step was taken right there
                     for i in range(n):
@@ -326,9 +331,10 @@ def _compiled(stamp: str) -> Callable[..., Any]:
 #   step, start_time : length of a step and time of the first [s]
 #   inputs : (P·S, 3, n), torque or prescribed acceleration at the beginning, middle and end of each step
 #   prescribed : (P, 2, n), position and velocity of what is prescribed, at the start of each period
-#   servos : (K, 8), degree of freedom, Kp, Kd, limit, least step, gain, offset, delay in steps
-#   reference : (P, 2, K), position and velocity
-#   commands : (periods in all, K), commanded torques, filled in from the row `past` on
+#   servos : (K, 11), see `ServoRow`
+#   reference : (P, E, 2, K), position and velocity each time that a servo looks, E times a period at most
+#   commands : (periods in all, E, K), commanded torques, filled in from the row `past` on
+#   sums : (K,), integral of each servo's error, at the start and changed to that at the end
 #   x, modes : at the start, and changed to those at the end
 #   w, room : work arrays          states, accelerations : (P, m) and (P, n), filled with what they are at each period's start
 integrate = _compiled(_atoms.STAMP + _atoms.STAMP_OF_TORQUES + source_stamp(_rigid_body, _dynamics))

@@ -35,6 +35,7 @@ DEFAULT_CHANNELS = {
     "motor_position_2": "/joint_states.position[motor_2]",
     "link_position": "/joint_states.position[link]",
     "setpoint": "/joint_states.position[secondary_motor]",
+    "commanded_position": "/joint_commands.position[motor]",
     "motor_torque": "/joint_states.effort[motor]",
     "motor_torque_1": "/joint_states.effort[motor_1]",
     "motor_torque_2": "/joint_states.effort[motor_2]",

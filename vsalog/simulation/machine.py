@@ -22,9 +22,11 @@ from vsalog.rig.schema import (
     Chain,
     ElasticJoint,
     Friction,
+    Joint,
     KnownTransmission,
     Link,
     Motor,
+    PositionServo,
     RigidJoint,
     SerialJoint,
     UnknownTransmission,
@@ -195,6 +197,11 @@ class Machine:
         own = abs(float(stiffness(t, 0.5 * t.backlash + 1e-9, arm)))
         loop = t.bouc_wen.torque / t.bouc_wen.width if t.bouc_wen else 0.0
         return own + loop + sum(element.stiffness for element in t.slip)
+
+
+def drive_of(joint: Joint) -> PositionServo | None:
+    """Return the drive of a joint that is commanded a position, None where none is."""
+    return joint.drive if isinstance(joint, RigidJoint | ElasticJoint | SerialJoint) else None
 
 
 def build(joints: Mapping[str, Movable], chain: Chain | None = None) -> Machine:

@@ -13,15 +13,15 @@ from scipy.interpolate import CubicSpline
 
 from vsalog.core.errors import ExtensionError, SimulationError
 from vsalog.effects.backlash import engaged
-from vsalog.effects.drive import delivered
+from vsalog.effects.drive import PositionServo, delivered
 from vsalog.effects.quantisation import rounded
 from vsalog.mechanics import flexibility_torque, reaction_torque, stiffness
-from vsalog.mechanics._atoms import TORQUES
+from vsalog.mechanics._atoms import TORQUES, planned
 from vsalog.readers.limits import BLOCK_ROWS
-from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, SerialJoint
-from vsalog.simulation._integrate import integrate
+from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Motor, SerialJoint
+from vsalog.simulation._integrate import ServoRow, integrate
 from vsalog.simulation.inputs import Input, Motion, Servo, TorqueInput, at_samples
-from vsalog.simulation.machine import BRISTLE_SPEED, DEFLECTING, Machine, MotorSlot, TransmissionSlot
+from vsalog.simulation.machine import BRISTLE_SPEED, DEFLECTING, Machine, MotorSlot, TransmissionSlot, drive_of
 
 Array = NDArray[np.float64]
 
@@ -65,8 +65,10 @@ def play(
     prescribed = [m.index for m in machine.motors if isinstance(inputs.get(m.joint, {}).get(m.role), Motion)]
     prescribed += [j for j, name in enumerate(machine.joints) if "link_position" in inputs.get(name, {})]
     suggested, stiff = machine.steps(period, prescribed, speeds, deflecting=deflecting)
-    count = suggested if steps is None else steps
-    drives = _Drives(machine, inputs, time, count)
+    looks = _looks(machine, period)
+    # Servos look again at the begin of a step.
+    count = looks * -(-(suggested if steps is None else steps) // looks)
+    drives = _Drives(machine, inputs, time, count, looks)
     at = machine.moved(list(drives.splines))
     x, modes = _first_state(machine, drives, start or {}), np.zeros(machine.modes, dtype=np.int64)
     work, room = machine.work()
@@ -118,6 +120,8 @@ def _truth(
     for j, name in enumerate(machine.joints):
         truth[name] |= _moved("link", j, states, accelerations, machine.freedom)
         truth[name]["external_torque"] = at_samples(drives.external[j], drives.time)[part]
+        if name in drives.positions:
+            truth[name]["commanded_position"] = drives.positions[name][part]
     for slot in machine.motors:
         truth[slot.joint] |= _moved(_motor_name(slot), slot.index, states, accelerations, machine.freedom)
         if slot.role not in drives.unknown[slot.joint]:
@@ -134,16 +138,19 @@ def _truth(
 class _Drives:
     """The inputs of a machine, ready to be cut into what `integrate` takes."""
 
-    def __init__(self, machine: Machine, inputs: Mapping[str, Mapping[str, Input]], time: Array, steps: int) -> None:
+    def __init__(
+        self, machine: Machine, inputs: Mapping[str, Mapping[str, Input]], time: Array, steps: int, looks: int
+    ) -> None:
         _require_known(machine, inputs)
-        self.machine, self.time, self.steps = machine, time, steps
+        self.machine, self.time, self.steps, self.looks = machine, time, steps, looks
         self.period = float(time[1] - time[0])
         self.external: list[TorqueInput] = [
             _torque(name, inputs.get(name, {}).get("external_torque", 0.0)) for name in machine.joints
         ]
         self.torques: dict[int, TorqueInput] = {}
         self.splines: dict[int, CubicSpline] = {}
-        self.servos: list[tuple[MotorSlot, Servo, CubicSpline]] = []
+        self.servos: list[tuple[MotorSlot, tuple[float, ...], Array]] = []
+        self.positions: dict[str, Array] = {}
         self.unknown: dict[str, set[str]] = {name: set() for name in machine.joints}
         for j, name in enumerate(machine.joints):
             motion = inputs.get(name, {}).get("link_position")
@@ -151,18 +158,40 @@ class _Drives:
                 self.splines[j] = CubicSpline(time, at_samples(_motion(name, motion).position, time))
         for slot in machine.motors:
             given = inputs.get(slot.joint, {}).get(slot.role, 0.0)
-            if isinstance(given, Motion):
+            position = inputs.get(slot.joint, {}).get("commanded_position")
+            servo = drive_of(machine.joints[slot.joint])
+            if position is not None and servo is not None and slot.role == "motor_torque":
+                self.positions[slot.joint] = at_samples(_torque(slot.joint, position), time)
+                reference = self._planned(servo, self.positions[slot.joint])
+                self.servos.append((slot, _row_of_drive(slot, servo, self.period / steps, steps // looks), reference))
+            elif isinstance(given, Motion):
                 self.splines[slot.index] = CubicSpline(time, at_samples(given.position, time))
                 self.unknown[slot.joint].add(slot.role)
             elif isinstance(given, Servo):
-                self.servos.append((slot, given, CubicSpline(time, at_samples(given.reference, time))))
+                spline = CubicSpline(time, at_samples(given.reference, time))
+                reference = np.zeros((time.size, looks, 2))
+                reference[:, 0] = np.stack([spline(time), spline(time, 1)], axis=-1)
+                self.servos.append((slot, _row_of_servo(slot, given, self.period / steps, steps), reference))
             else:
                 self.torques[slot.index] = given
                 at_samples(given, time[:1] if callable(given) else time)  # refuses what does not fit
-        self.commands = np.zeros((time.size, len(self.servos)))
+        self.commands = np.zeros((time.size, looks, len(self.servos)))
+        self.sums = np.zeros(len(self.servos))
 
-    def chunk(self, part: slice) -> tuple[Array, Array, Array, Array, Array]:
-        """Return inputs, prescribed motion, servos, reference and commands for the sample periods `part`; see `integrate`."""
+    def _planned(self, servo: PositionServo, command: Array) -> Array:
+        """Return position and velocity that a drive's loop follows each time it looks, shape (N, looks, 2)."""
+        late = np.arange(command.size * self.looks) / self.looks - servo.delay / self.period
+        held = command[np.maximum(np.floor(late + 1e-9).astype(np.int64), 0)]
+        rates = np.zeros_like(held)
+        if servo.plans:
+            speed, acceleration = (
+                np.inf if one is None else one for one in (servo.speed_limit, servo.acceleration_limit)
+            )
+            held, rates = planned(held, self.period / self.looks, speed, acceleration)
+        return np.stack([held, rates], axis=-1).reshape(command.size, self.looks, 2)
+
+    def chunk(self, part: slice) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """Return inputs, prescribed motion, servos, reference, commands and sums for the periods `part`; see `integrate`."""
         machine, time = self.machine, self.time[part]
         n, step = machine.freedom, self.period / self.steps
         stages = (np.arange(self.steps)[:, None] + np.array([0.0, 0.5, 1.0])) * step
@@ -181,35 +210,52 @@ class _Drives:
         prescribed = np.zeros((time.size, 2, n))
         for i, spline in self.splines.items():
             prescribed[:, 0, i], prescribed[:, 1, i] = spline(time), spline(time, 1)
-        reference = np.zeros((time.size, 2, len(self.servos)))
-        for k, (_, _, spline) in enumerate(self.servos):
-            reference[:, 0, k], reference[:, 1, k] = spline(time), spline(time, 1)
-        rows = np.array([_servo_row(slot, servo, step) for slot, servo, _ in self.servos]).reshape(-1, 8)
-        return inputs.reshape(-1, 3, n), prescribed, rows, reference, self.commands
+        reference = np.zeros((time.size, self.looks, 2, len(self.servos)))
+        for k, (_, _, followed) in enumerate(self.servos):
+            reference[..., k] = followed[part]
+        rows = np.array([row for _, row, _ in self.servos]).reshape(-1, len(ServoRow))
+        return inputs.reshape(-1, 3, n), prescribed, rows, reference, self.commands, self.sums
 
     def commanded(self, slot: MotorSlot) -> Array:
         """Return the torque that was commanded at each sample: what is recorded of it."""
         for k, (servo_slot, _, _) in enumerate(self.servos):
             if servo_slot.index == slot.index:
-                return self.commands[:, k]
+                return self.commands[:, 0, k]
         return np.asarray(rounded(at_samples(self.torques[slot.index], self.time), slot.motor.torque_step))
 
     def beginning(self, slot: MotorSlot) -> float | None:
         """Return where a motor under a servo or a prescribed motion begins."""
         if slot.index in self.splines:
             return float(self.splines[slot.index](self.time[0]))
-        return next((float(spline(self.time[0])) for s, _, spline in self.servos if s.index == slot.index), None)
+        return next((float(followed[0, 0, 0]) for s, _, followed in self.servos if s.index == slot.index), None)
 
 
-def _servo_row(slot: MotorSlot, servo: Servo, step: float) -> tuple[float, ...]:
-    motor = slot.motor
-    loop = (float(slot.index), servo.stiffness, servo.damping, servo.limit)
-    return *loop, motor.torque_step, motor.torque_gain, motor.torque_offset, float(round(motor.torque_delay / step))
+def _looks(machine: Machine, period: float) -> int:
+    """Return how often in a sample's period the fastest drive looks at its encoder."""
+    servos = [servo for joint in machine.joints.values() if (servo := drive_of(joint)) is not None]
+    return max((max(1, round(period / servo.period)) for servo in servos), default=1)
+
+
+def _row_of_servo(slot: MotorSlot, servo: Servo, step: float, every: int) -> tuple[float, ...]:
+    loop = (servo.stiffness, servo.damping, 0.0, servo.limit, 0.0)
+    return (float(slot.index), *loop, *_delivery(slot.motor, step), float(every))
+
+
+def _row_of_drive(slot: MotorSlot, servo: PositionServo, step: float, every: int) -> tuple[float, ...]:
+    limit = np.inf if servo.torque_limit is None else servo.torque_limit
+    loop = (servo.kp, servo.kd, servo.ki, limit, servo.resolution)
+    return (float(slot.index), *loop, *_delivery(slot.motor, step), float(every))
+
+
+def _delivery(motor: Motor, step: float) -> tuple[float, ...]:
+    return motor.torque_step, motor.torque_gain, motor.torque_offset, float(round(motor.torque_delay / step))
 
 
 def _require_known(machine: Machine, inputs: Mapping[str, Mapping[str, Input]]) -> None:
     for name in machine.joints:
         roles = [*(m.role for m in machine.motors if m.joint == name), "external_torque", "link_position"]
+        if drive_of(machine.joints[name]) is not None:
+            roles.append("commanded_position")
         unknown = sorted(set(inputs.get(name, {})) - set(roles))
         if unknown:
             raise SimulationError(f"joint '{name}' has no input '{unknown[0]}'; it has {', '.join(roles)}")
@@ -250,8 +296,9 @@ def _first_state(machine: Machine, drives: _Drives, start: Mapping[str, Array]) 
     for j, (name, joint) in enumerate(machine.joints.items()):
         if name in start:
             continue
-        own = [slot for slot in machine.motors if slot.joint == name and slot.index != j]
-        driven = [drives.beginning(slot) for slot in own if slot.role != "secondary_torque"]
+        motors = [slot for slot in machine.motors if slot.joint == name]
+        own = [slot for slot in motors if slot.index != j]
+        driven = [drives.beginning(slot) for slot in motors if slot.role != "secondary_torque"]
         known = [position for position in driven if position is not None]
         hanging = joint.link.gravity_angle if joint.link is not None and not machine.chained else 0.0
         x[j] = sum(known) / len(known) if known else hanging

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from vsalog.core.errors import SimulationError
 from vsalog.core.signals import JointSignals
 from vsalog.filters.savitzky_golay import savgol_weights
-from vsalog.rig.schema import Chain, SerialJoint
+from vsalog.rig.schema import Chain, RigidJoint, SerialJoint
 from vsalog.simulation.inputs import Input, Motion, table
-from vsalog.simulation.machine import Machine, MotorSlot, Movable, build
+from vsalog.simulation.machine import Machine, MotorSlot, Movable, build, drive_of
 from vsalog.simulation.play import play
 
 Array = NDArray[np.float64]
@@ -51,7 +51,8 @@ def replay(
 ) -> Replayed:
     """Play joints on what a recording says of their inputs.
 
-    A motor is driven by its recorded torque; where there is none, by its recorded position, as prescribed. A set-point that is
+    A motor is driven by its drive and what is commanded of that; else by its recorded torque; where there is none, by its
+    recorded position, as prescribed. A set-point that is
     recorded without its motor's torque is prescribed. Every run of the recording begins with the measured state.
 
     Parameters
@@ -101,8 +102,12 @@ def replay(
 
 def _inputs(machine: Machine, name: str, signals: JointSignals, states: Array, held: bool) -> dict[str, Input]:
     """Return role → what the recording drives it with."""
-    roles, time, given = signals.roles, signals.time[0] + np.arange(len(signals)) * signals.period, {}
+    roles, time = signals.roles, signals.time[0] + np.arange(len(signals)) * signals.period
+    given: dict[str, Input] = {}
     slots = [slot for slot in machine.motors if slot.joint == name]
+    if "commanded_position" in roles and drive_of(machine.joints[name]) is not None:
+        given["commanded_position"] = _bridged(roles["commanded_position"])
+        slots = []
     for i, slot in enumerate(slots):
         if slot.role in roles:
             given[slot.role] = _torque(_bridged(roles[slot.role]), time, held)
@@ -134,6 +139,8 @@ def _measured_states(machine: Machine, name: str, signals: JointSignals) -> Arra
     roles, joint = signals.roles, machine.joints[name]
     slots = [slot for slot in machine.motors if slot.joint == name]
     positions: list[Array | None] = [roles.get("link_position")]
+    if isinstance(joint, RigidJoint):
+        positions, slots = [roles.get("link_position", roles.get("motor_position"))], []
     for slot in slots:
         if slot.role == "secondary_torque":
             arm = roles.get("setpoint")

@@ -19,7 +19,7 @@ from vsalog.readers import open_reader, read
 from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
 from vsalog.rig.roles import ROLE_UNITS
-from vsalog.rig.schema import AntagonisticJoint, ElasticJoint, Joint, PneumaticJoint, SerialJoint, Signal
+from vsalog.rig.schema import Joint, PneumaticJoint, RigidJoint, Signal
 from vsalog.simulation.channels import topic_parts
 from vsalog.simulation.experiment import FLOAT64
 from vsalog.simulation.machine import Movable
@@ -36,6 +36,7 @@ NEEDED = (
     "link_position",
     "deflection",
     "setpoint",
+    "commanded_position",
     "motor_torque",
     "secondary_torque",
     "external_torque",
@@ -179,7 +180,8 @@ class ReplayJob:
                 for role in signals.roles
             }
             joint = joints[name]
-            joints[name] = msgspec.structs.replace(joint, signals=type(joint.signals)(**known), run=())
+            without_runs = {} if isinstance(joint, RigidJoint) else {"run": ()}
+            joints[name] = msgspec.structs.replace(joint, signals=type(joint.signals)(**known), **without_runs)
         return Rig(msgspec.structs.replace(self.believed.file, joint=joints), self.believed.where).to_toml()
 
     def _topic(self, prefix: str, joint: str, role: str) -> str:
@@ -236,13 +238,11 @@ def prepare_replay(source: str | None, log: Path, options: ReplayOptions) -> Rep
 
 
 def _why_not(joint: Joint) -> str | None:
-    if isinstance(joint, ElasticJoint | SerialJoint | AntagonisticJoint):
-        return None
-    return "is pneumatic" if isinstance(joint, PneumaticJoint) else "has no transmission"
+    return "is pneumatic" if isinstance(joint, PneumaticJoint) else None
 
 
 def _movable(joint: Joint) -> Movable:
-    assert isinstance(joint, ElasticJoint | SerialJoint | AntagonisticJoint)
+    assert not isinstance(joint, PneumaticJoint)
     return joint
 
 

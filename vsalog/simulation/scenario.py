@@ -17,9 +17,10 @@ from vsalog.core.units import parse_quantity, parse_unit, shown, split_quantity
 from vsalog.rig.decode import Path as KeyPath
 from vsalog.rig.decode import decode, key_path, refuse
 from vsalog.rig.load import Rig, presets
-from vsalog.rig.schema import AntagonisticJoint, Joint, RigFile, RigidJoint, SerialJoint
+from vsalog.rig.schema import AntagonisticJoint, Joint, RigFile, SerialJoint
 from vsalog.simulation.control import Controller, controller_of
 from vsalog.simulation.inputs import Input, Motion, Servo
+from vsalog.simulation.machine import drive_of
 from vsalog.simulation.scenario_generic import GENERIC, generic
 from vsalog.simulation.scenario_parts import sum_of_parts
 from vsalog.simulation.scenario_schema import (
@@ -202,7 +203,8 @@ class Scenario:
                 refuse(path, f"this joint has no such input; it has {', '.join(known) or 'none'}")
             if isinstance(drive, tuple):
                 signal = sum_of_parts(drive, unit_of(key), self.file.duration, self.folder, path)
-                inputs[role] = Motion(signal) if key.split("_")[1] == "position" else signal
+                moved = key.split("_")[1] == "position" and key != role
+                inputs[role] = Motion(signal) if moved else signal
             else:
                 at = (*path, "reference")
                 reference = sum_of_parts(drive.reference, ANGLE, self.file.duration, self.folder, at)
@@ -240,16 +242,14 @@ def driven_roles(joint: Joint) -> tuple[str, ...]:
         return (*valves, "external_torque")
     if isinstance(joint, AntagonisticJoint):
         return ("motor_torque_1", "motor_torque_2", "external_torque")
-    if isinstance(joint, SerialJoint):
-        return ("motor_torque", "secondary_torque", "external_torque")
-    if isinstance(joint, RigidJoint):
-        return ()  # it stands still
-    return ("motor_torque", "external_torque")
+    commanded = ("commanded_position",) if drive_of(joint) is not None else ()
+    secondary = ("secondary_torque",) if isinstance(joint, SerialJoint) else ()
+    return ("motor_torque", *commanded, *secondary, "external_torque")
 
 
 def role_of(key: str) -> str:
     """Return the role that a key of `Drives` drives: a motor's servo and its position stand for its torque."""
-    return key.replace("_servo", "_torque").replace("_position", "_torque")
+    return key if key == "commanded_position" else key.replace("_servo", "_torque").replace("_position", "_torque")
 
 
 def unit_of(key: str) -> str:
@@ -357,7 +357,8 @@ def _check(file: ScenarioFile) -> None:
             if not drive:
                 continue
             path = ("joint", name, key)
-            for role in COMMANDED.get(key, (role_of(key),)):
+            drives_motor = key == "commanded_position"
+            for role in ("motor_torque",) if drives_motor else COMMANDED.get(key, (role_of(key),)):
                 if role in taken:
                     what = "valve" if role.startswith("valve") else "motor"
                     refuse(path, f"'{taken[role]}' drives the same {what}; keep one of them")

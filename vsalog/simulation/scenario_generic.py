@@ -33,6 +33,7 @@ from vsalog.rig.schema import (
     UnknownTransmission,
     Vsa2Transmission,
 )
+from vsalog.simulation.machine import drive_of
 from vsalog.simulation.scenario_schema import (
     Chirp,
     Constant,
@@ -139,12 +140,12 @@ def generic(kind: str, rig: RigFile, period: float = 1e-3) -> ScenarioFile:
     joints: dict[str, Drives] = {}
     place = 0
     for name, joint in rig.joint.items():
-        if isinstance(joint, RigidJoint):
+        if isinstance(joint, RigidJoint) and joint.drive is None:
             continue
         drives: dict[str, Parts | ServoDrive] = {}
         if isinstance(joint, SerialJoint) and joint.secondary_motor is not None and joint.lever is not None:
             drives["secondary_servo"] = _lever_servo(joint.secondary_motor, joint.lever)
-        if kind == "servo" and not isinstance(joint, PneumaticJoint):
+        if kind == "servo" and not isinstance(joint, PneumaticJoint) and drive_of(joint) is None:
             drives.update(_servos(name, joint, rig, place, period))
         else:
             drives.update(
@@ -207,6 +208,9 @@ def _driven(name: str, joint: Joint, rig: RigFile, place: int) -> Iterator[_Driv
             level = EXCITATION.valve * (valve.voltage[-1] - valve.voltage[0])
             # The muscles take turns: what fills one empties the other.
             yield _Drive(key, place + i, -level if i else level, 1.0, centre)
+        return
+    if drive_of(joint) is not None:
+        yield _Drive("commanded_position", place, EXCITATION.swing, EXCITATION.frequency)
         return
     motors = _motors(joint)
     for i, (suffix, motor, transmission) in enumerate(motors):

@@ -17,6 +17,7 @@ from vsalog.core.quantities import (
     RoleValue,
     Stiffness,
     TimeSpan,
+    TorqueLimit,
 )
 
 Frequency = Annotated[float, Meta(description="frequency [Hz]", gt=0.0, extra={"unit": "1/s", "units": ("1/s",)})]
@@ -24,7 +25,6 @@ AngularFrequency = Annotated[
     float, Meta(description="angular frequency [rad/s]", gt=0.0, extra={"unit": "rad/s", "units": ("rad/s",)})
 ]
 Voltage = Annotated[float, Meta(description="voltage [V]", extra={"unit": "V", "units": ("V",)})]
-TorqueLimit = Annotated[float, Meta(description="torque [N·m]", gt=0.0, extra={"unit": "N*m", "units": ("N*m",)})]
 
 
 class Constant(Base, frozen=True, tag="constant", tag_field="type"):
@@ -236,10 +236,12 @@ class PiControlDrive(Base, frozen=True):
 class Drives(Base, frozen=True):
     """What drives one joint; several parts of a role are summed, what is not named is zero.
 
-    A motor gets a torque, a servo or a prescribed position, on the joint's side of the gear. A controller receives what the
+    A motor gets a torque, a servo or a prescribed position, on the joint's side of the gear, or its drive is commanded a
+    position. A controller receives what the
     joint's sensors say, and drives its motor or its valves.
     """
 
+    commanded_position: Parts = ()
     motor_torque: Parts = ()
     motor_torque_1: Parts = ()
     motor_torque_2: Parts = ()

@@ -33,7 +33,7 @@ SENSED = {
 ACCELEROMETER = {"accelerometer_x": 0, "accelerometer_y": 1, "accelerometer_z": 2}
 
 # What may be held from sample to sample: a cubic would overshoot where it jumps.
-HELD = ("motor_torque", "secondary_torque", "external_torque", "valve")
+HELD = ("commanded_position", "motor_torque", "secondary_torque", "external_torque", "valve")
 
 
 @dataclass(frozen=True, slots=True)

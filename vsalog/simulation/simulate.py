@@ -42,12 +42,13 @@ def simulate(
 
     Parameters
     ----------
-    rig : the machine; motors need an inertia, transmissions a type, and there must be links. Rigid joints stand still
+    rig : the machine; motors need an inertia, transmissions a type, and there must be links. Rigid joints
+        without an input stand still
     inputs : joint → role → what drives it, on the joint's side of the gear: a torque [N·m] as a continuous function of an
         array of times [s], or one value per sample (N), held until the next; a `Servo`; a `Motion`. Roles are
         ``motor_torque`` (elastic, serial), ``motor_torque_1`` and ``_2`` (antagonistic), ``secondary_torque`` (serial),
-        ``external_torque`` (all), ``valve_1`` and ``_2`` [V] (pneumatic, needed). Missing
-        torques are zero
+        ``commanded_position`` [rad] (with a drive), ``external_torque`` (all), ``valve_1`` and ``_2`` [V] (pneumatic,
+        needed). Missing torques are zero
     duration : [s]; N = duration / period + 1 samples, the first before anything moves
     period : sample time T [s]
     steps : integration steps per period; as many as the fastest mode needs when absent
@@ -85,7 +86,7 @@ def simulate(
         control = Controlled(loops, rig, time, seed, ideal)
     truths = _truths(rig, inputs, time, steps, start or {}, control)
     if not truths:
-        raise SimulationError(f"rig '{rig.name}' has no joint to simulate: rigid joints have no transmission")
+        raise SimulationError(f"rig '{rig.name}' has no joint to simulate: nothing drives its rigid joints")
     return Experiment(name, rig, period, sample_stamps(count, period), time, sense(truths, rig, time, seed, ideal))
 
 
@@ -125,7 +126,7 @@ def _truths(
             reader = _reader(control, [name])
             one = None if reader is None else partial(_as_one, reader, name)
             found[name] = simulate_pneumatic(joint, own, time, steps, start.get(name), one)
-        elif name not in chained and not isinstance(joint, RigidJoint):
+        elif name not in chained and (name in inputs or not isinstance(joint, RigidJoint)):
             machine = build({name: joint})
             found |= play(machine, inputs, time, steps=steps, start=start, control=_reader(control, [name]))
     return {name: found[name] for name in rig.joint if name in found}
