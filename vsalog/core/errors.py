@@ -74,6 +74,10 @@ class DiagnosisError(VsalogError):
     """The log or the rig does not hold what a diagnosis needs."""
 
 
+class ExportError(VsalogError):
+    """A rig cannot be written as a model of another simulator."""
+
+
 class WriteError(VsalogError):
     """A result cannot be written."""
 

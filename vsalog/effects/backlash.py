@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.effects.base import Default, Effect, Exactness, OneNumber
+from vsalog.effects.counterpart import Counterpart, term
 
 Array = NDArray[np.float64]
 
@@ -34,6 +35,7 @@ def engaged(phi: Array, gap: float, values: Array) -> Array:
 
 
 EFFECT = Effect(
+    counterparts=(Counterpart("transmission", ("backlash",), lambda t: term("spring", gap=t.backlash)),),
     tolerances=(
         Default(("backlash",), "wear; a joint is free of play to 2 % of its deflection", share=0.5, share_of_scale=0.02),
     ),

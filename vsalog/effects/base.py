@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 
 from vsalog.core.units import parse_unit, split_number
 from vsalog.effects.body_torque import BodyTorque
+from vsalog.effects.counterpart import Counterpart
 from vsalog.effects.reading_error import ReadingError
 
 
@@ -171,11 +172,13 @@ class Effect(NamedTuple):
     tolerances : how well its quantities are known where the rig does not say
     causes : that are one number of the rig
     keys : of the rig, for torques on motors and links and for errors of sensors
+    counterparts : what its keys become in models of other simulators
     """
 
     tolerances: tuple[Default, ...] = ()
     causes: tuple[OneNumber, ...] = ()
     keys: tuple[Key, ...] = ()
+    counterparts: tuple[Counterpart, ...] = ()
 
 
 def valued(rule: Rule, sizes: Sizes) -> float:

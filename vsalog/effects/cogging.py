@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from vsalog.core.quantities import Angle, Order, Torque
 from vsalog.effects.base import Default, Effect, Key
 from vsalog.effects.body_torque import BodyTorque
+from vsalog.effects.counterpart import Counterpart, Term
 
 Array = NDArray[np.float64]
 
@@ -47,7 +48,13 @@ class Cogging(BodyTorque, frozen=True):
         return replace(self, torque=self.torque * ratio)
 
 
+def _waves(motor: Any) -> list[Term]:
+    """Return each as a motor without current."""
+    return [Term("dcmotor", {"cogging": wave.numbers(motor.gear_ratio)}) for wave in motor.cogging]
+
+
 EFFECT = Effect(
+    counterparts=(Counterpart("motor", ("cogging",), _waves),),
     tolerances=(
         Default(("cogging.torque",), "varies from motor to motor", share=0.5, share_of_scale=0.02),
         Default(("cogging.phase",), "nothing is known before it is measured", least="180 deg"),

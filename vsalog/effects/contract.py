@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from vsalog.effects.base import Default, Effect, Key, OneNumber, Place
 from vsalog.effects.body_torque import BodyTorque
+from vsalog.effects.counterpart import Counterpart
 from vsalog.effects.reading_error import ReadingError
 
 Array = NDArray[np.float64]
@@ -30,7 +31,7 @@ def keep_contract(effect: Any) -> None:
         It does not do what an effect does; the text says what.
     """
     _require(isinstance(effect, Effect), "EFFECT is no vsalog.effects.base.Effect")
-    for name, kind in (("keys", Key), ("tolerances", Default), ("causes", OneNumber)):
+    for name, kind in (("keys", Key), ("tolerances", Default), ("causes", OneNumber), ("counterparts", Counterpart)):
         members = getattr(effect, name)
         whole = isinstance(members, tuple) and all(isinstance(member, kind) for member in members)
         _require(whole, f"{name} has to be a tuple of {kind.__name__}")

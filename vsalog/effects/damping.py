@@ -2,7 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
 from vsalog.effects.base import Default, Effect, OneNumber
+from vsalog.effects.counterpart import BODIES, Counterpart, Lack, Term, term
+
+
+def _tendon(transmission: Any) -> Iterator[Term | Lack]:
+    if transmission.backlash > 0.0:
+        yield Lack("damping", "the damper of a tendon acts within the gap of a backlash too")
+    else:
+        yield Term("spring", {"damping": transmission.damping})
+
 
 EFFECT = Effect(
     tolerances=(
@@ -12,6 +24,15 @@ EFFECT = Effect(
             share=2.0,
             share_of_scale=0.1,
         ),
+    ),
+    counterparts=(
+        *(
+            Counterpart(
+                part, ("damping",), lambda p: term("joint", damping=p.damping), lambda p: term("dynamics", damping=p.damping)
+            )
+            for part in BODIES
+        ),
+        Counterpart("transmission", ("damping",), _tendon),
     ),
     causes=(
         OneNumber(

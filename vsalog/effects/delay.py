@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.effects.base import Default, Effect, OneNumber, Sizes
+from vsalog.effects.counterpart import Counterpart, term
 
 Array = NDArray[np.float64]
 
@@ -57,6 +58,7 @@ def _half_a_sample(sizes: Sizes) -> float:
 
 
 EFFECT = Effect(
+    counterparts=(Counterpart("motor", ("torque_delay",), lambda m: term("actuator", delay=m.torque_delay)),),
     tolerances=(
         Default(("torque_delay", "delay"), "two cycles of a 1 kHz fieldbus", least="2 ms"),
     ),

@@ -23,6 +23,7 @@ from vsalog.core.quantities import (
     TorqueLimit,
 )
 from vsalog.effects.base import Default, Effect, OneNumber
+from vsalog.effects.counterpart import Counterpart, term
 from vsalog.effects.quantisation import rounded
 
 Array = NDArray[np.float64]
@@ -110,6 +111,15 @@ def commanded_for(torque: Array, gain: float, offset: float) -> Array:
 
 
 EFFECT = Effect(
+    counterparts=(
+        Counterpart("motor", ("torque_gain",), lambda m: term("actuator", gain=m.torque_gain)),
+        Counterpart("motor", ("torque_offset",), lambda m: term("actuator", bias=m.torque_offset)),
+        Counterpart("motor", ("torque_constant",), lambda m: term("actuator", current=m.torque_constant * m.gear_ratio)),
+        # What a part is as the joint feels it has the ratio in its numbers already.
+        Counterpart(
+            "motor", ("gear_ratio", "side"), lambda m: (), lambda m: term("transmission", mechanicalReduction=m.gear_ratio)
+        ),
+    ),
     tolerances=(
         Default(
             ("torque_constant", "torque_gain", "motor_torque.gain", "secondary_torque.gain"),

@@ -5,6 +5,7 @@ What tells it from a motion is `mechanics.friction`; what looks for it is `diagn
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from msgspec.structs import replace
 
 from vsalog.core.quantities import Base, Damping, Share, Speed, Stiffness, TorqueLevel
 from vsalog.effects.base import Default, Effect
+from vsalog.effects.counterpart import BODIES, Counterpart, Lack, Term
 
 
 class Friction(Base, frozen=True):
@@ -105,7 +107,38 @@ def bristles_after(z: float, dx: float, end: float, stiffness: float, level: flo
     return after
 
 
+def _mjcf(part: Any) -> Iterator[Term | Lack]:
+    """Yield ideal friction as frictionloss, and bristles as the LuGre friction of a passive motor."""
+    own: Friction = part.friction
+    if own.load:
+        yield Lack("friction.load", "frictionloss does not depend on the load")
+    if own.presliding_stiffness is not None:
+        numbers = (
+            own.presliding_stiffness,
+            own.presliding_damping,
+            own.coulomb,
+            own.breakaway,
+            own.stribeck_velocity or 1.0,
+        )
+        yield Term("dcmotor", {"lugre": numbers})
+        return
+    if own.static is not None and own.static > own.coulomb:
+        yield Lack(
+            "friction.static", "frictionloss has one level; with a presliding_stiffness it becomes LuGre friction"
+        )
+    yield Term("joint", {"frictionloss": own.coulomb})
+
+
+def _urdf(part: Any) -> Iterator[Term | Lack]:
+    own: Friction = part.friction
+    for key in ("static", "load", "presliding_stiffness"):
+        if getattr(own, key):
+            yield Lack(f"friction.{key}", "the friction of a URDF joint is one level")
+    yield Term("dynamics", {"friction": own.coulomb})
+
+
 EFFECT = Effect(
+    counterparts=tuple(Counterpart(part, ("friction",), _mjcf, _urdf) for part in BODIES),
     tolerances=(
         Default(
             ("coulomb", "static", "kinetic", "level", "friction.muscle"),

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.quantities import Base, Length, Mass
 from vsalog.effects.base import Default, Effect, OneNumber
+from vsalog.effects.counterpart import Counterpart, Term, term
 
 Array = NDArray[np.float64]
 
@@ -55,7 +58,19 @@ def holding_torque(weight: float, angle: float, q: Array) -> Array:
     return weight * np.sin(q - angle)
 
 
+def _hanging(link: Any) -> tuple[Term]:
+    return term("inertial", weight=link.gravity_torque, angle=link.gravity_angle)
+
+
+def _carried(link: Any) -> tuple[Term]:
+    return term("payload", mass=link.payload.mass, distance=link.payload.distance)
+
+
 EFFECT = Effect(
+    counterparts=(
+        Counterpart("link", ("gravity_torque", "gravity_angle"), _hanging, _hanging),
+        Counterpart("link", ("payload",), _carried, _carried),
+    ),
     tolerances=(
         Default(("mass", "distance"), "a load is seldom weighed, its centre of mass guessed", share=0.2),
         Default(

@@ -5,12 +5,14 @@ What tells it from a deflection is `mechanics.hysteresis`; what looks for it is 
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Iterator
+from typing import Annotated, Any
 
 from msgspec import Meta
 
 from vsalog.core.quantities import AngleRange, Base, Stiffness, TorqueLevel
 from vsalog.effects.base import Default, Effect
+from vsalog.effects.counterpart import Counterpart, Lack, Term
 
 
 class BoucWen(Base, frozen=True):
@@ -57,7 +59,39 @@ def slipped(torque: float, change: float, stiffness: float, limit: float) -> flo
     return min(max(torque + stiffness * change, -limit), limit)
 
 
+def _loop(transmission: Any) -> Iterator[Term | Lack]:
+    """Yield the loop with n = 1 and a shape of 1 as what it then is, Dahl's friction between motor and link."""
+    loop: BoucWen = transmission.bouc_wen
+    if transmission.backlash > 0.0:
+        yield Lack("bouc_wen", "the friction of a tendon acts within the gap of a backlash too")
+    elif loop.exponent != 1.0 or loop.shape != 1.0:
+        yield Lack("bouc_wen", "LuGre friction is such a loop with exponent = 1 and shape = 1 only")
+    else:
+        yield Term("dcmotor", {"lugre": (loop.torque / loop.width, 0.0, loop.torque, loop.torque, 1.0)})
+
+
+def _slipping(transmission: Any) -> Iterator[Term | Lack]:
+    """Yield each element as a tendon that yields: ideal plasticity is a spring in series with dry friction."""
+    if transmission.backlash > 0.0:
+        yield Lack("slip", "a tendon that yields does so within the gap of a backlash too")
+        return
+    for element in transmission.slip:
+        if element.limit > 0.0:
+            yield Term(
+                "fixed",
+                {
+                    "stiffness": element.stiffness,
+                    "springlength": (0.0, 0.0),
+                    "springyield": element.limit / element.stiffness,
+                },
+            )
+
+
 EFFECT = Effect(
+    counterparts=(
+        Counterpart("transmission", ("bouc_wen",), _loop),
+        Counterpart("transmission", ("slip",), _slipping),
+    ),
     tolerances=(
         Default(
             ("bouc_wen.torque", "slip.limit"), "hysteresis of springs, cables and belts", share=0.5, share_of_scale=0.05

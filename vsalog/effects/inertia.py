@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 from vsalog.effects.base import Default, Effect, OneNumber
+from vsalog.effects.counterpart import Counterpart, term
 
 EFFECT = Effect(
     tolerances=(
         Default(("inertia",), "from CAD or a data sheet, which leave out couplings, screws and cables", share=0.2),
+    ),
+    counterparts=(
+        Counterpart(
+            "motor", ("inertia",), lambda m: term("joint", armature=m.inertia), lambda m: term("rotor", inertia=m.inertia)
+        ),
+        Counterpart(
+            "link", ("inertia",), lambda k: term("inertial", inertia=k.inertia), lambda k: term("inertial", inertia=k.inertia)
+        ),
     ),
     causes=(
         # What moves as one has one inertia: it is the link's.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from vsalog.effects.base import Default, Effect, OneNumber
+from vsalog.effects.counterpart import Counterpart, term
 
 
 def stiffened(drift: float, t: float, side: float, asymmetry: float) -> float:
@@ -11,6 +12,10 @@ def stiffened(drift: float, t: float, side: float, asymmetry: float) -> float:
 
 
 EFFECT = Effect(
+    counterparts=(
+        Counterpart("transmission", ("added_cubic",), lambda t: term("spring", cubic=t.added_cubic)),
+        Counterpart("transmission", ("asymmetry",), lambda t: term("spring", asymmetry=t.asymmetry)),
+    ),
     tolerances=(
         Default(("added_cubic",), "a spring keeps to its law within 10 %", share=0.5, share_of_scale=0.1),
         Default(("asymmetry",), "the two directions are two springs, ± 10 % each", least="0.1"),

@@ -1,0 +1,1 @@
+"""Rigs as models of other simulators: MuJoCo's XML and URDF."""

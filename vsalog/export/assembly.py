@@ -1,0 +1,218 @@
+"""A rig's joints taken apart for a model, whatever its format."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from msgspec.structs import replace
+
+from vsalog.core.errors import ExportError
+from vsalog.core.units import matching
+from vsalog.effects.counterpart import Dialect
+from vsalog.effects.friction import Friction
+from vsalog.effects.gravity import Payload
+from vsalog.export.bodies import Body, alone, chained, gravity_of
+from vsalog.export.collect import Lacking, Parts, collect
+from vsalog.mechanics.links import link_inertia
+from vsalog.rig.checks import motors, transmissions
+from vsalog.rig.load import Rig
+from vsalog.rig.schema import (
+    AntagonisticJoint,
+    ElasticJoint,
+    Joint,
+    KnownTransmission,
+    Link,
+    Motor,
+    PneumaticJoint,
+    RigidJoint,
+    SerialJoint,
+    Signal,
+    UnknownTransmission,
+)
+
+Movable = RigidJoint | ElasticJoint | SerialJoint | AntagonisticJoint
+STOOD_FOR = ("inertia", "gravity_torque", "gravity_angle")
+"""Keys of a link that the chain's stand for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Spring:
+    """A transmission in a model.
+
+    Attributes
+    ----------
+    motor : key of the motor that it ends at
+    transmission : with its law
+    arm : lever arm [m] of one that has a lever
+    parts : what its effects become
+    """
+
+    motor: str
+    transmission: KnownTransmission
+    arm: float | None
+    parts: Parts
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """A joint in a model.
+
+    Attributes
+    ----------
+    joint : of the rig
+    body : its link
+    link : what turns with the link; its motors too, where they are one with it
+    motors, springs : by their keys in the rig
+    one_body : whether motors and link are one
+    """
+
+    joint: Movable
+    body: Body
+    link: Parts
+    motors: Mapping[str, Parts]
+    springs: Mapping[str, Spring]
+    one_body: bool
+
+    def driven_by_current(self, motor: str) -> bool:
+        """Tell whether a motor's torque is recorded as a current."""
+        signal = getattr(self.joint.signals, motor.replace("motor", "motor_torque"), None)
+        unit = signal.unit if isinstance(signal, Signal) else None
+        return unit is not None and matching(unit, ("N*m", "A")) == "A"
+
+
+@dataclass(frozen=True, slots=True)
+class Assembly:
+    """A rig taken apart.
+
+    Attributes
+    ----------
+    rig : it
+    joints : by name, those of the chain in its order and first
+    lacking : what the model's format has nothing like
+    """
+
+    rig: Rig
+    joints: dict[str, Taken] = field(default_factory=dict)
+    lacking: Lacking = field(default_factory=dict)
+
+
+def take_apart(rig: Rig, dialect: Dialect) -> Assembly:
+    """Take a rig apart for a model.
+
+    In URDF, which has no springs, motor and link of each joint are one.
+
+    Raises
+    ------
+    ExportError
+        The rig lacks what any model needs, or has no joint that a model can have.
+    """
+    found = Assembly(rig)
+    chain, lacking = rig.file.chain, found.lacking
+    gravity = gravity_of(chain if dialect == "mjcf" else None)
+    movable: dict[str, Movable] = {}
+    for name, joint in rig.joints.items():
+        if isinstance(joint, PneumaticJoint):
+            lacking["joint", name] = "it is moved by compressed air, which models of rigid bodies do not have"
+        else:
+            movable[name] = joint
+    if not movable:
+        reason = next(iter(lacking.values()), "")
+        raise ExportError(
+            f"{rig.where}: there is no joint to export{reason and ': ' + ', '.join(rig.joints) + ': ' + reason}"
+        )
+    links = [] if chain is None else list(chain.link)
+    if absent := next((link.joint for link in links if link.joint not in movable), None):
+        raise ExportError(f"{rig.where}: the chain cannot be exported without its joint '{absent}'")
+    carried: dict[str, Payload] = {}
+    for link in links:
+        own = movable[link.joint].link
+        if own is not None and own.payload is not None:
+            carried[link.joint] = own.payload
+    bodies = {} if chain is None else {body.joint: body for body in chained(chain, carried)}
+    for i, link in enumerate(links):
+        least, middle, most = sorted(link.inertia)
+        if most > (least + middle) * (1.0 + 1e-9):
+            raise ExportError(
+                f"{rig.where}: chain.link[{i}].inertia: no body has it: the largest exceeds the sum of the other two, and"
+                " simulators refuse that"
+            )
+    for name in [*bodies, *(name for name in movable if name not in bodies)]:
+        joint = movable[name]
+        one_body = dialect == "urdf" or isinstance(joint, RigidJoint)
+        parts, actuators, springs = _parts(found, dialect, name, joint, one_body, name in bodies)
+        body = bodies.get(name)
+        if body is None:
+            own_link = joint.link or Link(inertia=0.0)
+            inertia = own_link.inertia + (parts.of("rotor", "inertia") if one_body else 0.0)
+            weight, angle = parts.of("inertial", "weight"), parts.of("inertial", "angle")
+            payload = next((Payload(**t.attributes) for t in parts.terms if t.element == "payload"), None)
+            if (
+                weight
+                and chain is not None
+                and dialect == "mjcf"
+                and abs(float((gravity @ gravity) ** 0.5) - 9.81) > 1e-2
+            ):
+                lacking["joint", name, "link", "gravity_torque"] = "a model has one gravity, and the chain's is another"
+                weight = 0.0
+            body = alone(name, inertia, weight, angle, payload, gravity)
+        elif one_body:
+            for key, motor in actuators.items():
+                if motor.of("rotor", "inertia"):
+                    lacking["joint", name, key, "inertia"] = "URDF has no rotor that turns faster than its joint"
+        found.joints[name] = Taken(joint, body, parts, actuators, springs, one_body)
+    return found
+
+
+def _parts(
+    found: Assembly, dialect: Dialect, name: str, joint: Movable, one_body: bool, in_chain: bool
+) -> tuple[Parts, dict[str, Parts], dict[str, Spring]]:
+    path, lacking = ("joint", name), found.lacking
+    if joint.link is None and not isinstance(joint, RigidJoint):
+        raise ExportError(f"{found.rig.where}: joint '{name}' has no link to move: give 'link.inertia' in the rig")
+    parts, actuators, springs = Parts(), {}, {}
+    geared = {key: motor.reflected for key, motor in motors(joint) if key != "secondary_motor"}
+    link = joint.link
+    if isinstance(joint, SerialJoint) and joint.secondary_motor is not None:
+        lacking[(*path, "secondary_motor")] = "models have no lever that a motor moves; it stays at lever.start"
+    if isinstance(joint, RigidJoint) and link is not None:
+        geared["motor"], link = _rubbing_once(geared["motor"], link)
+    if link is not None:
+        collect(dialect, "link", link, (*path, "link"), parts, lacking, STOOD_FOR if in_chain else ())
+    for key, motor in geared.items():
+        if motor.inertia is None and not one_body:
+            raise ExportError(
+                f"{found.rig.where}: joint '{name}': {key} has no inertia: give '{key}.inertia' in the rig"
+            )
+        actuators[key] = Parts()
+        collect(dialect, "motor", motor, (*path, key), actuators[key], lacking)
+        if one_body:
+            parts.absorb(actuators[key])
+    for key, transmission in transmissions(joint):
+        if isinstance(transmission, UnknownTransmission):
+            raise ExportError(
+                f"{found.rig.where}: joint '{name}': a transmission of unknown type cannot be exported: give"
+                f" {key}.type in the rig"
+            )
+        if dialect == "urdf":
+            lacking[(*path, key)] = "URDF has no springs between bodies; motor and link become one"
+            continue
+        arm = joint.lever.start if isinstance(joint, SerialJoint) and joint.lever is not None else None
+        own = Parts()
+        collect(dialect, "transmission", transmission, (*path, key), own, lacking)
+        springs[key] = Spring(key.replace("transmission", "motor"), transmission, arm, own)
+    return parts, actuators, springs
+
+
+def _rubbing_once(motor: Motor, link: Link) -> tuple[Motor, Link]:
+    """Give the dry friction of a motor and a link that are one to one of them, as the simulation does."""
+    both = motor.friction.along_with(link.friction)
+    if motor.friction == Friction():
+        return motor, replace(link, friction=both)
+    return replace(motor, friction=both), replace(link, friction=Friction())
+
+
+def moved_inertia(joint: Joint) -> float:
+    """Return what a link that moves alone weighs against its spring [kg·m²]."""
+    link = None if isinstance(joint, PneumaticJoint) else joint.link
+    return 0.0 if link is None else link_inertia(link)

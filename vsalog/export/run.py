@@ -1,0 +1,65 @@
+"""One export: a rig in, a model of another simulator as a text out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from vsalog._version import __version__
+from vsalog.core.errors import ExportError
+from vsalog.effects.counterpart import Dialect
+from vsalog.export.assembly import take_apart
+from vsalog.export.mjcf import mjcf
+from vsalog.export.urdf import urdf
+from vsalog.export.xml import comment, text_of
+from vsalog.rig.decode import key_path
+from vsalog.rig.load import Rig
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """A model.
+
+    Attributes
+    ----------
+    text : of its file
+    joints : of the rig that it has
+    notes : what a user should know of it
+    left_out : key of the rig → why the format has nothing like it
+    """
+
+    text: str
+    joints: tuple[str, ...]
+    notes: tuple[str, ...]
+    left_out: Mapping[str, str]
+
+
+def export(rig: Rig, dialect: Dialect, *, leave_out: bool = False) -> Exported:
+    """Return a rig as a model of another simulator.
+
+    Parameters
+    ----------
+    rig : it
+    dialect : the model's format
+    leave_out : whether what the format has nothing like is left out, and stands as a comment in the text
+
+    Raises
+    ------
+    ExportError
+        The rig lacks what any model needs, or says what the format has nothing like, and that is not to be left out.
+    """
+    found = take_apart(rig, dialect)
+    root, notes = (mjcf if dialect == "mjcf" else urdf)(found)
+    left_out = {key_path(path): reason for path, reason in found.lacking.items()}
+    if left_out and not leave_out:
+        told = "; ".join(f"{key}: {reason}" for key, reason in left_out.items())
+        raise ExportError(f"{rig.where}: {told} ('--unsupported comment' leaves it out)")
+    head = root.makeelement("head", {})
+    comment(head, f"{rig.name or rig.where}: written by vsalog {__version__} of {rig.where}. All units are SI.")
+    for note in notes:
+        comment(head, note)
+    for key, reason in left_out.items():
+        comment(head, f"left out: {key}: {reason}")
+    for i, line in enumerate(head):
+        root.insert(i, line)
+    return Exported(text_of(root), tuple(found.joints), tuple(notes), left_out)
