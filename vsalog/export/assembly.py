@@ -12,10 +12,11 @@ from vsalog.core.units import matching
 from vsalog.effects.counterpart import Dialect
 from vsalog.effects.friction import Friction
 from vsalog.effects.gravity import Payload
-from vsalog.export.bodies import Body, alone, chained, gravity_of
+from vsalog.export.bodies import Body, alone, chained, gravity_of, is_earthly
 from vsalog.export.collect import Lacking, Parts, collect
 from vsalog.mechanics.links import link_inertia
 from vsalog.rig.checks import motors, transmissions
+from vsalog.rig.decode import key_path
 from vsalog.rig.load import Rig
 from vsalog.rig.schema import (
     AntagonisticJoint,
@@ -117,10 +118,8 @@ def take_apart(rig: Rig, dialect: Dialect) -> Assembly:
         else:
             movable[name] = joint
     if not movable:
-        reason = next(iter(lacking.values()), "")
-        raise ExportError(
-            f"{rig.where}: there is no joint to export{reason and ': ' + ', '.join(rig.joints) + ': ' + reason}"
-        )
+        why = "".join(f"{key_path(path)}: {reason}; " for path, reason in lacking.items())
+        raise ExportError(f"{rig.where}: {why}there is no joint to export")
     links = [] if chain is None else list(chain.link)
     if absent := next((link.joint for link in links if link.joint not in movable), None):
         raise ExportError(f"{rig.where}: the chain cannot be exported without its joint '{absent}'")
@@ -147,12 +146,7 @@ def take_apart(rig: Rig, dialect: Dialect) -> Assembly:
             inertia = own_link.inertia + (parts.of("rotor", "inertia") if one_body else 0.0)
             weight, angle = parts.of("inertial", "weight"), parts.of("inertial", "angle")
             payload = next((Payload(**t.attributes) for t in parts.terms if t.element == "payload"), None)
-            if (
-                weight
-                and chain is not None
-                and dialect == "mjcf"
-                and abs(float((gravity @ gravity) ** 0.5) - 9.81) > 1e-2
-            ):
+            if weight and not is_earthly(gravity):
                 lacking["joint", name, "link", "gravity_torque"] = "a model has one gravity, and the chain's is another"
                 weight = 0.0
             body = alone(name, inertia, weight, angle, payload, gravity)

@@ -64,6 +64,11 @@ def gravity_of(chain: Chain | None) -> Array:
     return np.array(chain.gravity) if chain is not None else GRAVITY * DOWN
 
 
+def is_earthly(gravity: Array) -> bool:
+    """Tell whether a gravity is as strong as what links that move alone are weighed by, to a hundredth; shape (3,) [m/s²]."""
+    return bool(np.isclose(np.linalg.norm(gravity), GRAVITY, rtol=1e-2))
+
+
 def alone(joint: str, inertia: float, weight: float, angle: float, payload: Payload | None, gravity: Array) -> Body:
     """Return a link that no other carries: with a vertical axis where it has no weight, a horizontal one where it has.
 

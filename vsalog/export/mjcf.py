@@ -122,7 +122,9 @@ class _Model:
             if gain != 1.0 or bias:
                 told |= {"gainprm": gain, "biastype": "affine", "biasprm": bias}
             if delay:
-                told |= {"delay": delay, "nsample": str(int(np.ceil(delay / self.step - 1e-9)) + 1)}
+                # Linear between samples: what is exactly a sample's age is that sample, whichever way it is rounded.
+                samples = int(np.ceil(delay / self.step - 1e-9)) + 2
+                told |= {"delay": delay, "nsample": str(samples), "interp": "linear"}
             child(actuators, "general" if "gainprm" in told else "motor", name=f"{own}_{key}", joint=joint, **told)
             self.notes.append(f"control {own}_{key}: the motor's {quantity}")
             if not taken.one_body:

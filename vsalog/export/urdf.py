@@ -6,9 +6,8 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from vsalog.effects.gravity import GRAVITY
 from vsalog.export.assembly import Assembly, Taken
-from vsalog.export.bodies import Array, Mass, angles_of, gravity_of, standing
+from vsalog.export.bodies import Array, Mass, angles_of, gravity_of, is_earthly, standing
 from vsalog.export.xml import child, number, plain_names
 
 
@@ -25,9 +24,8 @@ def urdf(found: Assembly) -> tuple[ET.Element, list[str]]:
     base = np.eye(3)
     if chain is not None:
         gravity = gravity_of(chain)
-        size = float(np.linalg.norm(gravity))
-        if np.isclose(size, GRAVITY, rtol=1e-2):
-            base = standing(-gravity / size).T
+        if is_earthly(gravity):
+            base = standing(-gravity / np.linalg.norm(gravity)).T
         else:
             found.lacking["chain", "gravity"] = "URDF has no gravity; simulators have the earth's"
         for i, coupling in enumerate(chain.coupling):
