@@ -8,20 +8,18 @@ from dataclasses import dataclass, field
 from msgspec.structs import replace
 
 from vsalog.core.errors import ExportError
-from vsalog.core.units import matching
+from vsalog.core.units import matching, shown
 from vsalog.effects.counterpart import Dialect
 from vsalog.effects.friction import Friction
 from vsalog.effects.gravity import Payload
 from vsalog.export.bodies import Body, alone, chained, gravity_of, is_earthly
 from vsalog.export.collect import Lacking, Parts, collect
-from vsalog.mechanics.links import link_inertia
 from vsalog.rig.checks import motors, transmissions
 from vsalog.rig.decode import key_path
 from vsalog.rig.load import Rig
 from vsalog.rig.schema import (
     AntagonisticJoint,
     ElasticJoint,
-    Joint,
     KnownTransmission,
     Link,
     Motor,
@@ -109,8 +107,25 @@ def take_apart(rig: Rig, dialect: Dialect) -> Assembly:
         The rig lacks what any model needs, or has no joint that a model can have.
     """
     found = Assembly(rig)
-    chain, lacking = rig.file.chain, found.lacking
-    gravity = gravity_of(chain if dialect == "mjcf" else None)
+    movable = _movable(rig, found.lacking)
+    links = _chained(rig, movable)
+    for name in [*links, *(name for name in movable if name not in links)]:
+        joint = movable[name]
+        one_body = dialect == "urdf" or isinstance(joint, RigidJoint)
+        parts, actuators, springs = _parts(found, dialect, name, joint, one_body, name in links)
+        if name not in links:
+            body = _alone(found, dialect, name, parts, one_body)
+        else:
+            body = links[name]
+            for key, motor in actuators.items():
+                if one_body and motor.of("rotor", "inertia"):
+                    found.lacking["joint", name, key, "inertia"] = "URDF has no rotor that turns faster than its joint"
+        found.joints[name] = Taken(joint, body, parts, actuators, springs, one_body)
+    return found
+
+
+def _movable(rig: Rig, lacking: Lacking) -> dict[str, Movable]:
+    """Return the joints that a model can have."""
     movable: dict[str, Movable] = {}
     for name, joint in rig.joints.items():
         if isinstance(joint, PneumaticJoint):
@@ -120,42 +135,39 @@ def take_apart(rig: Rig, dialect: Dialect) -> Assembly:
     if not movable:
         why = "".join(f"{key_path(path)}: {reason}; " for path, reason in lacking.items())
         raise ExportError(f"{rig.where}: {why}there is no joint to export")
-    links = [] if chain is None else list(chain.link)
-    if absent := next((link.joint for link in links if link.joint not in movable), None):
-        raise ExportError(f"{rig.where}: the chain cannot be exported without its joint '{absent}'")
-    carried: dict[str, Payload] = {}
-    for link in links:
-        own = movable[link.joint].link
-        if own is not None and own.payload is not None:
-            carried[link.joint] = own.payload
-    bodies = {} if chain is None else {body.joint: body for body in chained(chain, carried)}
-    for i, link in enumerate(links):
+    return movable
+
+
+def _chained(rig: Rig, movable: Mapping[str, Movable]) -> dict[str, Body]:
+    """Return the links of the chain by their joints."""
+    if rig.file.chain is None:
+        return {}
+    payloads: dict[str, Payload] = {}
+    for i, link in enumerate(rig.file.chain.link):
+        if link.joint not in movable:
+            raise ExportError(f"{rig.where}: the chain cannot be exported without its joint '{shown(link.joint)}'")
         least, middle, most = sorted(link.inertia)
         if most > (least + middle) * (1.0 + 1e-9):
             raise ExportError(
                 f"{rig.where}: chain.link[{i}].inertia: no body has it: the largest exceeds the sum of the other two, and"
                 " simulators refuse that"
             )
-    for name in [*bodies, *(name for name in movable if name not in bodies)]:
-        joint = movable[name]
-        one_body = dialect == "urdf" or isinstance(joint, RigidJoint)
-        parts, actuators, springs = _parts(found, dialect, name, joint, one_body, name in bodies)
-        body = bodies.get(name)
-        if body is None:
-            own_link = joint.link or Link(inertia=0.0)
-            inertia = own_link.inertia + (parts.of("rotor", "inertia") if one_body else 0.0)
-            weight, angle = parts.of("inertial", "weight"), parts.of("inertial", "angle")
-            payload = next((Payload(**t.attributes) for t in parts.terms if t.element == "payload"), None)
-            if weight and not is_earthly(gravity):
-                lacking["joint", name, "link", "gravity_torque"] = "a model has one gravity, and the chain's is another"
-                weight = 0.0
-            body = alone(name, inertia, weight, angle, payload, gravity)
-        elif one_body:
-            for key, motor in actuators.items():
-                if motor.of("rotor", "inertia"):
-                    lacking["joint", name, key, "inertia"] = "URDF has no rotor that turns faster than its joint"
-        found.joints[name] = Taken(joint, body, parts, actuators, springs, one_body)
-    return found
+        own = movable[link.joint].link
+        if own is not None and own.payload is not None:
+            payloads[link.joint] = own.payload
+    return {body.joint: body for body in chained(rig.file.chain, payloads)}
+
+
+def _alone(found: Assembly, dialect: Dialect, name: str, parts: Parts, one_body: bool) -> Body:
+    """Return a link outside of the chain."""
+    gravity = gravity_of(found.rig.file.chain if dialect == "mjcf" else None)
+    inertia = parts.of("inertial", "inertia") + (parts.of("rotor", "inertia") if one_body else 0.0)
+    weight, angle = parts.of("inertial", "weight"), parts.of("inertial", "angle")
+    payload = next((Payload(**one.attributes) for one in parts.terms if one.element == "payload"), None)
+    if weight and not is_earthly(gravity):
+        found.lacking["joint", name, "link", "gravity_torque"] = "a model has one gravity, and the chain's is another"
+        weight = 0.0
+    return alone(name, inertia, weight, angle, payload, gravity)
 
 
 def _parts(
@@ -163,7 +175,9 @@ def _parts(
 ) -> tuple[Parts, dict[str, Parts], dict[str, Spring]]:
     path, lacking = ("joint", name), found.lacking
     if joint.link is None and not isinstance(joint, RigidJoint):
-        raise ExportError(f"{found.rig.where}: joint '{name}' has no link to move: give 'link.inertia' in the rig")
+        raise ExportError(
+            f"{found.rig.where}: joint '{shown(name)}' has no link to move: give 'link.inertia' in the rig"
+        )
     parts, actuators, springs = Parts(), {}, {}
     geared = {key: motor.reflected for key, motor in motors(joint) if key != "secondary_motor"}
     link = joint.link
@@ -176,7 +190,7 @@ def _parts(
     for key, motor in geared.items():
         if motor.inertia is None and not one_body:
             raise ExportError(
-                f"{found.rig.where}: joint '{name}': {key} has no inertia: give '{key}.inertia' in the rig"
+                f"{found.rig.where}: joint '{shown(name)}': {key} has no inertia: give '{key}.inertia' in the rig"
             )
         actuators[key] = Parts()
         collect(dialect, "motor", motor, (*path, key), actuators[key], lacking)
@@ -185,7 +199,7 @@ def _parts(
     for key, transmission in transmissions(joint):
         if isinstance(transmission, UnknownTransmission):
             raise ExportError(
-                f"{found.rig.where}: joint '{name}': a transmission of unknown type cannot be exported: give"
+                f"{found.rig.where}: joint '{shown(name)}': a transmission of unknown type cannot be exported: give"
                 f" {key}.type in the rig"
             )
         if dialect == "urdf":
@@ -204,9 +218,3 @@ def _rubbing_once(motor: Motor, link: Link) -> tuple[Motor, Link]:
     if motor.friction == Friction():
         return motor, replace(link, friction=both)
     return replace(motor, friction=both), replace(link, friction=Friction())
-
-
-def moved_inertia(joint: Joint) -> float:
-    """Return what a link that moves alone weighs against its spring [kg·m²]."""
-    link = None if isinstance(joint, PneumaticJoint) else joint.link
-    return 0.0 if link is None else link_inertia(link)

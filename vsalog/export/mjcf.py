@@ -12,13 +12,12 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from vsalog.export.assembly import Assembly, Taken, moved_inertia
+from vsalog.export.assembly import Assembly, Taken
 from vsalog.export.bodies import Array, Mass, gravity_of
 from vsalog.export.collect import Parts
 from vsalog.export.springs import Piece, pieces
 from vsalog.export.xml import child, plain_names
 from vsalog.mechanics.rigid_body import mass_matrix
-from vsalog.rig.schema import Chain
 
 
 def mjcf(found: Assembly) -> tuple[ET.Element, list[str]]:
@@ -45,6 +44,7 @@ class _Model:
             for key, spring in taken.springs.items()
         }
         self.step = _timestep(found, self.springs)
+        self.couplings = dict(self._couplings())
         self.notes: list[str] = []
         self.root = ET.Element("mujoco", model=plain_names([found.rig.name or "rig"]).popitem()[1])
 
@@ -56,22 +56,29 @@ class _Model:
         child(option, "flag", contact="disable")
         world = child(self.root, "worldbody")
         tendons, actuators = ET.Element("tendon"), ET.Element("actuator")
-        coupled = _coupled(chain)
         carriers: dict[str | None, ET.Element] = {None: world}
         for name, taken in self.found.joints.items():
-            carriers[name] = self._bodies(carriers[taken.body.parent], name, taken, coupled)
+            carriers[name] = self._bodies(carriers[taken.body.parent], name, taken)
             self._drives(actuators, name, taken)
             self._springs(tendons, actuators, name, taken)
-        for (link, motor), inertia in _couplings(chain).items():
-            tendon = child(
-                tendons, "fixed", name=f"{self.names[link]}_{self.names[motor]}_coupling", armature=abs(inertia)
-            )
-            child(tendon, "joint", joint=f"{self.names[link]}_link", coef=1.0)
-            child(tendon, "joint", joint=f"{self.names[motor]}_motor", coef=np.sign(inertia))
+        for (link, motor), inertia in self.couplings.items():
+            tendon = child(tendons, "fixed", name=f"{link}_{motor}_coupling", armature=abs(inertia))
+            child(tendon, "joint", joint=link, coef=1.0)
+            child(tendon, "joint", joint=motor, coef=np.sign(inertia))
         self.root.extend(group for group in (tendons, actuators) if len(group))
         return self.root, self.notes
 
-    def _bodies(self, carrier: ET.Element, name: str, taken: Taken, coupled: Mapping[str, float]) -> ET.Element:
+    def _couplings(self) -> Iterator[tuple[tuple[str, str], float]]:
+        """Yield (joint of a link, joint of a motor) and the inertia that couples them [kg·m²]; of two motors the first."""
+        chain = self.found.rig.file.chain
+        for coupling in () if chain is None else chain.coupling:
+            taken = self.found.joints[coupling.motor]
+            motor = "link" if taken.one_body else next(iter(taken.motors))
+            if coupling.inertia:
+                ends = f"{self.names[coupling.link]}_link", f"{self.names[coupling.motor]}_{motor}"
+                yield ends, coupling.inertia
+
+    def _bodies(self, carrier: ET.Element, name: str, taken: Taken) -> ET.Element:
         """Add a joint's bodies; return that of its link."""
         body, own = taken.body, self.names[name]
         place = {"pos": body.position} if np.any(body.position) else {}
@@ -79,11 +86,10 @@ class _Model:
         for key, parts in taken.motors.items():
             if not taken.one_body:
                 motor = child(carrier, "body", name=f"{own}_{key}", **place)
-                taken_off = coupled.get(f"{name}/motor", 0.0)
-                self._joint(motor, f"{own}_{key}", body.axis, parts, taken_off)
+                self._joint(motor, f"{own}_{key}", body.axis, parts)
                 child(motor, "inertial", pos=np.zeros(3), mass=1e-9, diaginertia=np.full(3, 1e-12))
         link = child(carrier, "body", name=f"{own}_link", **place)
-        self._joint(link, f"{own}_link", body.axis, taken.link, coupled.get(f"{name}/link", 0.0))
+        self._joint(link, f"{own}_link", body.axis, taken.link)
         self._inertial(link, body.mass or Mass(1e-9, np.zeros(3), np.eye(3), np.full(3, 1e-12)))
         length = float(np.linalg.norm(body.tip))
         if length > 1e-6:
@@ -101,9 +107,10 @@ class _Model:
         inertia = np.maximum(mass.inertia, 1e-12)
         child(body, "inertial", pos=mass.centre, mass=mass.mass, diaginertia=inertia, **_turned(mass.axes))
 
-    def _joint(self, body: ET.Element, name: str, axis: Any, parts: Parts, taken_off: float) -> None:
+    def _joint(self, body: ET.Element, name: str, axis: Any, parts: Parts) -> None:
         numbers = {key: parts.of("joint", key) for key in ("armature", "damping", "frictionloss")}
-        numbers["armature"] -= taken_off
+        # The tendon of a coupling adds its armature to both ends, which are not to have more.
+        numbers["armature"] -= sum(abs(inertia) for ends, inertia in self.couplings.items() if name in ends)
         told: dict[str, Any] = {key: value for key, value in numbers.items() if value}
         if numbers["frictionloss"]:
             # As hard as the time step allows; softer friction creeps where it should stick.
@@ -169,20 +176,6 @@ def _attributes(piece: Piece) -> dict[str, Any]:
     return {"stiffness": (a, b, c) if b or c else a, "springlength": (piece.low, piece.high)}
 
 
-def _couplings(chain: Chain | None) -> dict[tuple[str, str], float]:
-    """Return (joint of the link, joint of the motor) → inertia [kg·m²]."""
-    return {(c.link, c.motor): c.inertia for c in chain.coupling if c.inertia} if chain is not None else {}
-
-
-def _coupled(chain: Chain | None) -> dict[str, float]:
-    """Return what tendons of couplings add to joints, by joint and part, which their own armature is to lack [kg·m²]."""
-    added: dict[str, float] = {}
-    for (link, motor), inertia in _couplings(chain).items():
-        for end in (f"{link}/link", f"{motor}/motor"):
-            added[end] = added.get(end, 0.0) + abs(inertia)
-    return added
-
-
 def _timestep(found: Assembly, springs: Mapping[tuple[str, str], tuple[list[Piece], float]]) -> float:
     """Return a whole part of a millisecond, no longer than a delay or than the fastest mode takes for 0.02 rad."""
     chain = found.rig.file.chain
@@ -193,7 +186,7 @@ def _timestep(found: Assembly, springs: Mapping[tuple[str, str], tuple[list[Piec
     rates = [1.0]
     longest = 1e-3
     for name, taken in found.joints.items():
-        inertia = moved_inertia(taken.joint)
+        inertia = taken.link.of("inertial", "inertia")
         link = yielding.get(name, 1.0 / inertia if inertia else 0.0)
         stiff = {key: sum(_steepness(springs[name, key][0])) for key in taken.springs}
         stiff = {key: k + _of_terms(taken.springs[key].parts) for key, k in stiff.items()}
