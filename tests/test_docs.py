@@ -9,6 +9,7 @@ from vsalog.cli import cli
 from vsalog.core.finding_texts import TEXTS
 from vsalog.core.trace import EXTRA_UNITS, UNITS
 from vsalog.diagnosis import document as diagnosis
+from vsalog.effects import effects
 from vsalog.rig import Rig
 from vsalog.rig.load import presets
 from vsalog.validation import document as validation
@@ -76,3 +77,10 @@ def test_the_page_on_clocks_names_findings_that_there_are():
     named = re.findall(r"`((?:clock|recording)\.\w+)`", (ROOT / "docs" / "clocks.md").read_text(encoding="utf-8"))
     assert len(named) > 8
     assert set(named) <= set(TEXTS)
+
+
+def test_the_page_on_models_names_every_key_that_has_a_counterpart():
+    text = (ROOT / "docs" / "export.md").read_text(encoding="utf-8")
+    for effect in effects().values():
+        for key in (key for told in effect.counterparts for key in told.keys):
+            assert f"`{key}`" in text, key
