@@ -23,6 +23,9 @@ BUILT_IN = {"eval", "exec", "compile", "__import__", "breakpoint", "input"}
 OF_OS = re.compile(r"^(system|popen|exec[lv]|spawn|posix_spawn|fork|startfile)")
 COPIES = ("readers/sandbox.py", "fork")
 """Where a copy of the process reads what may end it."""
+WRITES_XML = "export/elements.py"
+"""What makes XML of a rig; it has no parser."""
+MAKING_XML = {"Element", "SubElement", "Comment", "indent", "tostring"}
 READ_PICKLES = {"read_pickle", "extractall", "unsafe_load", "full_load"}
 # Imports by a name that is no constant, and what the name comes from: tables and folders of vsalog's own, and installed packages.
 IMPORTS = {
@@ -45,12 +48,19 @@ def imported(tree):
             yield node.module or ""
 
 
+def used_of(tree, name):
+    return {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute) and getattr(n.value, "id", "") == name}
+
+
 def test_no_module_can_run_what_a_file_says():
     assert len(MODULES) > 200
     dynamic = {}
     for path in MODULES:
         tree, name = ast.parse(path.read_text(encoding="utf-8")), path.relative_to(TOP).as_posix()
         for module in imported(tree):
+            if (name, module) == (WRITES_XML, "xml.etree"):
+                assert used_of(tree, "ET") <= MAKING_XML
+                continue
             parts = module.split(".")
             assert not {".".join(parts[: i + 1]) for i in range(len(parts))} & NEVER, (name, module)
         for call in calls(tree):

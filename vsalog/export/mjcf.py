@@ -8,19 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from typing import Any
-from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from vsalog.export.assembly import Assembly, Taken
 from vsalog.export.bodies import Array, Mass, gravity_of
 from vsalog.export.collect import Parts
+from vsalog.export.elements import Element, child, plain_names
 from vsalog.export.springs import Piece, pieces
-from vsalog.export.xml import child, plain_names
 from vsalog.mechanics.rigid_body import mass_matrix
 
 
-def mjcf(found: Assembly) -> tuple[ET.Element, list[str]]:
+def mjcf(found: Assembly) -> tuple[Element, list[str]]:
     """Return a rig as MJCF, and what a user should know of the model.
 
     Parameters
@@ -46,17 +45,17 @@ class _Model:
         self.step = _timestep(found, self.springs)
         self.couplings = dict(self._couplings())
         self.notes: list[str] = []
-        self.root = ET.Element("mujoco", model=plain_names([found.rig.name or "rig"]).popitem()[1])
+        self.root = Element("mujoco", model=plain_names([found.rig.name or "rig"]).popitem()[1])
 
-    def build(self) -> tuple[ET.Element, list[str]]:
+    def build(self) -> tuple[Element, list[str]]:
         chain = self.found.rig.file.chain
         # What has no mass of its own, as a motor beside its armature, gets the least that MuJoCo can do with.
         child(self.root, "compiler", angle="radian", boundmass=1e-9, boundinertia=1e-12)
         option = child(self.root, "option", timestep=self.step, integrator="implicitfast", gravity=gravity_of(chain))
         child(option, "flag", contact="disable")
         world = child(self.root, "worldbody")
-        tendons, actuators = ET.Element("tendon"), ET.Element("actuator")
-        carriers: dict[str | None, ET.Element] = {None: world}
+        tendons, actuators = Element("tendon"), Element("actuator")
+        carriers: dict[str | None, Element] = {None: world}
         for name, taken in self.found.joints.items():
             carriers[name] = self._bodies(carriers[taken.body.parent], name, taken)
             self._drives(actuators, name, taken)
@@ -78,7 +77,7 @@ class _Model:
                 ends = f"{self.names[coupling.link]}_link", f"{self.names[coupling.motor]}_{motor}"
                 yield ends, coupling.inertia
 
-    def _bodies(self, carrier: ET.Element, name: str, taken: Taken) -> ET.Element:
+    def _bodies(self, carrier: Element, name: str, taken: Taken) -> Element:
         """Add a joint's bodies; return that of its link."""
         body, own = taken.body, self.names[name]
         place = {"pos": body.position} if np.any(body.position) else {}
@@ -103,11 +102,11 @@ class _Model:
         return link
 
     @staticmethod
-    def _inertial(body: ET.Element, mass: Mass) -> None:
+    def _inertial(body: Element, mass: Mass) -> None:
         inertia = np.maximum(mass.inertia, 1e-12)
         child(body, "inertial", pos=mass.centre, mass=mass.mass, diaginertia=inertia, **_turned(mass.axes))
 
-    def _joint(self, body: ET.Element, name: str, axis: Any, parts: Parts) -> None:
+    def _joint(self, body: Element, name: str, axis: Any, parts: Parts) -> None:
         numbers = {key: parts.of("joint", key) for key in ("armature", "damping", "frictionloss")}
         # The tendon of a coupling adds its armature to both ends, which are not to have more.
         numbers["armature"] -= sum(abs(inertia) for ends, inertia in self.couplings.items() if name in ends)
@@ -117,7 +116,7 @@ class _Model:
             told |= {"solreffriction": (2.0 * self.step, 1.0), "solimpfriction": (0.99, 0.999, 0.001)}
         child(body, "joint", name=name, type="hinge", axis=axis, **told)
 
-    def _drives(self, actuators: ET.Element, name: str, taken: Taken) -> None:
+    def _drives(self, actuators: Element, name: str, taken: Taken) -> None:
         own = self.names[name]
         for key, parts in taken.motors.items():
             joint = f"{own}_link" if taken.one_body else f"{own}_{key}"
@@ -138,7 +137,7 @@ class _Model:
                 self._passive(actuators, f"{own}_{key}", parts, joint=joint)
         self._passive(actuators, f"{own}_link", taken.link, joint=f"{own}_link")
 
-    def _passive(self, actuators: ET.Element, name: str, parts: Parts, **target: str) -> None:
+    def _passive(self, actuators: Element, name: str, parts: Parts, **target: str) -> None:
         """Add what acts without being driven: LuGre friction and cogging are a motor's without current."""
         for i, one in enumerate(term for term in parts.terms if term.element == "dcmotor"):
             child(
@@ -146,7 +145,7 @@ class _Model:
                 **one.attributes,
             )  # fmt: skip
 
-    def _springs(self, tendons: ET.Element, actuators: ET.Element, name: str, taken: Taken) -> None:
+    def _springs(self, tendons: Element, actuators: Element, name: str, taken: Taken) -> None:
         own = self.names[name]
         for key, spring in taken.springs.items():
             parts, reach = self.springs[name, key]

@@ -9,9 +9,9 @@ from vsalog._version import __version__
 from vsalog.core.errors import ExportError
 from vsalog.effects.counterpart import Dialect
 from vsalog.export.assembly import take_apart
+from vsalog.export.elements import comment, text_of
 from vsalog.export.mjcf import mjcf
 from vsalog.export.urdf import urdf
-from vsalog.export.xml import comment, text_of
 from vsalog.rig.decode import key_path
 from vsalog.rig.load import Rig
 

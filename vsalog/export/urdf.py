@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from xml.etree import ElementTree as ET
-
 import numpy as np
 
 from vsalog.export.assembly import Assembly, Taken
 from vsalog.export.bodies import Array, Mass, angles_of, gravity_of, is_earthly, standing
-from vsalog.export.xml import child, number, plain_names
+from vsalog.export.elements import Element, child, number, plain_names
 
 
-def urdf(found: Assembly) -> tuple[ET.Element, list[str]]:
+def urdf(found: Assembly) -> tuple[Element, list[str]]:
     """Return a rig as URDF, and what a user should know of the model.
 
     Parameters
@@ -19,7 +17,7 @@ def urdf(found: Assembly) -> tuple[ET.Element, list[str]]:
     found : the rig, taken apart for URDF; it gets what the chain has that URDF lacks
     """
     names, chain = plain_names(found.joints), found.rig.file.chain
-    root = ET.Element("robot", name=plain_names([found.rig.name or "rig"]).popitem()[1])
+    root = Element("robot", name=plain_names([found.rig.name or "rig"]).popitem()[1])
     child(root, "link", name="base_link")
     base = np.eye(3)
     if chain is not None:
@@ -36,7 +34,7 @@ def urdf(found: Assembly) -> tuple[ET.Element, list[str]]:
     return root, ["gravity is the simulator's, along -z"]
 
 
-def _joint(root: ET.Element, names: dict[str, str], name: str, taken: Taken, base: Array) -> None:
+def _joint(root: Element, names: dict[str, str], name: str, taken: Taken, base: Array) -> None:
     body, own = taken.body, names[name]
     _link(root, f"{own}_link", body.mass)
     parent = "base_link" if body.parent is None else f"{names[body.parent]}_link"
@@ -62,7 +60,7 @@ def _joint(root: ET.Element, names: dict[str, str], name: str, taken: Taken, bas
         child(actuator, "mechanicalReduction").text = number(motor.of("transmission", "mechanicalReduction") or 1.0)
 
 
-def _link(root: ET.Element, name: str, mass: Mass | None) -> None:
+def _link(root: Element, name: str, mass: Mass | None) -> None:
     link = child(root, "link", name=name)
     if mass is None:
         return

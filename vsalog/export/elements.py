@@ -1,4 +1,4 @@
-"""XML as models of all formats write it."""
+"""XML as models of all formats write it. Nothing here reads XML, and no other module of vsalog knows it."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from vsalog.core.printable import printable
+
+Element = ET.Element
 
 
 def number(value: Any) -> str:
