@@ -13,6 +13,7 @@ from vsalog.effects import effects
 from vsalog.effects.base import Effect, Key, OneNumber
 from vsalog.effects.body_torque import BodyTorque
 from vsalog.effects.contract import keep_contract
+from vsalog.effects.counterpart import Counterpart
 from vsalog.effects.reading_error import ReadingError
 from vsalog.rig.effect_tables import Body, composed
 from vsalog.simulation import play as played
@@ -69,6 +70,8 @@ ROW = dict.fromkeys(("title", "says", "confirm", "reference", "signature", "numb
 WRONG = {
     "no effect": object(),
     "a list of keys": Effect(keys=[]),
+    "a counterpart of an unknown part": Effect(counterparts=(Counterpart("wall", ("torque",)),)),
+    "a counterpart of a name that is no tuple": Effect(counterparts=(Counterpart("link", "torque"),)),
     "an unknown place": Effect(causes=(OneNumber(name="a", place="wall", key="torque", step=1.0, **ROW),)),
     "an unknown part": Effect(keys=(Key("moter", "detent", Detent, "detents"),)),
     "an error on a motor": Effect(keys=(Key("motor", "wobble", Wobble, "a wobble"),)),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vsalog.effects.base import Default, Effect, Key, OneNumber, Place
 from vsalog.effects.body_torque import BodyTorque
-from vsalog.effects.counterpart import Counterpart
+from vsalog.effects.counterpart import Counterpart, Whole
 from vsalog.effects.reading_error import ReadingError
 
 Array = NDArray[np.float64]
@@ -37,6 +37,9 @@ def keep_contract(effect: Any) -> None:
         _require(whole, f"{name} has to be a tuple of {kind.__name__}")
     for cause in effect.causes:
         _require(cause.place in get_args(Place), f"cause {cause.name}: there is no place '{cause.place}'")
+    for told in effect.counterparts:
+        _require(told.part in get_args(Whole), f"counterpart of {told.keys}: there is no part '{told.part}'")
+        _require(isinstance(told.keys, tuple), f"counterpart of {told.keys}: its keys have to be a tuple of names")
     for key in effect.keys:
         base = {"motor": BodyTorque, "link": BodyTorque, "signal": ReadingError}.get(key.part)
         _require(base is not None, f"key {key.name}: there is no part '{key.part}', but motor, link and signal")

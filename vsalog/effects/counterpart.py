@@ -14,6 +14,10 @@ BODIES: tuple[Bodied, Bodied] = ("motor", "link")
 """Parts that turn about the joint's axis and have inertia, damping and dry friction."""
 
 
+Whole = Literal["motor", "link", "transmission"]
+"""Parts of a joint that a model can have."""
+
+
 class Term(NamedTuple):
     """What an effect adds to a model.
 
@@ -52,7 +56,7 @@ class Counterpart(NamedTuple):
     mjcf, urdf : of the part as the joint feels it, what there is of them; None where there is nothing
     """
 
-    part: Literal["motor", "link", "transmission"]
+    part: Whole
     keys: tuple[str, ...]
     mjcf: Callable[[Any], Iterable[Term | Lack]] | None = None
     urdf: Callable[[Any], Iterable[Term | Lack]] | None = None
