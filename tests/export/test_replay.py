@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from replayed import moved, off, recorded, replay
 
+from vsalog.core.errors import ExportError
 from vsalog.export.run import export
 from vsalog.rig import Rig
 from vsalog.rig.load import presets
@@ -139,3 +140,48 @@ def test_a_rigid_joint_moves_as_one(more):
     found = moved(export(rig, "mjcf").text, TIME, start, {"knee_motor": TORQUE})
     assert off((truth["link_position"], found["knee_link"])) < TOLERANCE
     assert np.ptp(truth["link_position"]) > 0.5
+
+
+@pytest.mark.parametrize("kind", ["rigid", "elastic"])
+@pytest.mark.parametrize("more", ["", "torque_limit = 1.5", "delay = 0.02"])
+def test_a_drive_that_is_commanded_a_position(kind, more):
+    text = f"""
+    [joint.a]
+    kind = "{kind}"
+    [joint.a.motor]
+    inertia = 0.02
+    damping = 0.1
+    torque_gain = 0.9
+    [joint.a.link]
+    inertia = 0.03
+    gravity_torque = 0.4
+    [joint.a.drive]
+    kind = "position-servo"
+    kp = 10.0
+    kd = 0.5
+    {more}
+    [joint.a.signals]
+    commanded_position = "command"
+    link_position = "link"
+    """
+    spring = "[joint.a.transmission]\ntype = 'linear'\nstiffness = 60.0" if kind == "elastic" else ""
+    rig = Rig.from_toml(text + spring)
+    time = np.arange(3000) * 1e-3
+    command = 0.3 * np.sin(2.0 * np.pi * time) + 0.1 * np.sin(11.0 * time)
+    truth = play(build(rig.joints), {"a": {"commanded_position": command}}, time)["a"]
+    start = {"a_link": truth["link_position"][0]}
+    found = moved(export(rig, "mjcf").text, time, start, {"a_motor": command})
+    assert off((truth["link_position"], found["a_link"])) < TOLERANCE
+    without = moved(
+        export(rig.with_settings({"joint.a.drive.kd": "0.4"}), "mjcf").text, time, start, {"a_motor": command}
+    )
+    assert off((truth["link_position"], without["a_link"])) > TOLERANCE
+
+
+@pytest.mark.parametrize(
+    "key", ["ki = 1.0", "speed_limit = 3.0", "acceleration_limit = 30.0", "resolution = 0.01", "period = 0.01"]
+)
+def test_what_a_drive_has_that_mjcf_lacks(key):
+    text = "[joint.a]\nkind = 'rigid'\nmotor.inertia = 0.02\n[joint.a.drive]\nkind = 'position-servo'\nkp = 10.0\n"
+    with pytest.raises(ExportError, match=key.partition(" ")[0]):
+        export(Rig.from_toml(text + key), "mjcf")

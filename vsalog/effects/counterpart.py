@@ -14,7 +14,7 @@ BODIES: tuple[Bodied, Bodied] = ("motor", "link")
 """Parts that turn about the joint's axis and have inertia, damping and dry friction."""
 
 
-Whole = Literal["motor", "link", "transmission"]
+Whole = Literal["motor", "drive", "link", "transmission"]
 """Parts of a joint that a model can have."""
 
 

@@ -115,6 +115,9 @@ EFFECT = Effect(
         Counterpart("motor", ("torque_gain",), lambda m: term("actuator", gain=m.torque_gain)),
         Counterpart("motor", ("torque_offset",), lambda m: term("actuator", bias=m.torque_offset)),
         Counterpart("motor", ("torque_constant",), lambda m: term("actuator", current=m.torque_constant * m.gear_ratio)),
+        Counterpart("drive", ("kp", "kd"), lambda d: term("actuator", kp=d.kp, kd=d.kd)),
+        Counterpart("drive", ("torque_limit",), lambda d: term("actuator", limit=d.torque_limit)),
+        Counterpart("drive", ("delay",), lambda d: term("actuator", delay=d.delay)),
         # What a part is as the joint feels it has the ratio in its numbers already.
         Counterpart(
             "motor", ("gear_ratio", "side"), lambda m: (), lambda m: term("transmission", mechanicalReduction=m.gear_ratio)

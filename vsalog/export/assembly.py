@@ -194,6 +194,11 @@ def _parts(
             )
         actuators[key] = Parts()
         collect(dialect, "motor", motor, (*path, key), actuators[key], lacking)
+        drive = None if isinstance(joint, AntagonisticJoint) else joint.drive
+        if drive is not None:
+            collect(dialect, "drive", drive, (*path, "drive"), actuators[key], lacking)
+            if motor.torque_delay:
+                lacking[(*path, key, "torque_delay")] = "a model delays what is commanded to the drive, not its torque"
         if one_body:
             parts.absorb(actuators[key])
     for key, transmission in transmissions(joint):

@@ -63,7 +63,7 @@ def collect(
     Parameters
     ----------
     dialect : of the model
-    kind : ``motor``, ``link`` or ``transmission``
+    kind : ``motor``, ``drive``, ``link`` or ``transmission``
     part : as the joint feels it
     path : of the part in the rig
     into, lacking : what is added to

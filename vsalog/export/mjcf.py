@@ -125,8 +125,14 @@ class _Model:
             if taken.driven_by_current(key):
                 gain, quantity = gain * parts.of("actuator", "current"), "current [A]"
             told: dict[str, Any] = {}
-            if gain != 1.0 or bias:
+            kp, kd, limit = (parts.of("actuator", what) for what in ("kp", "kd", "limit"))
+            if kp:
+                quantity = "position [rad], on the joint's side of the gear"
+                told |= {"gainprm": gain * kp, "biastype": "affine", "biasprm": (bias, -gain * kp, -gain * kd)}
+            elif gain != 1.0 or bias:
                 told |= {"gainprm": gain, "biastype": "affine", "biasprm": bias}
+            if limit:
+                told |= {"forcelimited": "true", "forcerange": (bias - gain * limit, bias + gain * limit)}
             if delay:
                 # Linear between samples: what is exactly a sample's age is that sample, whichever way it is rounded.
                 samples = int(np.ceil(delay / self.step - 1e-9)) + 2
