@@ -22,7 +22,8 @@ def one(data: bytes) -> None:
     how, flags, content = data[0], data[1], data[2:]
     encoding = ENCODINGS[flags // 6 % 6]
     if encoding:
-        content = content.decode("utf-8", "replace").encode(encoding, "replace")
+        mark = "\ufeff" if encoding == "utf-16-be" else ""  # which Python writes for the others itself
+        content = (mark + content.decode("utf-8", "replace")).encode(encoding, "replace")
     packed = PACKED[flags % 6](content)
     exercise(put(packed[: len(packed) * 7 // 8] if flags >= 216 else packed, "log.csv"), how)
 
