@@ -165,7 +165,7 @@ def test_a_sensor_that_counts_the_other_way_round_gets_a_sign():
     assert joint.roles["torque_sensor"].sign == -1
 
 
-def test_commands_rates_and_what_never_changes_are_no_roles():
+def test_rates_and_what_never_changes_are_no_roles_and_a_command_is_its_own():
     still = np.zeros(TIME.size)
     joint = only_joint(
         table(
@@ -176,7 +176,9 @@ def test_commands_rates_and_what_never_changes_are_no_roles():
             }
         )
     )  # fmt: skip
-    assert channels_of(joint) == {"motor_position": "motor_position", "link_position": "link_position"}
+    assert channels_of(joint) == {
+        "motor_position": "motor_position", "link_position": "link_position", "commanded_position": "position_command",
+    }  # fmt: skip
     assert joint.missing["motor_torque"] == "not found: 'motor_torque' never changes"
     assert "guess.no_torque" in codes(joint)
 

@@ -21,7 +21,8 @@ _ROLES: dict[str, tuple[str, ...]] = {
 
 # What no estimator reads: recorded in few logs, and not missed in the others.
 EXTRA = (
-    "link_acceleration", "external_torque", "secondary_torque", "accelerometer_x", "accelerometer_y", "accelerometer_z",
+    "commanded_position", "link_acceleration", "external_torque", "secondary_torque", "accelerometer_x", "accelerometer_y",
+    "accelerometer_z",
 )  # fmt: skip
 
 
@@ -117,7 +118,7 @@ def _by_name(candidate: Candidate, group: list[Candidate]) -> Iterator[tuple[str
         yield "deflection", 0.9, "its name says so", None
     elif meaning.quantity == "setpoint":
         yield "setpoint", 0.6, "its name is that of a set-point", None
-    elif meaning.quantity in EXTRA:
+    elif meaning.quantity in EXTRA and part != "secondary":
         yield meaning.quantity, 0.8, "its name says so", None
     elif meaning.quantity == "position":
         yield _position(part, group)

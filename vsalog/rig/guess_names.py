@@ -75,8 +75,8 @@ class Meaning:
 
     Attributes
     ----------
-    quantity : ``position``, ``deflection``, ``torque``, ``current``, ``setpoint``, ``length``, ``link_acceleration``,
-        ``accelerometer_x`` (``_y``, ``_z``) or ``other``
+    quantity : ``position``, ``commanded_position``, ``deflection``, ``torque``, ``current``, ``setpoint``, ``length``,
+        ``link_acceleration``, ``accelerometer_x`` (``_y``, ``_z``) or ``other``
     part : ``motor``, ``link``, ``sensor``, ``secondary``, ``external`` or ""
     index : the number behind the part, e.g. 2 of ``motor_2``; None without one
     joint : the words that are left: the joint's name
@@ -147,8 +147,11 @@ def _quantity(field: list[str], label: list[str], topic: list[str], unit: str | 
     is_truth = "truth" in topic
     if not is_truth and not _is_command([*words, *topic]) and (role := _acceleration(field, [*words, *topic], unit)):
         return role
-    if any(word in OTHER for word in field) or by_unit == "other" or _is_command(words) or is_truth:
+    if any(word in OTHER for word in field) or by_unit == "other" or is_truth:
         return "other"
+    if _is_command(words):
+        named = _named_quantity([w for w in words if w != "setpoint"]) or by_unit
+        return "commanded_position" if named == "position" and by_unit in (None, "position") else "other"
     named = _named_quantity(field) or _named_quantity(label) or _named_quantity(topic)
     if by_unit == "length":
         return "setpoint" if named in ("setpoint", "position") and _is_setpoint(words) else "other"
