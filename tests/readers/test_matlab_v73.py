@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import sys
+import time
+from itertools import pairwise
 
 import h5py
 import numpy as np
@@ -124,6 +126,38 @@ def test_links_to_other_places_are_not_followed(tmp_path):
     assert all(values.size == 6 for values in (c.values for c in recording.channels.values()))
     (damage,) = found(recording, "recording.variables_damaged")
     assert "in another file" in damage.evidence["reason"]
+
+
+def test_groups_in_several_places_are_walked_once(tmp_path):
+    """Thirty groups, each twice in the one before, are a billion structures; a group in itself has no end."""
+    log = Matlab(tmp_path / "log")
+    groups = [log.file.create_group(f"#refs#/g{i}") for i in range(30)]
+    for outer, inner in pairwise(groups):
+        outer["a"] = outer["b"] = inner
+    log.put(groups[-1], "v", T)
+    log.file["fan"] = groups[0]
+    log.put(log.file, "turn", {"x": T})
+    log.file["turn/self"] = log.file["turn"]
+    begin = time.process_time()
+    recording = read(log.save({"y": T}))
+    assert time.process_time() - begin < 5
+    deep = "fan." + "a." * 29 + "v"
+    assert recording.channels.keys() == {deep, "turn.x", "y"}
+    (damage,) = found(recording, "recording.variables_damaged")
+    assert "several places" in damage.evidence["reason"]
+    assert damage.value == 30
+
+
+def test_what_can_be_no_variable_takes_no_other_along(tmp_path):
+    log = Matlab(tmp_path / "log")
+    log.file[b"no \xff text"] = T
+    log.file.create_dataset("nothing", data=h5py.Empty("f8")).attrs["MATLAB_class"] = np.bytes_("double")
+    half = log.file.create_dataset("half", data=np.array([[104], [0xD83D]], np.uint16))  # of a character beyond 16 bits
+    half.attrs["MATLAB_class"] = np.bytes_("char")
+    recording = read(log.save({"y": T}))
+    assert list(recording.channels) == ["y"]
+    assert recording.unread == {"half": "text"}
+    assert values_of(recording, "recording.variables_damaged") == [2]
 
 
 def test_absurd_sizes_are_refused(tmp_path):

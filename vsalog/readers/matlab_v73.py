@@ -81,11 +81,26 @@ class _Walk:
         self._h5py = h5py
         self._allowed = most
         self._objects = 0
+        self._walked = set[tuple[int, int]]()
 
     def members(self, group: Any, depth: int) -> dict[str, Any]:
-        """Return what is in a group; links to other places are not followed."""
+        """Return what is in a group; links to other places are not followed.
+
+        Raises
+        ------
+        ValueError
+            The group was walked before, as MATLAB writes none: it is a part of itself, or unfolds to no end of others.
+        """
+        info = self._h5py.h5o.get_info(group.id)
+        place = (info.fileno, info.addr)
+        if place in self._walked:
+            raise ValueError("it is in several places of the file")
+        self._walked.add(place)
         found: dict[str, Any] = {}
         for name in group:
+            if isinstance(name, bytes):  # h5py cannot follow it
+                self.damage.append("its name is no text")
+                continue
             if depth == 0 and name.startswith(_OWN):
                 continue
             # There is no link where the name is listed, but damage lets it not be found.
@@ -137,6 +152,8 @@ class _Walk:
         """Return a dataset's content, as MATLAB wrote it: its dimensions in reverse."""
         if node.is_virtual or node.external:
             raise ValueError("its values are in another file")
+        if node.shape is None:
+            raise ValueError("its values are missing")
         if node.nbytes > self._allowed:
             raise ValueError(f"it announces {node.nbytes} bytes: no recording is compressed so much")
         self._allowed -= node.nbytes
@@ -163,10 +180,11 @@ class _Walk:
 
 
 def _text(node: Any) -> str:
-    """Return a text, "" where it is longer than a name."""
-    return (
-        "".join(map(chr, node[()].flat)) if 0 < node.size <= LONGEST_TEXT and "MATLAB_empty" not in node.attrs else ""
-    )
+    """Return a text, which is stored in UTF-16, "" where it is longer than a name."""
+    if not 0 < node.size <= LONGEST_TEXT or "MATLAB_empty" in node.attrs:
+        return ""
+    units = "".join(map(chr, node[()].flat))
+    return units.encode("utf-16-le", "surrogatepass").decode("utf-16-le", "replace")
 
 
 def _refuse_gaps(node: Any) -> None:
