@@ -14,7 +14,7 @@ from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
 from vsalog.core.errors import ReadError
-from vsalog.readers import read
+from vsalog.readers import matlab_variables, read
 
 HEADER = b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM"
 T = np.arange(6) * 1e-3
@@ -121,6 +121,25 @@ def test_lengths_that_are_wrong_throughout_come_to_an_end(tmp_path):
     path = tmp_path / "log"
     path.write_bytes(HEADER + SOUND + struct.pack("<IIII", 14, 2**31, 6, 8) * 200_000)
     assert read(path).channel("sound").values.tolist() == [1, 2, 3]
+
+
+def test_zeros_behind_the_variables_are_one_damage(tmp_path):
+    """A disk that is full leaves them."""
+    (tmp_path / "log").write_bytes(HEADER + SOUND + bytes(10**7))
+    recording = read(tmp_path / "log")
+    assert recording.channel("sound").values.tolist() == [1, 2, 3]
+    assert values_of(recording, "recording.variables_damaged") == [1]
+
+
+def test_variables_that_together_unfold_to_too_much_are_left_out_unread(tmp_path, monkeypatch):
+    file = BytesIO()
+    savemat(file, {"z": np.zeros(10_000_000)}, do_compression=True)
+    (tmp_path / "log").write_bytes(HEADER + SOUND + file.getvalue()[128:] * 40)
+    monkeypatch.setattr(matlab_variables, "_apart", None)  # not one of them has to be tried by itself
+    recording = read(tmp_path / "log")
+    assert {name: channel.values.size for name, channel in recording.channels.items()} == {"sound": 3, "z": 10_000_000}
+    (damage,) = found(recording, "recording.variables_damaged")
+    assert 37 <= damage.value < 40  # three would fit, if nothing else took memory
 
 
 def test_bytes_that_would_take_eight_times_their_room_as_numbers_are_left_out(tmp_path):

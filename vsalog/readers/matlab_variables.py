@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 import struct
 import warnings
+import zlib
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from enum import IntEnum
 from functools import partial
 from io import BytesIO
-from itertools import islice
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -21,9 +22,9 @@ from vsalog.readers.sandbox import TOO_MUCH, SandboxError, sandboxed
 
 
 class V5(IntEnum):
-    """Bytes of a file's header, of its beginning up to the byte order, and of an element's tag (MAT-File Format, level 5)."""
+    """Of the MAT-File Format, level 5: bytes of the header, ahead of the byte order, and of a tag; a kind of element."""
 
-    HEADER, ORDER, TAG = 128, 126, 8
+    HEADER, ORDER, TAG, COMPRESSED = 128, 126, 8, 15
 
 
 _V4 = struct.Struct("5i").size
@@ -32,11 +33,15 @@ _NAME = re.compile(rb"[A-Za-z]\w*\0+", re.ASCII)
 
 
 class Part(NamedTuple):
-    """Where a variable lies in a file, and the header that it needs to be a file by itself; no bytes where there is none."""
+    """Where a variable lies in a file, the header that it needs to be a file by itself, and to how many bytes it unfolds.
+
+    There are no bytes of a header where the file has none.
+    """
 
     begin: int
     end: int
     head: bytes
+    unfolded: int
 
 
 def is_v4(head: bytes) -> bool:
@@ -74,13 +79,26 @@ def load(path: Path, more: int) -> tuple[dict[str, Any], list[str]]:
         size = file.seek(0, 2)
         file.seek(0)
         whole = is_v4(file.read(_V4 + LONGEST_TEXT))  # the format has no checksum of a variable's length
-        parts = [Part(0, size, b"")] if whole else list(islice(_parts(file, size), MOST_STEPS))
+        parts = [Part(0, size, b"", size)] if whole else list(_parts(file, size))
+    parts, refused = _that_fit(parts, more)
     try:
         results = sandboxed(partial(_read, path, parts), more)
     except SandboxError:  # one of them is to blame
         results = [one for part in parts[:MOST_PARTS] for one in _apart(path, part, more)]
     found = {name: value for one in results if isinstance(one, dict) for name, value in one.items()}
-    return found, [one for one in results if isinstance(one, str)]
+    return found, [one for one in results if isinstance(one, str)] + refused
+
+
+def _that_fit(parts: Sequence[Part], more: int) -> tuple[list[Part], list[str]]:
+    """Return the variables that together announce no more than so many bytes, and a reason for each of the others."""
+    taken, refused = [], []
+    for part in parts:
+        if part.unfolded > more:
+            refused.append(f"at byte {part.begin}: {TOO_MUCH}")
+        else:
+            taken.append(part)
+            more -= part.unfolded
+    return taken, refused
 
 
 def _apart(path: Path, part: Part, more: int) -> list[dict[str, Any] | str]:
@@ -99,7 +117,7 @@ def _read(path: Path, parts: Sequence[Part]) -> list[dict[str, Any] | str]:
     results: list[dict[str, Any] | str] = []
     with path.open("rb") as file, warnings.catch_warnings(action="ignore"):
         size = file.seek(0, 2)
-        for begin, end, head in parts:
+        for begin, end, head, _ in parts:
             try:
                 if end > size:
                     raise ValueError("it is cut off")
@@ -139,15 +157,27 @@ def _plain(value: Any, depth: int) -> Any:
 
 
 def _parts(file: IO[bytes], size: int) -> Iterator[Part]:
-    """Yield the variables of a file of version 5, whose elements tell how long they are."""
+    """Yield the variables of a file of version 5, whose elements tell how long they are; of empty ones in a row the first."""
     file.seek(0)
     head = file.read(V5.HEADER)
     if size < V5.HEADER:
-        yield Part(0, V5.HEADER, b"")
+        yield Part(0, V5.HEADER, b"", 0)
     order = ">" if head[V5.ORDER :] == b"MI" else "<"
-    at = V5.HEADER.value
-    while at < size:
+    at, length = V5.HEADER.value, 1
+    for _ in range(MOST_STEPS):
+        if at >= size:
+            return
         file.seek(at)
-        _, length = struct.unpack(order + "II", file.read(V5.TAG).ljust(V5.TAG, b"\0"))
+        before = length
+        kind, length = struct.unpack(order + "II", file.read(V5.TAG).ljust(V5.TAG, b"\0"))
         begin, at = at, at + V5.TAG + length
-        yield Part(begin, at, head)
+        if length or before:  # a disk that is full leaves zeros
+            yield Part(begin, at, head, _announced(file.read(LONGEST_TEXT), order) if kind == V5.COMPRESSED else length)
+
+
+def _announced(compressed: bytes, order: str) -> int:
+    """Return the length in the tag of the element that is compressed, 0 where there is none."""
+    with suppress(zlib.error):
+        tag = zlib.decompressobj().decompress(compressed, V5.TAG)
+        return int(struct.unpack(order + "II", tag)[1]) if len(tag) == V5.TAG else 0
+    return 0
