@@ -117,6 +117,9 @@ def test_a_cut_off_parquet_file_is_refused(tmp_path):
     path.write_bytes(raw[:-1] + b"E")
     with pytest.raises(ReadError, match="encrypted"):
         read(path)
+    path.write_bytes(b"PARE" + raw[4:-4] + b"PARE")
+    with pytest.raises(ReadError, match="is an encrypted Parquet file"):
+        read(path)
     path.write_bytes(raw[:-20] + bytes([255]) * 12 + raw[-8:])
     with pytest.raises(ReadError, match="cannot be read") as told:
         read(path)

@@ -11,7 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 from finding_codes import codes
 
-from vsalog.readers import read
+from vsalog.readers import parquet_rows, read
+from vsalog.readers.limits import BLOCK_ROWS
+from vsalog.readers.parquet_rows import ParquetRows
 
 START = 1_700_000_000_123_000_000
 N = 300
@@ -129,3 +131,15 @@ def test_an_hour_at_rest(tmp_path):
     found = read(tmp_path / "log").channel("q3")
     assert found.stamps[-1] == columns["time"][-1]
     assert (found.values == 0.375).all()
+
+
+def test_equal_numbers_take_no_more_memory_at_once_than_others(tmp_path, monkeypatch):
+    """The footer counts a byte or so of a page whose numbers are all the same."""
+    columns = {f"x{k}": np.zeros(100_000) for k in range(20)}
+    pq.write_table(pa.table({"time": np.arange(100_000) / 1e3, **columns}), tmp_path / "log.parquet")
+    monkeypatch.setattr(parquet_rows, "AT_ONCE_BYTES", 2**22)
+    rows = ParquetRows(tmp_path / "log.parquet")
+    assert max(rows.unpacked) < 2**22
+    sizes = [batch.num_rows for _, batch in rows.batches(rows.schema.names, {"time"})]
+    assert sum(sizes) == 100_000
+    assert max(sizes) <= BLOCK_ROWS

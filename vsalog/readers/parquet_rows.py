@@ -120,7 +120,8 @@ class ParquetRows:
 
     def _table(self, number: int, columns: list[str]) -> pa.Table | None:
         """Return a row group, None where something is wrong with one of the columns, or all are too large to be held at once."""
-        if self.unpacked[number] > AT_ONCE_BYTES or any((number, name) in self._bad for name in columns):
+        numbers = 8 * self.sizes[number] * len(columns)  # of equal ones the footer counts an index in few bits
+        if max(self.unpacked[number], numbers) > AT_ONCE_BYTES or any((number, name) in self._bad for name in columns):
             return None
         try:
             table = self.file.read_row_group(number, columns)

@@ -25,6 +25,7 @@ _FOREIGN = (
     (b"PK\x03\x04", "is a zip archive (a spreadsheet?); unpack it, or export a spreadsheet as CSV"),
     (b"ULog\x01\x12\x35", "is a PX4 ULog file; convert it with 'ulog2csv' first"),
     (b"ARROW1\0\0", "is an Arrow IPC file; save it as Parquet"),
+    (b"PARE", "is an encrypted Parquet file; decrypt it first"),
     (b"%PDF-", "is a PDF document"),
     (b"\x7fELF", "is a program"),
     (b"BZh", "is compressed with bzip2; unpack it first"),
