@@ -1,6 +1,7 @@
 """Joints that are commanded a position: the drive's loop, the motion it plans, and replays of what was commanded."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -201,3 +202,24 @@ def test_a_position_needs_a_drive_and_a_drive_one_input():
         rig_of("kd = 0.6")
     with pytest.raises(RigError, match="position-servo"):
         Rig.from_toml(RIG.format(drive="kp = 1.0", motor="").replace('"position-servo"', '"velocity"'))
+
+
+@pytest.mark.parametrize(("log", "least"), [("chirp_sweep", 3.0), ("multisine", 1.0)])
+def test_a_real_servo_plans_its_motion(tmp_path, log, least):
+    """An SO-101 arm: without the limit of acceleration, the loop that fits best is off three times as much in a fast sweep."""
+    folder = Path(__file__).parents[2] / "sample_logs" / "so101_servo"
+    plain = {
+        "drive.acceleration_limit": "1e6", "drive.kp": "209", "drive.kd": "0", "drive.delay": "0",
+        "motor.damping": "17.3", "motor.friction.coulomb": "2.26",
+    }  # fmt: skip
+    changes = [word for key, value in plain.items() for word in ("--set", f"joint.rotation.{key}={value}")]
+    off = []
+    for more in ([], changes):
+        done = vsalog_run(
+            "simulate", folder / "so101.rig.toml", "--replay", folder / f"rotation_{log}.csv", *more, "-o", "r.mcap",
+            "--json", cwd=tmp_path,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        off.append(json.loads(done.stdout)["joints"]["rotation"]["rms_error"]["link_position"])
+    assert off[1] > least * off[0]
+    assert off[0] < 0.01
