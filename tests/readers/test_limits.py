@@ -13,15 +13,15 @@ from vsalog.core.recording import Recording
 from vsalog.readers import sampling
 from vsalog.readers.base import Block
 from vsalog.readers.compression import DamagedDataError, refuse_bomb
-from vsalog.readers.element_names import usable_labels
 from vsalog.readers.fields import Fields
 from vsalog.readers.header_frames import Frames, stated_frames
 from vsalog.readers.header_stamps import are_few
 from vsalog.readers.json_messages import JsonDecoder
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.message_definitions import DefinitionError, parse_definition
-from vsalog.readers.message_layout import TooManyPartsError, learn
+from vsalog.readers.message_layout import TooManyPartsError, places_in
 from vsalog.readers.message_reader import BagReader
+from vsalog.readers.nested import NoSignal, usable_labels
 from vsalog.readers.packets import Messages
 from vsalog.readers.protobuf_types import message_class
 from vsalog.readers.record_walk import walk_findings
@@ -103,10 +103,10 @@ def test_a_message_is_walked_for_262144_parts(count, good):
     root = parse_definition("a/A", f"B[] x\n{'=' * 80}\nMSG: a/B\nstring text\n", "msg", True)
     raw = struct.pack("<I", count) + bytes(4 * count)
     if good:
-        assert learn(raw, root, False).fields == ()
+        assert places_in(raw, root, False)[0] == {"x": NoSignal(f"array of {count} values")}
     else:
         with pytest.raises(TooManyPartsError):
-            learn(raw, root, False)
+            places_in(raw, root, False)
 
 
 def test_256_lines_tell_what_columns_are():

@@ -10,7 +10,7 @@ from random_messages import STORES, make, numbers, same_number, stamp_of
 
 from vsalog.readers.limits import MOST_PARTS, MOST_STEPS
 from vsalog.readers.message_definitions import DefinitionError, parse_definition
-from vsalog.readers.message_layout import DamagedMessageError, learn
+from vsalog.readers.message_layout import DamagedMessageError, places_in
 from vsalog.readers.messages import RosDecoder
 from vsalog.readers.packets import Messages
 
@@ -110,7 +110,7 @@ def test_damaged_messages_are_left_out():
     assert decoded.good.tolist() == [False] * 5 + [True]
     for raw in bad:
         with pytest.raises(DamagedMessageError):
-            learn(raw, root, True)
+            places_in(raw, root, True)
 
 
 @pytest.mark.parametrize(

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from vsalog.readers.tree_messages import STAMPS, TreeDecoder, stamp_of
+from vsalog.readers.nested import STAMPS, part_at
+from vsalog.readers.tree_messages import TreeDecoder, stamp_of
 
 if TYPE_CHECKING:
     import msgspec
@@ -37,15 +38,9 @@ class JsonDecoder(TreeDecoder):
             message = _leniently(raw)
         return message if isinstance(message, dict) else None
 
-    def _members(self, part: Any) -> Iterable[tuple[str, Any]] | None:
-        return part.items() if isinstance(part, dict) else None
-
-    def _member(self, part: Any, name: str) -> Any:
-        return part.get(name)
-
     def _stamp(self, message: Any) -> tuple[tuple[str, ...], int | None]:
         for path in STAMPS:
-            time = self._at(message, path)
+            time = part_at(message, path)
             if isinstance(time, dict):
                 seconds = time.get("sec", time.get("secs"))
                 fraction = time.get("nanosec", time.get("nsec", time.get("nsecs")))

@@ -1,30 +1,30 @@
 """Where the numbers lie in a serialised ROS message.
 
-Most messages of a topic have the same shape. One of them is walked with its definition, which gives a *layout*: the byte
-offset of every number, and the *guards*, the bytes that have to be the same in another message for the layout to hold
-there too (array lengths, text lengths, the names that name array elements). All messages that match are then read at once
-by NumPy.
+Most messages of a topic have the same shape. One of them is walked with its definition, which gives nested `Place`s, and the
+*guards*, the bytes that have to be the same in another message for the places to hold there too (array lengths, text lengths,
+the names that name array elements). All messages that match are then read at once by NumPy.
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.compiled import compiled
-from vsalog.core.printable import printable
-from vsalog.readers import element_names as naming
 from vsalog.readers.fields import MAX_FIELDS
 from vsalog.readers.known_units import unit_of
 from vsalog.readers.limits import MAX_ARRAY, MOST_STEPS
 from vsalog.readers.message_definitions import Array, Node, Scalar, Struct, Text, Time, is_placeholder
+from vsalog.readers.nested import ELEMENT_NAME, NoSignal, Place
 
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
+Range = tuple[int, int]
 
 _ENCODINGS = tuple(name for name in ("CDR", "PL_CDR", "XML", "XCDR2", "D_CDR2", "PL_CDR2") for _ in "><")
 """By the second byte of a CDR message, for either byte order (DDS-XTypes 1.3, 7.6.3.1.2)."""
@@ -42,47 +42,77 @@ class TooManyPartsError(DamagedMessageError):
     """A message has so many parts that no other of its kind should be tried."""
 
 
-class Field(NamedTuple):
-    """One number in a message: its path, where it starts and what it is.
+class PlacedText(str):
+    """A text in a message, and in which bytes it lies with its length."""
 
-    `code` is a NumPy type with byte order, or that of seconds and nanoseconds, ``<i4,<u4``.
-    """
+    __slots__ = ("bytes",)
+    bytes: Range
 
-    path: str
-    offset: int
-    code: str
-    unit: str | None
+
+class PlacedNumbers(Sequence[Place]):
+    """An array of numbers in a message."""
+
+    def __init__(self, first: Place, size: int, count: int) -> None:
+        self._first, self._size, self._count = first, size, count
+
+    def __len__(self) -> int:
+        return self._count
+
+    @overload
+    def __getitem__(self, i: int) -> Place: ...
+    @overload
+    def __getitem__(self, i: slice) -> Sequence[Place]: ...
+    def __getitem__(self, i: int | slice) -> Any:
+        if isinstance(i, slice) or not 0 <= i < self._count:
+            raise IndexError(i)
+        return Place(self._first.offset + i * self._size, self._first.code, self._first.unit)
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where the numbers lie in messages of `length` bytes whose guards equal those of `sample`.
+    """Where the numbers lie in messages of one length whose guards equal those of `sample`.
 
     Attributes
     ----------
-    length : int
-        Bytes of the message.
     mask : uint8 array
         255 for the bytes that must be equal, the guards; up to the last of them.
     sample : uint8 array, of the mask's shape
         How the message begins that the layout was learnt from.
-    stamp : Field or None
+    stamp : Place or None
         The header's time stamp.
-    fields : tuple of Field
-        The numbers.
-    unread : dict of str to str
-        Paths that are no signal, with the reason.
+    names : tuple of (str, str or None)
+        Channels and their units.
+    places : dict of str to (list of int, int64 array), both of length k
+        By type of number: which of the channels, and their offsets.
     """
 
-    length: int
     mask: Bytes
     sample: Bytes
-    stamp: Field | None
-    fields: tuple[Field, ...]
-    unread: dict[str, str]
+    stamp: Place | None
+    names: tuple[tuple[str, str | None], ...]
+    places: dict[str, tuple[list[int], Integers]]
+
+    @classmethod
+    def of(cls, raw: bytes, guards: Sequence[Range], stamp: Place | None, found: dict[str, Place]) -> Layout:
+        """Return the layout of a message, of its guards, and of the numbers that are wanted by name."""
+        mask = np.zeros(max((stop for _, stop in guards), default=0), dtype=np.uint8)
+        for start, stop in guards:
+            mask[start:stop] = 255
+        places: dict[str, tuple[list[int], list[int]]] = {}
+        for k, one in enumerate(found.values()):
+            which, offsets = places.setdefault(one.code, ([], []))
+            which.append(k)
+            offsets.append(one.offset)
+        return cls(
+            mask,
+            np.frombuffer(raw[: mask.size], np.uint8),
+            stamp,
+            tuple((name, one.unit) for name, one in found.items()),
+            {code: (which, np.array(offsets)) for code, (which, offsets) in places.items()},
+        )
 
     def matches(self, data: Bytes, start: Integers) -> NDArray[np.bool_]:
-        """Tell which messages of this length, beginning at `start`, shape (n,), in a buffer, this layout holds for."""
+        """Tell which messages of its length, beginning at `start`, shape (n,), in a buffer, this layout holds for."""
         out = np.empty(start.size, dtype=np.bool_)
         _equal(data, start, self.mask, self.sample, out)
         return out
@@ -101,8 +131,8 @@ def _equal(data: Bytes, start: Integers, mask: Bytes, sample: Bytes, out: NDArra
         out[k] = other == 0
 
 
-def learn(raw: bytes, root: Struct, cdr: bool) -> Layout:
-    """Return the layout of one message.
+def places_in(raw: bytes, root: Struct, cdr: bool) -> tuple[dict[str, Any], list[Range]]:
+    """Return where the numbers of a message lie, as nested values, and its guards but for names.
 
     Parameters
     ----------
@@ -119,43 +149,22 @@ def learn(raw: bytes, root: Struct, cdr: bool) -> Layout:
         The message does not fit the definition.
     """
     walk = _Walk(raw, cdr)
-    walk.struct(root, "", None)
+    places = walk.struct(root, None)
     spare = len(raw) - walk.pos
     if spare < 0 or spare > (3 if cdr else 0):  # CDR may be padded to a multiple of four
         raise DamagedMessageError("its length differs from what the definition says")
-    mask = _mask(walk.guards)
-    return Layout(
-        length=len(raw),
-        mask=mask,
-        sample=np.frombuffer(raw[: mask.size], np.uint8),
-        stamp=walk.stamp,
-        fields=tuple(walk.fields),
-        unread=walk.unread,
-    )
-
-
-def _mask(ranges: list[tuple[int, int]]) -> Bytes:
-    """Return 255 for the bytes in some ranges, 0 for the others."""
-    mask = np.zeros(max((stop for _, stop in ranges), default=0), dtype=np.uint8)
-    for start, stop in ranges:
-        mask[start:stop] = 255
-    return mask
+    return places, walk.guards
 
 
 class _Walk:
-    """One pass over a message: knows the position, collects fields and guards."""
+    """One pass over a message: knows the position, collects guards."""
 
     def __init__(self, raw: bytes, cdr: bool) -> None:
         self.raw = raw
         self.cdr = cdr
         self.pos = 0
         self.order = "<"
-        self.guards: list[tuple[int, int]] = []
-        self.fields: list[Field] = []
-        self.unread: dict[str, str] = {}
-        self.stamp: Field | None = None
-        self.emitting = True
-        self.guarding = True
+        self.guards: list[Range] = []
         self.steps = 0
         if cdr:
             self._encapsulation()
@@ -170,131 +179,68 @@ class _Walk:
         self.guards.append((0, 2))
         self.pos = 4
 
-    def struct(self, node: Struct, path: str, unit: str | None) -> None:
-        """Walk the fields of a message."""
-        texts, counts = self._label_arrays(node) if node.named and self.emitting else ({}, set())
+    def struct(self, node: Struct, unit: str | None) -> dict[str, Any]:
+        """Walk the fields of a message; what is in it has a unit of its own or that of the message."""
+        places: dict[str, Any] = {}
         for field, child in node.fields:
             self._step()
-            child_path = f"{path}.{field}" if path else field
-            child_unit = unit_of(node.name, field) or unit
+            own = unit_of(node.name, field) or unit
             if isinstance(child, Array):
-                is_key = field in texts and len(texts[field]) in counts
-                self._array(child, child_path, child_unit, texts, is_key)
+                places[field] = self._array(child, own, node.named)
             else:
-                self._node(child, child_path, child_unit)
+                places[field] = self._node(child, own)
+            if is_placeholder(field):
+                del places[field]
+        return places
 
     def _step(self) -> None:
         self.steps += 1
         if self.steps > MOST_STEPS:
             raise TooManyPartsError("it has too many parts")
 
-    def _label_arrays(self, node: Struct) -> tuple[dict[str, list[str]], set[int]]:
-        """Look ahead: the arrays of texts in this message, and the lengths of its other arrays."""
-        before = (self.pos, self.emitting, self.guarding)
-        self.emitting = self.guarding = False
-        texts: dict[str, list[str]] = {}
-        counts: set[int] = set()
-        for field, child in node.fields:
-            if not isinstance(child, Array):
-                self._node(child, "", None)
-            elif isinstance(child.element, Text):
-                found = self._texts(self._count(child))
-                texts |= naming.naming_texts([(field, found)] if len(texts) < MAX_ARRAY else [])
-            else:
-                start = self.pos
-                counts.add(self._count(child))
-                self.pos = start
-                self._array(child, "", None, {}, False)
-        self.pos, self.emitting, self.guarding = before
-        return texts, counts
-
-    def _node(self, node: Node, path: str, unit: str | None) -> None:
+    def _node(self, node: Node, unit: str | None) -> Any:
         self._step()
         if isinstance(node, Scalar):
-            self._align(node.size)
-            self._emit(path, self.order + node.code, unit)
-            self._advance(node.size)
-        elif isinstance(node, Time):
-            self._time(path, node.code(self.order))
-        elif isinstance(node, Text):
-            self._texts(1)
-            if self.emitting and path not in ("header.frame_id", "frame_id"):
-                self.unread[path] = "text"
-        elif isinstance(node, Struct):
-            self.struct(node, path, unit)
-        else:
-            self._array(node, path, unit, {}, False)
+            return self._number(node, unit, 1)
+        if isinstance(node, Time):
+            self._align(4)
+            place = Place(self.pos, node.code(self.order), "s")
+            self._advance(8)
+            return place
+        if isinstance(node, Text):
+            return self._text()
+        if isinstance(node, Struct):
+            return self.struct(node, unit)
+        return self._array(node, unit, False)
 
-    def _time(self, path: str, code: str) -> None:
-        self._align(4)
-        if path in ("header.stamp", "stamp") and self.stamp is None and self.emitting:
-            self.stamp = Field(path, self.pos, code, "s")
-        else:
-            self._emit(path, code, "s")
-        self._advance(8)
-
-    def _array(self, node: Array, path: str, unit: str | None, texts: dict[str, list[str]], is_key: bool) -> None:
-        """Walk an array; its elements are named by one of `texts`, or else by their index."""
-        count = self._count(node)
-        if isinstance(node.element, Text):
-            self._texts(count, guard=is_key)
-            if self.emitting and not is_key and count:
-                self.unread[path] = "text"
-            elif self.emitting and is_key and naming.are_bad(path.rpartition(".")[2], texts):
-                self.unread[path] = naming.BAD_NAMES
-            return
-        key = naming.best_label_field(texts, count)
-        named = naming.labels_of(texts[key]) if key else self._own_names(node.element, count)
-        labels = named or [str(i) for i in range(min(count, MAX_ARRAY + 1))]
-        silent = self.emitting and not named and count > MAX_ARRAY
-        if silent:
-            self.unread[path] = f"array of {count} values"
-            self.emitting = False
-        if isinstance(node.element, Scalar):
-            self._numbers(node.element, count, path, unit, labels)
-        else:
-            self._elements(node.element, count, path, unit, labels)
-        if silent:
-            self.emitting = True
-
-    def _own_names(self, node: Node, count: int) -> list[str]:
-        """Look ahead: the names that elements have themselves; none where these do not tell them apart."""
-        if (
-            not self.emitting
-            or not 0 < count <= MAX_FIELDS
-            or not isinstance(node, Struct)
-            or not naming.tells_its_name(node)
-        ):
-            return []
-        start, guarding = self.pos, self.guarding
-        self.emitting = False
-        names: list[str] = []
-        for field, child in node.fields * count:
-            self.guarding = guarding and field == naming.ELEMENT_NAME
-            if field == naming.ELEMENT_NAME:
-                names += map(printable, self._texts(1, guard=True))
-            else:
-                self._node(child, "", None)
-        self.pos, self.emitting, self.guarding = start, True, guarding
-        return naming.labels_of(names)
-
-    def _numbers(self, node: Scalar, count: int, path: str, unit: str | None, labels: list[str]) -> None:
-        if not count:
-            return
+    def _number(self, node: Scalar, unit: str | None, count: int) -> Place:
+        """Return the place of the first of some numbers."""
         self._align(node.size)
-        if self.emitting:
-            code, places = self.order + node.code, range(self.pos, len(self.raw), node.size)
-            self._add([Field(f"{path}[{label}]", at, code, unit) for label, at in zip(labels, places, strict=False)])
+        place = Place(self.pos, self.order + node.code, unit)
         self._advance(count * node.size)
+        return place
 
-    def _elements(self, node: Node, count: int, path: str, unit: str | None, labels: list[str]) -> None:
+    def _array(self, node: Array, unit: str | None, named: bool) -> Sequence[Any] | NoSignal:
+        """Walk an array; `named` tells that there are texts beside it that may name its elements."""
+        count, element = self._count(node), node.element
+        if isinstance(element, Scalar):
+            return PlacedNumbers(self._number(element, unit, count), element.size, count) if count else []
+        if isinstance(element, Text):
+            return [self._text() for _ in range(count)]
+        named = named or _tells_its_name(element)
+        if count <= (MAX_FIELDS if named else MAX_ARRAY):
+            return [self._node(element, unit) for _ in range(count)]
+        self._pass_by(element, count)
+        return NoSignal(f"array of {count} values")
+
+    def _pass_by(self, node: Node, count: int) -> None:
+        """Walk elements that are no signal."""
         guards = len(self.guards)
         for i in range(count):
-            end = self.pos
-            self._node(node, f"{path}[{labels[i]}]" if self.emitting else "", unit)
-            stride = self.pos - end
-            fixed = len(self.guards) == guards and self.guarding
-            if not self.emitting and fixed and i and stride % 8 == 0:
+            begin = self.pos
+            self._node(node, None)
+            stride = self.pos - begin
+            if len(self.guards) == guards and i and stride % 8 == 0:
                 self._advance(stride * (count - 1 - i))  # every further element looks the same
                 return
 
@@ -308,29 +254,23 @@ class _Walk:
             raise DamagedMessageError(f"it claims an array of {count} values")
         return count
 
-    def _texts(self, count: int, guard: bool = False) -> list[str]:
-        """Pass texts; their lengths are guarded, and what they say where asked for."""
-        raw, pos = self.raw, self.pos
+    def _text(self) -> PlacedText:
+        """Pass a text, whose length is guarded."""
+        begin = self._aligned(self.pos, 4)
+        middle = begin + 4
         order: Literal["little", "big"] = "little" if self.order == "<" else "big"
-        texts = []
-        for _ in range(count):
-            pos = self._aligned(pos, 4)
-            begin = pos + 4
-            end = begin + int.from_bytes(raw[pos:begin], order)
-            if end > len(raw):
-                raise DamagedMessageError("it ends too early")
-            if self.guarding:
-                self.guards.append((pos, end if guard else begin))
-            texts.append(raw[begin:end].rstrip(b"\0").decode("utf-8", "replace"))
-            pos = end
-        self.pos = pos
-        return texts
+        self.pos = middle + int.from_bytes(self.raw[begin:middle], order)
+        if self.pos > len(self.raw):
+            raise DamagedMessageError("it ends too early")
+        self.guards.append((begin, middle))
+        text = PlacedText(self.raw[middle : self.pos].rstrip(b"\0").decode("utf-8", "replace"))
+        text.bytes = (begin, self.pos)
+        return text
 
     def _word(self) -> int:
         start = self.pos
         self._advance(4)
-        if self.guarding:
-            self.guards.append((start, self.pos))
+        self.guards.append((start, self.pos))
         return int(struct.unpack_from(f"{self.order}I", self.raw, start)[0])
 
     def _aligned(self, pos: int, size: int) -> int:
@@ -344,12 +284,7 @@ class _Walk:
         if self.pos > len(self.raw):
             raise DamagedMessageError("it ends too early")
 
-    def _emit(self, path: str, code: str, unit: str | None) -> None:
-        if self.emitting and not is_placeholder(path.rpartition(".")[2]):
-            self._add([Field(path, self.pos, code, unit)])
 
-    def _add(self, fields: list[Field]) -> None:
-        room = MAX_FIELDS - len(self.fields)
-        self.fields += fields[:room]
-        if len(fields) > room:
-            self.unread[fields[room].path.partition(".")[0]] = f"more than {MAX_FIELDS} values"
+def _tells_its_name(node: Node) -> bool:
+    """Tell whether elements of a type have names of their own."""
+    return isinstance(node, Struct) and any(f == ELEMENT_NAME and isinstance(child, Text) for f, child in node.fields)

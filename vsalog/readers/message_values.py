@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.compiled import compiled
-from vsalog.readers.message_layout import Bytes, Field, Integers
+from vsalog.readers.message_layout import Bytes, Integers
+from vsalog.readers.nested import Place
 from vsalog.readers.reach import Nanoseconds, Stamp
 
 
@@ -24,7 +25,7 @@ def values(data: Bytes, start: Integers, offsets: Integers, code: str) -> NDArra
     offsets : int64 array, shape (k,)
         Where the numbers lie in a message.
     code : str
-        As of `Field`.
+        As of `Place`.
 
     Returns
     -------
@@ -37,9 +38,9 @@ def values(data: Bytes, start: Integers, offsets: Integers, code: str) -> NDArra
         return numbers.astype(np.float64, copy=False)
 
 
-def stamps(data: Bytes, start: Integers, field: Field) -> NDArray[np.int64]:
+def stamps(data: Bytes, start: Integers, place: Place) -> NDArray[np.int64]:
     """Return a header's time stamps [ns], shape (n,), `Stamp.NEVER` for those with nanoseconds that no time has."""
-    found, fraction = _nanoseconds(data, start, np.array([field.offset]), field.code)
+    found, fraction = _nanoseconds(data, start, np.array([place.offset]), place.code)
     found[(fraction < 0) | (fraction >= Nanoseconds.SECOND)] = Stamp.NEVER
     return np.asarray(found[0], np.int64)
 

@@ -21,10 +21,12 @@ from vsalog.readers.message_layout import (
     EncodingError,
     Integers,
     Layout,
+    PlacedText,
     TooManyPartsError,
-    learn,
+    places_in,
 )
 from vsalog.readers.message_values import stamps, values
+from vsalog.readers.nested import FRAMES, STAMPS, Numbers, Place, part_at
 from vsalog.readers.packets import Messages
 
 
@@ -92,25 +94,6 @@ class Decoder(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class _Shape:
-    """A layout, and what is wanted of it.
-
-    Attributes
-    ----------
-    layout : Layout
-        As learnt.
-    names : tuple of (str, str or None)
-        Channels and their units.
-    places : dict of str to (list of int, int64 array), both of length k
-        By type of number: which of the channels, and their offsets.
-    """
-
-    layout: Layout
-    names: tuple[tuple[str, str | None], ...]
-    places: dict[str, tuple[list[int], Integers]]
-
-
 class RosDecoder:
     """Decodes ROS messages, those of equal shape together.
 
@@ -145,7 +128,7 @@ class RosDecoder:
         self._fields = Fields(prefix, wanted)
         self.unread = self._fields.unread
         self.stamped, self.framed = _has_stamp(root), has_frame(root, cdr)
-        self._shapes: dict[int, list[_Shape]] = {}
+        self._layouts: dict[int, list[Layout]] = {}
         self._spare = MOST_STEPS if remember else 0
         self._patience = 3
 
@@ -163,14 +146,14 @@ class RosDecoder:
     def _decode_alike(self, messages: Messages, rows: Integers, result: Decoded) -> None:
         """Decode messages of equal length; `rows` tells where they go in the result."""
         length, start, data = int(messages.length[0]), messages.start, messages.data
-        known = self._shapes.setdefault(length, [])
-        for shape in known:
+        known = self._layouts.setdefault(length, [])
+        for layout in known:
             if len(rows):
-                start, rows = self._take_matching(shape, data, start, rows, result)
+                start, rows = self._take_matching(layout, data, start, rows, result)
         while len(rows):
             learnt = self._learn(data[start[0] : start[0] + length].tobytes())
             if learnt is not None and len(known) < MOST_PARTS and self._spare > 0:
-                self._spare -= 1 + len(learnt.layout.fields)
+                self._spare -= 1 + len(learnt.names)
                 known.append(learnt)
                 start, rows = self._take_matching(learnt, data, start, rows, result)
                 continue
@@ -178,11 +161,11 @@ class RosDecoder:
                 self._store(learnt, data, start[:1], rows[:1], result)
             start, rows = start[1:], rows[1:]
 
-    def _learn(self, raw: bytes) -> _Shape | None:
+    def _learn(self, raw: bytes) -> Layout | None:
         if not self._patience:
             return None
         try:
-            layout = learn(raw, self.root, self.cdr)
+            message, guards = places_in(raw, self.root, self.cdr)
         except TooManyPartsError:
             self._patience -= 1
             return None
@@ -191,43 +174,38 @@ class RosDecoder:
             return None
         except DamagedMessageError:
             return None
-        for path, reason in layout.unread.items():
-            self._fields.leave(f"{self.prefix}.{path}", reason)
-        fields = [(f"{self.prefix}.{one.path}", one) for one in layout.fields]
-        if self.wanted is not None:
-            fields = [(name, one) for name, one in fields if name in self.wanted]
-        places: dict[str, tuple[list[int], list[int]]] = {}
-        for k, (_, one) in enumerate(fields):
-            which, offsets = places.setdefault(one.code, ([], []))
-            which.append(k)
-            offsets.append(one.offset)
-        arrays = {code: (which, np.array(offsets)) for code, (which, offsets) in places.items()}
-        return _Shape(layout, tuple((name, one.unit) for name, one in fields), arrays)
+        clocks = {path: place for path in STAMPS if isinstance(place := part_at(message, path), Place)}
+        stamp = next((path for path, place in clocks.items() if path[-1] == "stamp" and "," in place.code), ())
+        frames = [path for path in FRAMES if isinstance(part_at(message, path), str)]
+        numbers = Numbers(message, self._fields, {".".join((self.prefix, *path)) for path in (stamp, *frames) if path})
+        guards += [text.bytes for text in numbers.names if isinstance(text, PlacedText)]
+        found = {name: one for name, one in numbers.found.items() if self.wanted is None or name in self.wanted}
+        return Layout.of(raw, guards, clocks.get(stamp), found)
 
     def _take_matching(
-        self, shape: _Shape, data: Bytes, start: Integers, rows: Integers, result: Decoded
+        self, layout: Layout, data: Bytes, start: Integers, rows: Integers, result: Decoded
     ) -> tuple[Integers, Integers]:
         """Store the messages that have this shape; return where the others begin and go."""
-        match = shape.layout.matches(data, start)
+        match = layout.matches(data, start)
         if match.all():
-            self._store(shape, data, start, rows, result)
+            self._store(layout, data, start, rows, result)
             return start[:0], rows[:0]
         if match.any():
-            self._store(shape, data, start[match], rows[match], result)
+            self._store(layout, data, start[match], rows[match], result)
             return start[~match], rows[~match]
         return start, rows
 
-    def _store(self, shape: _Shape, data: Bytes, start: Integers, rows: Integers, result: Decoded) -> None:
+    def _store(self, layout: Layout, data: Bytes, start: Integers, rows: Integers, result: Decoded) -> None:
         result.good[rows] = True
         result.whole = rows.size == len(result.good)
         # Much the faster way to put one.
         some = slice(int(rows[0]), int(rows[0]) + 1) if rows.size == 1 else rows
-        if shape.layout.stamp is not None:
-            result.put_stamps(some, stamps(data, start, shape.layout.stamp))
+        if layout.stamp is not None:
+            result.put_stamps(some, stamps(data, start, layout.stamp))
         columns: dict[int, Values] = {}
-        for code, (which, offsets) in shape.places.items():
+        for code, (which, offsets) in layout.places.items():
             columns |= zip(which, values(data, start, offsets, code), strict=True)
-        for k, (name, unit) in enumerate(shape.names):
+        for k, (name, unit) in enumerate(layout.names):
             if not self._fields.take(name):
                 continue
             if unit is not None:

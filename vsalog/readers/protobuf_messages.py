@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, ItemsView, Iterator, Mapping
 from itertools import islice
 from typing import Any, NamedTuple
 
 from vsalog.readers.fields import MAX_FIELDS
 from vsalog.readers.messages import MISFIT
+from vsalog.readers.nested import FRAMES, STAMPS, NoSignal, part_at
 from vsalog.readers.protobuf_types import message_class
 from vsalog.readers.reach import Nanoseconds
-from vsalog.readers.tree_messages import FRAMES, STAMPS, NoSignal, TreeDecoder, stamp_of
+from vsalog.readers.tree_messages import TreeDecoder, stamp_of
 
 _TIMES = ("google.protobuf.Timestamp", "google.protobuf.Duration")
 _CLOCKS = (("seconds", "nanos"), ("sec", "nsec"), ("sec", "nanosec"))
@@ -20,7 +21,7 @@ class _Field(NamedTuple):
     """A field of a message type.
 
     `implied` is what it is where a message does not have it, None for nothing; `reason` is why it is no signal, "" where it
-    may be one; `is_time` tells that it is protobuf's own time or duration.
+    may be one; `is_time` tells that it is protobuf's own time or duration, `nested` that it holds messages.
     """
 
     name: str
@@ -28,6 +29,7 @@ class _Field(NamedTuple):
     implied: float | None
     reason: str
     is_time: bool
+    nested: bool
 
 
 class ProtobufDecoder(TreeDecoder):
@@ -54,9 +56,9 @@ class ProtobufDecoder(TreeDecoder):
     def __init__(self, name: str, descriptors: bytes, prefix: str, wanted: Collection[str] | None) -> None:
         super().__init__(prefix, wanted)
         self._class = message_class(name, descriptors)
-        from google.protobuf.message import DecodeError, Message
+        from google.protobuf.message import DecodeError
 
-        self._errors, self._kind = (DecodeError, RecursionError), Message
+        self._errors = (DecodeError, RecursionError)
         self._types: dict[str, tuple[_Field, ...]] = {}
         root = self._class.DESCRIPTOR
         clocks = {path: names for path in STAMPS if (names := _clock_of(_field_at(root, path)))}
@@ -67,34 +69,15 @@ class ProtobufDecoder(TreeDecoder):
 
     def _loaded(self, raw: bytes) -> Any:
         try:
-            return self._class.FromString(raw)
+            return _Message(self._class.FromString(raw), self._fields_of)
         except self._errors:
             return None
-
-    def _members(self, part: Any) -> Iterable[tuple[str, Any]] | None:
-        return self._parts(part) if isinstance(part, self._kind) else None
-
-    def _parts(self, message: Any) -> Iterator[tuple[str, Any]]:
-        # By ListFields: an attribute of a hostile name could be one of the library's.
-        present = {field.number: value for field, value in type(message).ListFields(message)}
-        for field in self._fields_of(type(message).DESCRIPTOR):
-            value = present.get(field.number, field.implied)
-            if value is None:
-                continue
-            if field.is_time and field.number in present:
-                value = (value.seconds * Nanoseconds.SECOND + value.nanos) * 1e-9
-            yield field.name, NoSignal(field.reason) if field.reason else value
-
-    def _member(self, part: Any, name: str) -> Any:
-        found = (value for field, value in type(part).ListFields(part) if field.name == name)
-        # A text that is empty is left out of a message.
-        return next(found, "" if _is_text(type(part).DESCRIPTOR.fields_by_name.get(name)) else None)
 
     def _stamp(self, message: Any) -> tuple[tuple[str, ...], int | None]:
         if self._clock is None:
             return (), None
-        time = self._at(message, self._stamp_path)
-        return self._stamp_path, 0 if time is None else stamp_of(*(int(getattr(time, name)) for name in self._clock))
+        time = part_at(message, self._stamp_path)
+        return self._stamp_path, 0 if time is None else stamp_of(*(int(time.get(name) or 0) for name in self._clock))
 
     def _fields_of(self, descriptor: Any) -> tuple[_Field, ...]:
         """Return the fields of a message type; those of a type that is met again are remembered."""
@@ -106,6 +89,64 @@ class ProtobufDecoder(TreeDecoder):
         return self._types[name]
 
 
+class _Message(Mapping[str, Any]):
+    """A message as a structure, of which nothing is looked at before it is asked for.
+
+    What it has is told by ListFields: an attribute of a hostile name could be one of the library's.
+
+    Parameters
+    ----------
+    message : of the library
+    fields_of : function
+        Returns the fields of a message type.
+    """
+
+    def __init__(self, message: Any, fields_of: Callable[[Any], tuple[_Field, ...]]) -> None:
+        self._message, self._fields_of = message, fields_of
+
+    def __getitem__(self, name: str) -> Any:
+        return dict(self._parts())[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(dict(self._parts()))
+
+    def __len__(self) -> int:
+        return len(dict(self._parts()))
+
+    def items(self) -> ItemsView[str, Any]:
+        """Return names and values."""
+        return dict(self._parts()).items()
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """Return what has a name, of a text that is left out since it is empty that."""
+        found = (
+            self._nested(value) for field, value in type(self._message).ListFields(self._message) if field.name == name
+        )
+        return next(found, "" if _is_text(type(self._message).DESCRIPTOR.fields_by_name.get(name)) else default)
+
+    def _parts(self) -> Iterator[tuple[str, Any]]:
+        present = {field.number: value for field, value in type(self._message).ListFields(self._message)}
+        for field in self._fields_of(type(self._message).DESCRIPTOR):
+            value = present.get(field.number, field.implied)
+            if value is None:
+                continue
+            if field.is_time:
+                value = (value.seconds * Nanoseconds.SECOND + value.nanos) * 1e-9
+            elif field.nested:
+                value = self._nested(value)
+            yield field.name, NoSignal(field.reason) if field.reason else value
+
+    def _nested(self, value: Any) -> Any:
+        """Return a message, or an array of these, as structures."""
+        if hasattr(value, "DESCRIPTOR"):
+            return _Message(value, self._fields_of)
+        if isinstance(value, int | float | str | bytes):
+            return value
+        if len(value) > MAX_FIELDS:
+            return NoSignal(f"array of {len(value)} values")
+        return [_Message(one, self._fields_of) if hasattr(one, "DESCRIPTOR") else one for one in value]
+
+
 def _field(one: Any) -> _Field:
     """Describe a field."""
     part = one.message_type
@@ -114,7 +155,7 @@ def _field(one: Any) -> _Field:
     is_number = part is None and not reason and one.type != one.TYPE_STRING
     implied = 0.0 if is_number and not one.is_repeated and not one.has_presence else None
     is_time = part is not None and part.full_name in _TIMES and not one.is_repeated
-    return _Field(one.name, one.number, implied, reason, is_time)
+    return _Field(one.name, one.number, implied, reason, is_time, part is not None and not is_map)
 
 
 def _field_at(descriptor: Any, path: tuple[str, ...]) -> Any:
