@@ -48,8 +48,11 @@ class Delays:
         """Return the streams that have always the same stamp."""
         return {stream for stream, (low, high) in self._stamps.items() if low == high and self._rows[stream] > 2}
 
-    def tells(self) -> bool:
-        """Tell whether samples tell where messages are; else only the whole log tells which clock to believe."""
+    def locate_messages(self) -> bool:
+        """Return whether header stamps and log times are close enough in all samples to find messages by the log's index.
+
+        Otherwise the whole log has to be read to choose a clock.
+        """
         near = max(-self.least, self.most) <= Nanoseconds.DAY
         return near and not self.standing() and all(b - a <= DELAY_VARIATION for a, b in self._levels.values())
 

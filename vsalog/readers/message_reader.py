@@ -149,7 +149,7 @@ class BagReader:
             self._narrowed = self._container.narrow(Part(low, high))
             return self._narrowed
         delays = self._delays(stamped) if self._container.size() >= LOOK_BYTES else None
-        if delays is None or not delays.tells():
+        if delays is None or not delays.locate_messages():
             return False
         self._sampled, self._rare = delays, delays.rare({batch.stream for batch in stamped.values()})
         throughout = frozenset(number for number, batch in stamped.items() if batch.stream in self._rare)
