@@ -218,3 +218,10 @@ def test_topics_whose_row_is_damaged_say_so(tmp_path):
     damaged = [one for one in recording.findings if one.code == "recording.topic_damaged"]
     assert [(one.value, one.part) for one in damaged] == [(2, "unnamed"), (5, "/t5")]
     assert not any("None" in text for text in (*recording.notes, *recording.unread, *recording.unread.values()))
+
+
+def test_rows_that_are_glimpsed_at_are_small(tmp_path):
+    """Thousands of rows tell publishers and frames apart; of images and maps they would be all of the file."""
+    write(tmp_path / "log", [(i, 1, i, bytes(10**6 if i % 3 else 20)) for i in range(1, 60)])
+    packets = list(SqliteContainer(tmp_path / "log").glimpses({1}))
+    assert {size for packet in packets for size in packet.messages.length.tolist()} == {20}

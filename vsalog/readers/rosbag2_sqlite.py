@@ -18,7 +18,7 @@ from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.core.printable import printable
 from vsalog.core.resolution import STRETCHES
 from vsalog.readers.container import MOST_CONNECTIONS, Connection, Part
-from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS, PACKED_BYTES, SAMPLE_ROWS
+from vsalog.readers.limits import BLOCK_ROWS, FIRST_ROWS, GLANCE_BYTES, PACKED_BYTES, SAMPLE_ROWS
 from vsalog.readers.packets import Messages, Packet
 from vsalog.readers.sampling_pieces import Sample
 from vsalog.readers.sqlite_damage import cut_row, damaged_changes, missing_bytes
@@ -106,8 +106,9 @@ class SqliteContainer:
         return Sample(budget, STRETCHES)
 
     def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield some rows from all over the file; where rows cannot be read, none."""
-        query = "SELECT topic_id, timestamp, data FROM messages WHERE rowid >= ? ORDER BY rowid LIMIT 32"
+        """Yield some rows from all over the file, no images or maps; where rows cannot be read, none."""
+        data = f"CASE WHEN length(data) < {GLANCE_BYTES} THEN data END"
+        query = f"SELECT topic_id, timestamp, {data} FROM messages WHERE rowid >= ? ORDER BY rowid LIMIT 32"
         try:
             first, last = self._ends()
             for row in np.linspace(first, max(last - 31, first), SAMPLE_ROWS).astype(np.int64).tolist():
