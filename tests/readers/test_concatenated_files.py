@@ -85,3 +85,17 @@ def test_a_log_attached_to_another_one_is_no_further_one(tmp_path, cut):
     recording = read(path)
     assert_all_there(recording, [("/a", 0)])
     assert "recording.joined" not in codes(recording)
+
+
+def test_a_log_whose_end_is_damaged_up_to_its_mark_is_cut_off_not_joined(tmp_path):
+    """An MCAP file ends with the bytes it begins with."""
+    raw = mcap(tmp_path / "log", "/a", 0, compression=CompressionType.NONE, use_chunking=False).read_bytes()
+    for damage in (bytes(5000), b"\xff" * 5000):
+        (tmp_path / "log").write_bytes(raw[:20_000] + damage + raw[-8:])
+        assert {"recording.truncated"} == {*codes(read(tmp_path / "log"))}
+
+
+def test_damage_ahead_of_the_next_log_is_told(tmp_path):
+    path, (raw, other) = joined(tmp_path, mcap, ("/a", 0), ("/b", COUNT), use_chunking=False, **BARE)
+    path.write_bytes(raw[:20_000] + bytes(5000) + other)
+    assert {"recording.bytes_skipped", "recording.joined"} <= {*codes(read(path))}

@@ -201,8 +201,11 @@ class RecordWalk(ABC):
             self._file.seek(start)
             data = self._file.read(PIECE_BYTES + GLANCE_BYTES)
             found, mark = self._next_sure(data[1:], start + 1) + 1, data.find(self.MARK)
-            if mark >= 0 and not 0 < found < mark:
+            behind = start + mark + len(self.MARK)  # where a file ends with its mark, nothing is
+            if mark >= 0 and behind < self._size and not 0 < found < mark:
                 self.joined = start + mark
+                if position < self.joined:
+                    self.skipped.append((position, self.joined))
                 return -1
             if found > 0:
                 return start + found
