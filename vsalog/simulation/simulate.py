@@ -126,7 +126,7 @@ def _truths(
             reader = _reader(control, [name])
             one = None if reader is None else partial(_as_one, reader, name)
             found[name] = simulate_pneumatic(joint, own, time, steps, start.get(name), one)
-        elif name not in chained and (name in inputs or not isinstance(joint, RigidJoint)):
+        elif name not in chained and (inputs.get(name) or not isinstance(joint, RigidJoint)):
             machine = build({name: joint})
             found |= play(machine, inputs, time, steps=steps, start=start, control=_reader(control, [name]))
     return {name: found[name] for name in rig.joint if name in found}
