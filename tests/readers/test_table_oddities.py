@@ -181,6 +181,17 @@ def test_units_in_a_table_of_blanks(table):
     assert content(recording) == {"x": ([1, 3], "rad"), "y": ([2, 4], "Nm")}
 
 
+@pytest.mark.parametrize("between", ["\u00a0", "\u202f", "'"])
+@pytest.mark.parametrize("mark", [",", "."])
+def test_thousands_apart_by_blanks_or_apostrophes(table, between, mark):
+    """As Excel writes them in France and in Switzerland; a comma in each number is no separator of cells."""
+    rows = [f"{i};-{i}{between}{100 + i}{between}000{mark}5;{i}{between}000" for i in range(1, 99)]
+    recording = table("t;x;y\n" + "\n".join(rows) + "\n")
+    i = np.arange(1, 99)
+    np.testing.assert_array_equal(recording.channel("x").values, -(i * 10**6 + (100 + i) * 1000 + 0.5))
+    np.testing.assert_array_equal(recording.channel("y").values, i * 1000)
+
+
 def test_thousands_of_columns(table):
     names = [f"/robot/arm/joint_{i}/measured/position" for i in range(4000)]
     recording = table(

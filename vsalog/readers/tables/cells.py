@@ -14,7 +14,7 @@ from vsalog.core.finding import Evidence, Finding
 from vsalog.core.recording import Values
 from vsalog.readers.limits import MAX_ARRAY, MOST_EXCEPTIONS, SAMPLE_ROWS
 from vsalog.readers.tables.dates import in_nanoseconds
-from vsalog.readers.tables.text import GROUPED, LIKE_NUMBERS, NUMBER, printable_cell
+from vsalog.readers.tables.text import BETWEEN_THOUSANDS, GROUPED, LIKE_NUMBERS, NUMBER, printable_cell
 
 _CELL = NUMBER.replace("^", "^(", 1)[:-1] + r"|[+-]?(?i:inf|infinity)|[+-]?(?i:nan))$"
 _EMPTY = arrow_texts(["", *LIKE_NUMBERS])
@@ -110,7 +110,8 @@ def _numbers_in_text(cells: pa.Array) -> tuple[pa.Array, NDArray[np.bool_] | Non
 def with_points(cells: pa.Array, decimal_comma: bool) -> pa.Array:
     """Return texts with numbers as ``1234.5``; among decimal commas, a point alone is of a thousand or of nothing."""
     apart = pc.match_substring_regex(cells, GROUPED[decimal_comma].pattern)
-    cells = pc.if_else(apart, pc.replace_substring(cells, "." if decimal_comma else ",", ""), cells)
+    marks = ("." if decimal_comma else ",") + BETWEEN_THOUSANDS
+    cells = pc.if_else(apart, pc.replace_substring_regex(cells, f"[{marks}]", ""), cells)
     if not decimal_comma:
         return cells
     cells = pc.replace_substring_regex(cells, r"^(\s*[+-]?\d+)\.(\d+\s*)$", r"\1'\2")

@@ -22,11 +22,13 @@ LIKE_NUMBERS = ("-nan", "-NaN", "nan(ind)", "-nan(ind)", "1.#QNAN", "-1.#QNAN", 
 
 NUMBER = r"^[+-]?(\d+(?:\.\d*)?|\.\d+)([eE][+-]?\d+)?$"
 COMMA_NUMBER = re.compile(r"^[+-]?\d*,\d+([eE][+-]?\d+)?$")
+BETWEEN_THOUSANDS = "\u00a0\u202f'"
+"""Blanks that do not break, as in France, and apostrophes, as in Switzerland: no decimal marks."""
 GROUPED = {
-    True: re.compile(r"^[+-]?\d{1,3}(?:\.\d{3})+,\d+$"),
-    False: re.compile(r"^[+-]?\d{1,3}(?:,\d{3})+\.\d+$"),
+    True: re.compile(rf"^[+-]?\d{{1,3}}(?:(?:\.\d{{3}})+,\d+|(?:[{BETWEEN_THOUSANDS}]\d{{3}})+(?:,\d+)?)$"),
+    False: re.compile(rf"^[+-]?\d{{1,3}}(?:(?:,\d{{3}})+\.\d+|(?:[{BETWEEN_THOUSANDS}]\d{{3}})+(?:\.\d+)?)$"),
 }
-"""Thousands apart and a decimal mark, which leaves no doubt which of the two is which; by whether that is a comma."""
+"""Thousands apart, by which there is no doubt what the decimal mark is; by whether that is a comma."""
 DURATION = r"^(?P<number>-?\d+(?:\.\d+)?) (?P<unit>sec|min|hr|days?)$"
 """As MATLAB writes durations."""
 _BLANKS = re.compile(r"[ \t]+(?![\[(])")
