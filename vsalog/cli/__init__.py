@@ -19,6 +19,7 @@ from vsalog.cli.diagnose import diagnose
 from vsalog.cli.estimate import estimate
 from vsalog.cli.export import export
 from vsalog.cli.faults import bug, debugging
+from vsalog.cli.identify import identify
 from vsalog.cli.init import init
 from vsalog.cli.inspect import inspect
 from vsalog.cli.reproduce import reproduce
@@ -40,6 +41,7 @@ cli.add_command(compare)
 cli.add_command(diagnose)
 cli.add_command(estimate)
 cli.add_command(export)
+cli.add_command(identify)
 cli.add_command(init)
 cli.add_command(inspect)
 cli.add_command(reproduce)

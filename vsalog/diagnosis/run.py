@@ -104,7 +104,7 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
     VsalogError
         A log cannot be read, the rig is missing or does not fit, or the roles allow nothing to be checked.
     """
-    rig = _rig(log, options)
+    rig = rig_for(log, options)
     wanted = pick_joints(rig.joints, options.joints)
     usable = {name: _alone(rig, name, joint) for name, joint in wanted.items()}
     if holdout is not None and sha256(holdout) == sha256(log):
@@ -112,19 +112,21 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
             f"{holdout.name}: is the log itself, and so holds nothing out; leave --holdout away, or name another"
         )
     progress(f"reading {log.name}")
-    recording = _read(log, usable, options)
-    second = None if holdout is None else _read(holdout, usable, dataclasses.replace(options, start=None, end=None))
+    recording = read_wanted(log, usable, options)
+    second = (
+        None if holdout is None else read_wanted(holdout, usable, dataclasses.replace(options, start=None, end=None))
+    )
     found, findings, left_out = list[JointDiagnosis](), list[Finding](), list[Finding]()
     for name, joint in usable.items():
         lacking = _lacking(log, options, recording, name, joint)
         findings += lacking
         try:
-            signals = _bound(recording, name, joint)
+            signals = bound_as_recorded(recording, name, joint)
             if isinstance(joint, RigidJoint) and name in _chained(rig) and "torque_sensor" not in signals.roles:
                 raise DiagnosisError(
                     f"joint '{name}': is one with a link that the others of the chain move, and no torque sensor says how"
                 )
-            other = None if second is None else _bound(second, name, joint, set(signals.roles))
+            other = None if second is None else bound_as_recorded(second, name, joint, set(signals.roles))
             findings += signals.findings
             stated = felt(joint, rig.tolerances[name])
             found += [
@@ -259,7 +261,14 @@ def _stiffness(
     return [] if before is after else stiffness_gains(name, before, after), changes
 
 
-def _rig(log: Path, options: Options) -> Rig:
+def rig_for(log: Path, options: Options) -> Rig:
+    """Return the rig that is asked for, or lies in or next to a log.
+
+    Raises
+    ------
+    RigError
+        There is none, or it is at fault.
+    """
     text = open_reader(log, options.rate).rig_text if options.rig is None else None
     rig = find_rig(log, text, options.rig)
     if rig is None:
@@ -270,14 +279,35 @@ def _rig(log: Path, options: Options) -> Rig:
     return rig.with_settings(options.set)
 
 
-def _read(log: Path, joints: Mapping[str, Any], options: Options) -> Recording:
+def read_wanted(log: Path, joints: Mapping[str, Any], options: Options) -> Recording:
+    """Read the channels of a log that some joints name.
+
+    Raises
+    ------
+    VsalogError
+        The log cannot be read.
+    """
     channels = set().union(*(wanted_channels(joint, log.name) for joint in joints.values()))
     return read(log, channels, options.time, options.rate, options.start, options.end)
 
 
-def _bound(recording: Recording, name: str, joint: Any, roles: set[str] | None = None) -> JointSignals:
-    """Bind every role that the log has, as recorded, in the joint's units."""
-    plain = bare(joint, gains=True)
+def bound_as_recorded(
+    recording: Recording, name: str, joint: Any, roles: set[str] | None = None, gains: bool = True
+) -> JointSignals:
+    """Bind every role that the log has, as recorded.
+
+    Parameters
+    ----------
+    recording, name, joint : of the log and the rig
+    roles : that are needed; all that the log has when absent
+    gains : in the joint's units; else in those that its sensors count in
+
+    Raises
+    ------
+    BindingError
+        A role that is needed, or every one, is missing.
+    """
+    plain = bare(joint, gains=gains)
     offered = offered_roles(plain)
     there = [r for r in offered if wanted_channels(plain, recording.path.name, [r]) <= set(recording.channels)]
     if roles is not None:

@@ -102,12 +102,12 @@ def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Ar
     prior = _prior(posterior)
     away, information, columns = np.zeros(prior.shape[0]), np.zeros_like(prior), np.zeros(0)
     for _ in range(ITERATIONS):
-        weights = _weights(shot, windows)
+        weights = weights_of(shot, windows)
         slopes = by_states(placed(joint, fit), windows, shot)
-        bases = _bases(slopes)
+        bases = bases_of(slopes)
         columns = _by_values(joint, _at(posterior.linear.variants, fit), fit, windows, shot, bases)
         J = (columns * weights[:, None]).reshape(-1, columns.shape[-1])
-        r = (_projected(bases, in_windows(shot, windows)) * weights).ravel()
+        r = (projected(bases, in_windows(shot, windows)) * weights).ravel()
         information = J.T @ J
         step = np.linalg.solve(prior + information, -J.T @ r - prior @ away)
         before, moved, after = _misfit(shot, windows, weights) + float(away @ prior @ away), False, np.inf
@@ -129,7 +129,7 @@ def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Ar
 
 def _simplified(selection: Selection, windows: Windows, shot: Shot, J: Array) -> tuple[Selection, Shot, Array]:
     """Exchange causes that filters round for simpler ones of their family where trajectories are about as probable with these."""
-    problem, blocks, weights = selection.problem, selection.blocks, _weights(shot, windows)
+    problem, blocks, weights = selection.problem, selection.blocks, weights_of(shot, windows)
     for site, _ in selection.posterior.fit:
         if not any(p.rounded for p in site.parameters):
             continue
@@ -155,11 +155,11 @@ def _searched(selection: Selection, windows: Windows, shot: Shot) -> Selection |
     problem, fit, blocks = selection.problem, selection.posterior.fit, selection.blocks
     sites = sites_in(selection.stage)
     stage = stage_about(problem, selection.system, sites, fit, blocks, selection.system.hold)
-    variants, weights = stage.unknowns.variants, _weights(shot, windows)
-    bases = _bases(by_states(placed(problem.joint, fit), windows, shot))
+    variants, weights = stage.unknowns.variants, weights_of(shot, windows)
+    bases = bases_of(by_states(placed(problem.joint, fit), windows, shot))
     J = _by_values(problem.joint, variants, fit, windows, shot, bases)
     J = (J * weights[:, None]).reshape(-1, J.shape[-1])
-    r = (_projected(bases, in_windows(shot, windows)) * weights).ravel() - J @ stage.unknowns.now
+    r = (projected(bases, in_windows(shot, windows)) * weights).ravel() - J @ stage.unknowns.now
     both = replace(
         stage.candidates,
         information=stage.candidates.information + J.T @ J,
@@ -222,7 +222,7 @@ def _by_role(shot: Shot, windows: Windows) -> Array:
     return in_windows(shot, windows).reshape(len(windows.spans), len(windows.roles), -1)
 
 
-def _weights(shot: Shot, windows: Windows) -> Array:
+def weights_of(shot: Shot, windows: Windows) -> Array:
     """Return the square root of each error's weight, shape (L · roles,): noise or misfit, and how many samples count as one."""
     errors = _by_role(shot, windows)
     squares = np.maximum(_squares(shot, windows), 1.0)
@@ -234,7 +234,7 @@ def _misfit(shot: Shot, windows: Windows, weights: Array) -> float:
     return float(np.sum((in_windows(shot, windows) * weights) ** 2))
 
 
-def _bases(slopes: Array) -> list[Array]:
+def bases_of(slopes: Array) -> list[Array]:
     """Return an orthonormal basis of what each window's beginning can make up for, from `by_states`."""
     out = []
     for S in slopes:
@@ -243,7 +243,7 @@ def _bases(slopes: Array) -> list[Array]:
     return out
 
 
-def _projected(bases: Sequence[Array], errors: Array) -> Array:
+def projected(bases: Sequence[Array], errors: Array) -> Array:
     """Take what the beginnings can make up for off the windows' errors, shape (W, L · roles), or what changes them, (…, p)."""
     return np.stack([e - U @ (U.T @ e) for U, e in zip(bases, errors, strict=True)])
 
@@ -272,4 +272,4 @@ def _by_values(
         columns, *_ = columns_of(
             joint, fit, variants, here, errors, lambda site: np.zeros((*here.shape, len(site.parameters))), pool.map
         )
-    return _projected(bases, columns)
+    return projected(bases, columns)

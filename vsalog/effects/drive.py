@@ -130,6 +130,13 @@ EFFECT = Effect(
             share=0.1,
         ),
         Default(("torque_offset",), "offset of a drive's current measurement", share_of_scale=0.05),
+        Default(("drive.kp", "drive.kd", "drive.ki"), "firmware has gains in units of its own", share=0.5),
+        Default(("drive.delay",), "a bus and a loop or two", least="20 ms"),
+        Default(
+            ("drive.torque_limit", "drive.speed_limit", "drive.acceleration_limit"),
+            "data sheets; registers have units of their own",
+            share=0.2,
+        ),
     ),
     causes=(
         OneNumber(

@@ -23,7 +23,7 @@ from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.residuals.channels import Channels, span_of
 from vsalog.residuals.sensing import known, said, true_roles
 from vsalog.residuals.windows_bench import BenchPlayer
-from vsalog.residuals.windows_mechanical import WINDOW, MechanicalPlayer, free_motors, link_told, movable, remembers
+from vsalog.residuals.windows_mechanical import MechanicalPlayer, free_motors, link_told, movable, remembers
 from vsalog.residuals.windows_pneumatic import PneumaticPlayer
 from vsalog.residuals.windows_rigid import RigidPlayer
 from vsalog.rig.schema import ElasticJoint, PneumaticJoint, RigidJoint
@@ -49,9 +49,11 @@ class Player(Protocol):
     Attributes
     ----------
     played : the joint without what is left out
+    window : how long a window is to be [s]
     """
 
     played: Any
+    window: float
 
     def driving(self) -> list[str]:
         """Return the roles that drive the joint where they are recorded, as they were recorded."""
@@ -187,7 +189,7 @@ def windows_of(joint: Any, channels: Channels, hold: bool) -> Windows:
         The rig cannot be simulated, no input drives it, or no run of the log is long enough.
     """
     player = player_of(joint, channels)
-    length = max(FEWEST, round(WINDOW / channels.period))
+    length = max(FEWEST, round(player.window / channels.period))
     roles = true_roles(joint, channels, 0.0)
     answered = tuple(r for r in player.answered() if span_of(channels.raw[r]) > 0.0)
     if not answered:
@@ -271,6 +273,8 @@ def begun(
         states = near.states
     elif states is None:
         states = player_of(joint, windows.channels).measured_states()[windows.spans[:, 0]]
+    if not player_of(joint, windows.channels).free(states):
+        return shoot(joint, windows, states)
     # What is unstable curves the way from a beginning to what follows, the more the later it follows: the first part of a window
     # shows its beginning well enough for the rest to be straight.
     for share in (0.1, 0.3) if near is None and not _remembers(joint, windows) else ():

@@ -14,10 +14,18 @@ from vsalog.core.errors import SimulationError
 from vsalog.residuals.balance import motion_of
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.sensing import motors_of, position_role, torque_role, true_roles
-from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Link, Motor, SerialJoint, UnknownTransmission
+from vsalog.rig.schema import (
+    AntagonisticJoint,
+    AwasTransmission,
+    Link,
+    Motor,
+    PneumaticJoint,
+    SerialJoint,
+    UnknownTransmission,
+)
 from vsalog.simulation.accuracy import COARSE
-from vsalog.simulation.inputs import Input, Motion, table
-from vsalog.simulation.machine import BRISTLE_SPEED, DEFLECTING, Machine, build
+from vsalog.simulation.inputs import Input, Motion, bridged, table
+from vsalog.simulation.machine import BRISTLE_SPEED, DEFLECTING, Machine, build, drive_of
 from vsalog.simulation.play import play
 
 Array = NDArray[np.float64]
@@ -29,6 +37,11 @@ WINDOW = 0.5
 """Seconds of a window, and of the measured motion that is played before a run of them for bristles, loops and slip elements.
 
 Nobody measures the states of these; it is longer than they remember at any usual speed.
+"""
+COMMANDED_WINDOW, COMMANDED_LEAD = 10.0, 2.0
+"""Seconds of a window of a joint that is commanded a position, and of what is played before a run of them.
+
+Its loop forgets within a second where it began, and what is slow in it, as a planned motion or an integral, within two.
 """
 NAME = "joint"
 SIMULATED = ("motor_position", "link_position", "deflection", "torque_sensor", "setpoint")
@@ -53,7 +66,8 @@ class MechanicalPlayer:
     def __init__(self, joint: Any, channels: Channels) -> None:
         if isinstance(joint, SerialJoint) and joint.secondary_motor is None:
             joint = replace(joint, secondary_motor=Motor())  # the set-point moves as it was measured
-        self.joint, self.channels = joint, channels
+        self.joint, self.channels, self.commanded = joint, channels, is_commanded(joint, channels)
+        self.window = COMMANDED_WINDOW if self.commanded else WINDOW
         self.moved, self.link_moves = self.measured()
         self.played = self._with_stand_ins(joint)
         self.machine = build({NAME: self.played})
@@ -69,7 +83,8 @@ class MechanicalPlayer:
             if not stiff:
                 self.machine, self.played = plain, without_bristles(self.played)
                 self.steps, self.stiff = steps, stiff
-        self.run_in = round(WINDOW / channels.period) if remembers(self.played) else 0
+        run_in = COMMANDED_LEAD if self.commanded else WINDOW if remembers(self.played) else 0.0
+        self.run_in = round(run_in / channels.period)
 
     def _steps(self, machine: Machine, prescribed: Sequence[int]) -> tuple[int, bool]:
         return machine.steps(self.channels.period, prescribed, self.speeds, COARSE, deflecting=self.deflecting)
@@ -109,8 +124,11 @@ class MechanicalPlayer:
         return replace(joint, **changed) if changed else joint
 
     def driving(self) -> list[str]:
-        """Return the roles of the torques of the motors that are free."""
-        return [torque_role(m) for m in motors_of(self.joint) if m not in self.moved]
+        """Return the command, or the roles of the torques of the motors that are free."""
+        return [self._drives(m) for m in motors_of(self.joint) if m not in self.moved]
+
+    def _drives(self, motor: str) -> str:
+        return "commanded_position" if self.commanded and motor == "motor" else torque_role(motor)
 
     def followed(self) -> list[str]:
         """Return the positions that prescribe a motion."""
@@ -152,7 +170,12 @@ class MechanicalPlayer:
         return np.asarray(motors[suffix])
 
     def free(self, states: Array) -> Mapping[int, tuple[float, Flags]]:
-        """Return the states of the link and of the motors, but for those that move as they were measured."""
+        """Return the states of the link and of the motors, but for those that move as they were measured.
+
+        A loop that is commanded a position forgets them long before a window ends.
+        """
+        if self.commanded:
+            return {}
         free = [] if self.link_moves else [0, 1]
         for k, name in enumerate(motors_of(self.joint)):
             if name not in self.moved:
@@ -211,8 +234,10 @@ class MechanicalPlayer:
         channels, time, given = self.channels, self.times(part), dict[str, Input]()
         motion = motion_of(self.joint, roles, channels.time, channels.spread) if self.moved or self.link_moves else None
         for name in motors_of(self.joint):
-            role = torque_role(name)
-            if name not in self.moved:
+            role = self._drives(name)
+            if role == "commanded_position":
+                given[role] = bridged(channels.raw[role][part])
+            elif name not in self.moved:
                 torque = channels.raw[role][part]
                 given[role] = torque if hold else table(time, torque)
             elif motion is not None:
@@ -242,9 +267,19 @@ def without_bristles(joint: Any) -> Any:
     return replace(joint, **changed) if changed else joint
 
 
+def is_commanded(joint: Any, channels: Channels) -> bool:
+    """Tell whether the rig has a drive that is commanded a position, and the log the command."""
+    return (
+        not isinstance(joint, PneumaticJoint) and drive_of(joint) is not None and "commanded_position" in channels.raw
+    )
+
+
 def free_motors(joint: Any, channels: Channels) -> list[str]:
-    """Return the motors of a joint whose inertia is known and whose torque is recorded."""
-    return [m for m in motors_of(joint) if getattr(joint, m).inertia is not None and torque_role(m) in channels.raw]
+    """Return the motors of a joint whose inertia is known and whose torque, or command, is recorded."""
+    driven = {torque_role(m) for m in motors_of(joint)} & set(channels.raw)
+    if is_commanded(joint, channels):
+        driven.add("motor_torque")
+    return [m for m in motors_of(joint) if getattr(joint, m).inertia is not None and torque_role(m) in driven]
 
 
 def movable(joint: Any, channels: Channels) -> bool:

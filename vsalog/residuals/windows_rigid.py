@@ -12,7 +12,7 @@ from vsalog.core.errors import SimulationError
 from vsalog.residuals.balance_rigid import rigid_motion
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.sensing import true_roles
-from vsalog.residuals.windows_mechanical import NUDGES, MechanicalPlayer
+from vsalog.residuals.windows_mechanical import NUDGES, MechanicalPlayer, is_commanded
 from vsalog.simulation.inputs import Input, TorqueInput, sum_of, table
 
 Array = NDArray[np.float64]
@@ -34,21 +34,17 @@ class RigidPlayer(MechanicalPlayer):
     Raises
     ------
     SimulationError
-        The motor's torque is not recorded: nothing drives the joint.
+        Neither the motor's torque nor what a drive is commanded is recorded: nothing drives the joint.
     """
 
     def __init__(self, joint: Any, channels: Channels) -> None:
-        if "motor_torque" not in channels.raw:
+        if "motor_torque" not in channels.raw and not is_commanded(joint, channels):
             raise SimulationError("the torque of the motor is not recorded, so that nothing drives the joint")
         super().__init__(joint, channels)
 
     def measured(self) -> tuple[tuple[str, ...], bool]:
         """Return that nothing moves as it was measured."""
         return (), False
-
-    def driving(self) -> list[str]:
-        """Return the role of the motor's torque."""
-        return ["motor_torque"]
 
     def followed(self) -> list[str]:
         """Return the torque sensor where it stands for the link."""
@@ -67,7 +63,9 @@ class RigidPlayer(MechanicalPlayer):
         return np.stack([q[0], q[1]], axis=-1)
 
     def free(self, states: Array) -> Mapping[int, tuple[float, Flags]]:
-        """Return both states."""
+        """Return both states, but for a joint that is commanded a position."""
+        if self.commanded:
+            return {}
         return {i: (NUDGES[i], np.ones(len(states), dtype=np.bool_)) for i in range(2)}
 
     def inputs(self, roles: Mapping[str, Array], part: slice, hold: bool) -> dict[str, Input]:

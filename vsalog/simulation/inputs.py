@@ -250,6 +250,23 @@ def sum_of(*parts: Callable[[Array], ArrayLike]) -> Signal:
     return signal
 
 
+def bridged(values: Array) -> Array:
+    """Join what is missing for a sample or two by straight lines; longer silence begins a new run.
+
+    Raises
+    ------
+    SimulationError
+        No value is a number.
+    """
+    finite = np.isfinite(values)
+    if finite.all():
+        return values
+    if not finite.any():
+        raise SimulationError("a role that drives the replay holds no number in a run of the recording")
+    index = np.arange(values.size)
+    return np.interp(index, index[finite], values[finite])
+
+
 def at_samples(torque: TorqueInput, time: Array) -> Array:
     """Return the torque at the samples, shape of `time`.
 

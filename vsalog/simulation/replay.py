@@ -13,7 +13,7 @@ from vsalog.core.errors import SimulationError
 from vsalog.core.signals import JointSignals
 from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.rig.schema import Chain, RigidJoint, SerialJoint
-from vsalog.simulation.inputs import Input, Motion, table
+from vsalog.simulation.inputs import Input, Motion, bridged, table
 from vsalog.simulation.machine import Machine, MotorSlot, Movable, build, drive_of
 from vsalog.simulation.play import play
 
@@ -106,15 +106,15 @@ def _inputs(machine: Machine, name: str, signals: JointSignals, states: Array, h
     given: dict[str, Input] = {}
     slots = [slot for slot in machine.motors if slot.joint == name]
     if "commanded_position" in roles and drive_of(machine.joints[name]) is not None:
-        given["commanded_position"] = _bridged(roles["commanded_position"])
+        given["commanded_position"] = bridged(roles["commanded_position"])
         slots = []
     for i, slot in enumerate(slots):
         if slot.role in roles:
-            given[slot.role] = _torque(_bridged(roles[slot.role]), time, held)
+            given[slot.role] = _torque(bridged(roles[slot.role]), time, held)
         elif np.isfinite(states[:, 2 + 2 * i]).all() and _recorded(slot.role, roles):
             given[slot.role] = Motion(states[:, 2 + 2 * i])
     if "external_torque" in roles:
-        given["external_torque"] = _torque(_bridged(roles["external_torque"]), time, held)
+        given["external_torque"] = _torque(bridged(roles["external_torque"]), time, held)
     return given
 
 
@@ -163,7 +163,7 @@ def _measured_states(machine: Machine, name: str, signals: JointSignals) -> Arra
             f"joint '{name}': a replay begins with the measured state, but {' and '.join(missing)} "
             f"{'is' if len(missing) == 1 else 'are'} not recorded"
         )
-    columns = [column for p in positions if p is not None for column in _smoothed(_bridged(p), signals.period)]
+    columns = [column for p in positions if p is not None for column in _smoothed(bridged(p), signals.period)]
     return np.stack(columns, axis=-1)
 
 
@@ -171,17 +171,6 @@ def _position_roles(slots: Sequence[MotorSlot]) -> list[str]:
     roles = [slot.role for slot in slots]
     names = ("setpoint" if role == "secondary_torque" else role.replace("torque", "position") for role in roles)
     return ["link_position", *names]
-
-
-def _bridged(values: Array) -> Array:
-    """Join what is missing for a sample or two by straight lines; longer silence begins a new run."""
-    finite = np.isfinite(values)
-    if finite.all():
-        return values
-    if not finite.any():
-        raise SimulationError("a role that drives the replay holds no number in a run of the recording")
-    index = np.arange(values.size)
-    return np.interp(index, index[finite], values[finite])
 
 
 def _smoothed(values: Array, period: float) -> tuple[Array, Array]:

@@ -1,0 +1,98 @@
+"""`vsalog identify`: the rig's own numbers, fitted to a log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import rich_click as click
+
+from vsalog.cli.options import LogPath, reading_options, rig_options
+
+
+@click.command(short_help="Fit the rig's own numbers to a log, with intervals, and say which of them it tells.")
+@click.argument("log", type=LogPath(), metavar="LOG")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=Path("identified.rig.toml"),
+    show_default=True,
+    help="The rig with what was identified.",
+)
+@click.option("--force", is_flag=True, help="Overwrite the output file if it is there.")
+@click.option(
+    "--holdout",
+    "holdouts",
+    multiple=True,
+    type=LogPath(),
+    metavar="LOG",
+    help="Another log of the same machine, to judge the fit by; may be given again. The last third of LOG when absent, by a fit"
+    " to the rest.",
+)
+@click.option(
+    "--free",
+    multiple=True,
+    metavar="KEY",
+    help="Fit this number too, though the rig leaves it at its default: a key below the joint, as link.gravity_torque, or a"
+    " pattern as 'motor.friction.*'; may be given again.",
+)
+@click.option(
+    "--fix",
+    "fixed",
+    multiple=True,
+    metavar="KEY",
+    help="Leave this number, or what fits this pattern, as the rig has it.",
+)
+@rig_options("Identify")
+@reading_options
+@click.option("--report", type=click.Path(path_type=Path), metavar="FILE", help="Write a page, which opens offline.")
+@click.option("--json", "as_json", is_flag=True, help="Print what was found as one JSON document on stdout.")
+def identify(
+    log: Path,
+    output: Path,
+    force: bool,
+    holdouts: tuple[Path, ...],
+    free: tuple[str, ...],
+    fixed: tuple[str, ...],
+    rig: str | None,
+    joints: tuple[str, ...],
+    settings: dict[str, str],
+    rate: float | None,
+    time: str,
+    start: str | None,
+    end: str | None,
+    report: Path | None,
+    as_json: bool,
+) -> None:
+    """Fit the rig's own numbers, such as inertias, damping, friction, springs and a drive's gains, to LOG by simulation.
+
+    Prints each with its 95 % interval and whether the log tells it alone, only in combination with others, or not at all, and
+    how far the simulation is from data that were not fitted. A number that the rig states with a tolerance stays near it; others
+    may be off by ten times what is usual for their kind. Writes the rig with what was identified: after `vsalog identify
+    exp1.mcap`, `vsalog diagnose exp2.mcap --rig identified.rig.toml` asks for causes.
+    """
+    from vsalog.core.errors import WriteError
+    from vsalog.identification.run import Options
+    from vsalog.identification.run import identify as run
+    from vsalog.report.html import page_of
+    from vsalog.report.identify import identification_document
+    from vsalog.report.outputs import inputs_of, keep_inputs
+    from vsalog.report.progress import Progress
+    from vsalog.report.terminal import print_out
+    from vsalog.writers.atomic import check_path, together, write_text
+
+    if output.exists() and not force:
+        raise WriteError(f"{output}: is there already; --force overwrites it, -o names another")
+    written = [output, *([] if report is None else [report])]
+    keep_inputs(written, inputs_of([log, *holdouts], rig))
+    for path in written:
+        check_path(path)
+    options = Options(rig, joints, settings, rate, time, start, end, free, fixed)
+    with Progress() as progress, progress.saying_when_compiling():
+        found, identified = run(log, holdouts, options, progress.say)
+    document = identification_document(found, {"rig": str(output)})
+    with together():
+        write_text(output, identified.to_toml())
+        if report is not None:
+            write_text(report, page_of(document))
+    print_out(document, as_json)

@@ -1,0 +1,53 @@
+"""What a log tells of each number: alone, in combination with others only, or not at all.
+
+A log tells a number where it says as much of it as was known before, or more: the variance is halved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.identification.document import Determined
+from vsalog.identification.fit import Fit
+
+Array = NDArray[np.float64]
+
+HALF = 0.5
+"""Posterior over prior variance at which a log and a prior say as much as each other [1]."""
+WHOLE = 0.99
+"""Share of a direction's square that the numbers named as changing together make up [1]."""
+
+
+def determined(fit: Fit) -> list[Determined]:
+    """Return for each number of a fit how far the log tells it."""
+    marginal, alone = np.diag(fit.covariance), 1.0 / (1.0 + np.diag(fit.information))
+    return [
+        "alone" if m <= HALF else "in combination" if a <= HALF else "not" for m, a in zip(marginal, alone, strict=True)
+    ]
+
+
+def correlations(fit: Fit) -> Array:
+    """Return the correlations of the estimates, shape (p, p)."""
+    scale = np.sqrt(np.diag(fit.covariance))
+    return np.asarray(fit.covariance / np.outer(scale, scale))
+
+
+def combinations(fit: Fit) -> Iterator[tuple[tuple[int, ...], tuple[float, ...]]]:
+    """Yield indices of numbers that change together without effect, and by how many per cent where the first changes by one."""
+    values, vectors = np.linalg.eigh(fit.covariance)
+    kinds = determined(fit)
+    for k in np.flatnonzero(values > HALF):
+        v = vectors[:, k]
+        order = np.argsort(-(v**2))
+        count = int(np.searchsorted(np.cumsum(v[order] ** 2), WHOLE)) + 1
+        members = [int(i) for i in order[:count] if kinds[i] == "in combination"]
+        if len(members) < 2:
+            continue
+        unknowns = [fit.unknowns[i] for i in members]
+        now = [u.value(float(fit.values[i])) for u, i in zip(unknowns, members, strict=True)]
+        changes = np.array([u.slope(float(fit.values[i])) * v[i] for u, i in zip(unknowns, members, strict=True)])
+        relative = changes / np.where(np.array(now) == 0.0, 1.0, now)
+        yield tuple(members), tuple((relative / relative[0]).tolist())

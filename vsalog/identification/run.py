@@ -1,0 +1,298 @@
+"""One run of `identify`: a log and its rig in, the rig with its numbers fitted to the log out."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog._version import __version__
+from vsalog.core.errors import DiagnosisError, SimulationError, VsalogError
+from vsalog.core.finding import Finding, of_log
+from vsalog.core.signals import JointSignals
+from vsalog.diagnosis import run as diagnosis
+from vsalog.diagnosis.gain import floors, weighed
+from vsalog.estimation.job import sha256
+from vsalog.estimation.joint import pick_joints
+from vsalog.identification.document import VERSION, Combination, Identification, IdentifiedNumber
+from vsalog.identification.document import SimulationError as ErrorThere
+from vsalog.identification.fit import Fit, fitted
+from vsalog.identification.identifiability import combinations, correlations, determined
+from vsalog.identification.unknowns import Scales, Unknown, as_felt, placed, unknowns_of
+from vsalog.residuals.channels import channels_of
+from vsalog.residuals.windows import Windows, begun, player_of, windows_of
+from vsalog.rig import Rig
+from vsalog.rig.roles import ROLE_UNITS
+from vsalog.rig.uncertain import Path as KeyPath
+from vsalog.rig.uncertain import Tolerance
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+FITTED_SHARE = 2.0 / 3.0
+"""Part of a log [1] that is fitted to judge what the fit says of the rest, where no log is held out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What can be asked of `identify`; the command line's options of the same names.
+
+    Attributes
+    ----------
+    rig, joints, set, rate, time, start, end : as for `diagnose`
+    free, fixed : keys below a joint, or patterns, that are fitted too, and that are not
+    """
+
+    rig: Rig | str | Path | None = None
+    joints: tuple[str, ...] = ()
+    set: Mapping[str, str] = field(default_factory=dict)
+    rate: float | None = None
+    time: str = "auto"
+    start: str | None = None
+    end: str | None = None
+    free: tuple[str, ...] = ()
+    fixed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class JointFit:
+    """What was found of one joint.
+
+    Attributes
+    ----------
+    name : of the joint
+    joint : as the rig has it
+    fit : of its numbers
+    errors : simulations before and after
+    """
+
+    name: str
+    joint: Any
+    fit: Fit
+    errors: tuple[ErrorThere, ...]
+
+    @property
+    def identified(self) -> Any:
+        """The joint with the numbers that were identified."""
+        return placed(self.joint, self.fit.unknowns, self.fit.values)
+
+
+def identify(
+    log: Path, holdouts: Sequence[Path], options: Options, progress: Progress = lambda _: None
+) -> tuple[Identification, Rig]:
+    """Fit the numbers of a rig to a log.
+
+    Parameters
+    ----------
+    log : to learn from
+    holdouts : other logs of the same machine, to judge the fit by
+    options : what is asked for
+    progress : called with the step that begins
+
+    Returns
+    -------
+    What was found, and the rig with it
+
+    Raises
+    ------
+    VsalogError
+        A log cannot be read, the rig is missing or does not fit, or nothing can be simulated.
+    """
+    asked = diagnosis.Options(
+        options.rig, options.joints, options.set, options.rate, options.time, start=options.start, end=options.end
+    )
+    rig = diagnosis.rig_for(log, asked)
+    wanted = pick_joints(rig.joints, options.joints)
+    whole = dataclasses.replace(asked, start=None, end=None)
+    progress(f"reading {log.name}")
+    recording = diagnosis.read_wanted(log, wanted, asked)
+    others = {path.name: diagnosis.read_wanted(path, wanted, whole) for path in holdouts}
+    found, findings = list[JointFit](), list[Finding]()
+    for name, joint in wanted.items():
+        try:
+            signals = diagnosis.bound_as_recorded(recording, name, joint, gains=False)
+            held = {
+                path: diagnosis.bound_as_recorded(other, name, joint, set(signals.roles), gains=False)
+                for path, other in others.items()
+            }
+            progress(f"joint {name}: fitting")
+            found.append(identified(name, joint, log.name, signals, held, rig.tolerances[name], options))
+            findings += signals.findings
+        except VsalogError as error:
+            if len(wanted) == 1:
+                raise
+            reason = str(error).removeprefix(f"joint '{name}': ")
+            findings.append(Finding(code="diagnosis.joint_left_out", joint=name, evidence={"reason": reason}))
+    if not found:
+        reasons = "; ".join(f"{f.joint}: {f.evidence['reason']}" for f in findings if "reason" in f.evidence)
+        raise DiagnosisError(f"{log.name}: no joint of the rig can be identified: {reasons}")
+    rig = _with_numbers(rig, found, log.name)
+    document = Identification(
+        version=VERSION,
+        vsalog=__version__,
+        log=log.name,
+        log_sha256=sha256(log),
+        holdouts=tuple(path.name for path in holdouts),
+        rig=rig.to_toml(),
+        settings={f"set {k}": v for k, v in options.set.items()}
+        | {name: ",".join(given) for name in ("free", "fixed", "joints") if (given := getattr(options, name))},
+        numbers=tuple(number for one in found for number in _numbers(one)),
+        combinations=tuple(c for one in found for c in _combinations(one)),
+        errors=tuple(error for one in found for error in one.errors),
+        correlations={one.name: tuple(map(tuple, correlations(one.fit).tolist())) for one in found},
+        findings=(*of_log(log.name, recording.findings), *findings),
+    )
+    return document, rig
+
+
+def identified(
+    name: str,
+    joint: Any,
+    log: str,
+    signals: JointSignals,
+    held: Mapping[str, JointSignals],
+    stated: Mapping[str, float],
+    options: Options,
+) -> JointFit:
+    """Fit the numbers of one joint.
+
+    Parameters
+    ----------
+    name, joint : of the rig, as it is written
+    log : name of the log
+    signals : of it, as recorded
+    held : of logs that are held out: name → signals
+    stated : key's path below the joint → one standard deviation
+    options : of the run
+
+    Raises
+    ------
+    VsalogError
+        There is nothing to fit, or the joint cannot be simulated.
+    """
+    windows = _windows(joint, signals)
+    unknowns = unknowns_of(joint, stated, _scales(joint, windows), options.free, options.fixed)
+    if not unknowns:
+        raise DiagnosisError(f"joint '{name}': the rig leaves no number to be fitted; --free KEY adds one")
+    fit = _fitted(joint, unknowns, windows)
+    there = [
+        error
+        for path, other in held.items()
+        for error in _errors(name, joint, fit, path, "whole", _windows(joint, other))
+    ]
+    if not held:
+        cut = round(FITTED_SHARE * len(windows.spans))
+        first, rest = np.arange(cut), np.arange(cut, len(windows.spans))
+        if cut and rest.size:
+            part = fitted(joint, unknowns, windows.part(first), fit.values)
+            there = _errors(name, joint, part, log, "last third", windows.part(rest))
+        else:
+            there = _errors(name, joint, fit, log, "itself", windows)
+    return JointFit(name, joint, fit, tuple(there))
+
+
+def _windows(joint: Any, signals: JointSignals) -> Windows:
+    return windows_of(as_felt(joint), channels_of(signals), hold=False)
+
+
+def _fitted(joint: Any, unknowns: Sequence[Unknown], windows: Windows) -> Fit:
+    """Fit, with recorded torques that are joined by lines, or held from sample to sample where that explains the log better."""
+    windows = weighed(as_felt(joint), windows)
+    fit = fitted(joint, unknowns, windows)
+    if not any("torque" in role for role in player_of(as_felt(joint), windows.channels).driving()):
+        return fit
+    held = dataclasses.replace(windows, hold=True)
+    there = placed(joint, unknowns, fit.values)
+    try:
+        better = _loss(begun(as_felt(there), held), held) < _loss(fit.shot, fit.windows)
+    except SimulationError:
+        better = False
+    return fitted(joint, unknowns, held, fit.values) if better else fit
+
+
+def _loss(shot: Any, windows: Windows) -> float:
+    return float(np.sum(shot.whitened(windows) ** 2))
+
+
+def _scales(joint: Any, windows: Windows) -> Scales:
+    """Return the usual torque and velocity of a joint in a log."""
+    channels = windows.channels
+    torques = [np.nanstd(v) for role, v in channels.raw.items() if "torque" in role]
+    speeds = [np.nanstd(v[1]) for role, v in channels.roles.items() if "position" in role and "commanded" not in role]
+    speed = float(max(speeds, default=0.0)) or 1.0
+    if not torques and getattr(joint, "drive", None) is not None:
+        # What the loop makes of the error that was recorded.
+        position = next(channels.raw[r] for r in ("motor_position", "link_position") if r in channels.raw)
+        torques = [joint.drive.kp * np.nanstd(channels.raw["commanded_position"] - position)]
+    return Scales(float(max(torques, default=0.0)) or 1.0, speed, channels.period)
+
+
+def _errors(name: str, joint: Any, fit: Fit, where: str, part: Any, windows: Windows) -> list[ErrorThere]:
+    """Return how far the rig as it stands, and with a fit, is from windows that it was not fitted to."""
+    windows = dataclasses.replace(windows, scale=fit.windows.scale, hold=fit.windows.hold)
+    after = as_felt(placed(joint, fit.unknowns, fit.values))
+    two = begun(after, windows)
+    try:
+        one = begun(as_felt(joint), windows)
+    except SimulationError:
+        one = None
+    floor = floors(after, windows, two)
+    out = []
+    for role in windows.roles:
+        there = np.concatenate([windows.channels.raw[role][a:b] for a, b in windows.spans])
+        rms = [float("nan") if s is None else float(np.sqrt(np.nanmean(s.errors[role] ** 2))) for s in (one, two)]
+        unit = ROLE_UNITS[role.removesuffix("_1").removesuffix("_2")][0]
+        out.append(
+            ErrorThere(
+                joint=name, where=where, part=part, signal=role, unit=unit, rig=rms[0], identified=rms[1],
+                noise_floor=floor[role], spread=float(np.nanstd(there)),
+            )
+        )  # fmt: skip
+    return out
+
+
+def _numbers(one: JointFit) -> list[IdentifiedNumber]:
+    fit, matrix, kinds = one.fit, correlations(one.fit), determined(one.fit)
+    deviation = np.sqrt(np.diag(fit.covariance)) * fit.interval
+    out = []
+    for i, unknown in enumerate(fit.unknowns):
+        others = np.abs(matrix[i]).copy()
+        others[i] = -1.0
+        nearest = int(np.argmax(others)) if len(others) > 1 else None
+        at = float(fit.values[i])
+        low, high = (np.clip(at + sign * deviation[i], *unknown.bounds) for sign in (-1.0, 1.0))
+        out.append(
+            IdentifiedNumber(
+                joint=one.name, key=unknown.key, unit=unknown.number.unit, rig=unknown.number.value, value=unknown.value(at),
+                low=unknown.value(float(low)), high=unknown.value(float(high)), determined=kinds[i],
+                correlated_with=None if nearest is None else fit.unknowns[nearest].key,
+                correlation=None if nearest is None else float(matrix[i, nearest]),
+            )
+        )  # fmt: skip
+    return out
+
+
+def _combinations(one: JointFit) -> list[Combination]:
+    return [
+        Combination(joint=one.name, keys=tuple(one.fit.unknowns[i].key for i in members), changes=changes)
+        for members, changes in combinations(one.fit)
+    ]
+
+
+def _with_numbers(rig: Rig, found: Sequence[JointFit], log: str) -> Rig:
+    """Return the rig with the numbers that were identified, each with its interval as its tolerance."""
+    identified = rig.with_joints(
+        {**rig.joints, **{one.name: one.identified for one in found}}, f"{rig.where}, identified"
+    )
+    stated = dict[KeyPath, Tolerance](identified.stated)
+    for one in found:
+        deviations = np.sqrt(np.diag(one.fit.covariance)) * one.fit.interval
+        for unknown, value, deviation in zip(one.fit.unknowns, one.fit.values, deviations, strict=True):
+            half = abs(unknown.slope(float(value))) * float(deviation)
+            stated["joint", one.name, *unknown.number.path] = Tolerance(half, unknown.number.unit)
+    return dataclasses.replace(identified, stated=stated)

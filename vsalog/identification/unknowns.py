@@ -1,0 +1,177 @@
+"""The numbers of a joint that a log is to tell, and how well each is known before."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from vsalog.core.errors import DiagnosisError, did_you_mean
+from vsalog.core.units import shown
+from vsalog.residuals.sensing import motors_of
+from vsalog.rig.numbers import Number, numbers_of, with_number
+from vsalog.rig.tolerance import default_deviation
+
+Array = NDArray[np.float64]
+
+WIDER = 10.0
+"""Times the default tolerance of its kind [1] that a number may be off where the rig states none: a first fit presumes little."""
+STEP = 0.01
+"""Part of its prior deviation, or of its value where that is less, by which a number is changed to see what it does [1]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """A number of a joint that is fitted.
+
+    A positive one with a relative tolerance is fitted as its logarithm, others as they are; both in units of the prior deviation.
+
+    Attributes
+    ----------
+    number : as the rig has it
+    deviation : prior standard deviation, of the logarithm or of the value
+    logarithmic : which
+    stated : whether the rig states its tolerance
+    least_step : change below which a simulation does not respond smoothly [unit of the number]; 0 for none
+    """
+
+    number: Number
+    deviation: float
+    logarithmic: bool
+    stated: bool
+    least_step: float = 0.0
+
+    @property
+    def key(self) -> str:
+        """Its key's path below the joint."""
+        return self.number.key
+
+    def value(self, unknown: float) -> float:
+        """Return the number that is so many prior deviations from the rig's."""
+        if self.logarithmic:
+            return float(self.number.value * np.exp(self.deviation * unknown))
+        return float(self.number.value + self.deviation * unknown)
+
+    def slope(self, unknown: float) -> float:
+        """Return the change of the value with the unknown."""
+        return self.value(unknown) * self.deviation if self.logarithmic else self.deviation
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Return the least and the largest that the unknown may be."""
+        if self.logarithmic:
+            return -np.inf, np.inf
+        number = self.number
+        return (number.low - number.value) / self.deviation, (number.high - number.value) / self.deviation
+
+    def step(self, unknown: float) -> float:
+        """Return the change of the unknown that shows what it does."""
+        slope = self.slope(unknown)
+        step = max(min(STEP, STEP * abs(self.value(unknown)) / slope or STEP), self.least_step / slope)
+        return -step if unknown + step > self.bounds[1] else step
+
+
+@dataclass(frozen=True, slots=True)
+class Scales:
+    """Sizes that matter in a log, for numbers that may be zero.
+
+    Attributes
+    ----------
+    torque : usual torque [N·m]
+    speed : usual velocity [rad/s]
+    period : of the grid [s]
+    """
+
+    torque: float
+    speed: float
+    period: float
+
+    def of(self, unit: str, value: float) -> float:
+        """Return the value of such a unit that would matter."""
+        sizes = {"N*m": self.torque, "N*m*s/rad": self.torque / self.speed}
+        return sizes.get(unit, abs(value))
+
+
+def unknowns_of(
+    joint: Any, stated: Mapping[str, float], scales: Scales, free: Sequence[str] = (), fixed: Sequence[str] = ()
+) -> list[Unknown]:
+    """Return the numbers of a joint that are to be fitted.
+
+    They are those that the rig gives and that machines of one make may differ in: a default tolerance of their kind is no zero.
+    Of sensors only numbers count whose tolerance the rig states.
+
+    Parameters
+    ----------
+    joint : of the rig, as it is written
+    stated : key's path below the joint → one standard deviation
+    scales : of the log
+    free : keys, or patterns as ``motor.*``, that are fitted, too, even where the rig leaves them at their default
+    fixed : keys or patterns that are not
+
+    Raises
+    ------
+    DiagnosisError
+        A pattern fits no number of the joint.
+    """
+    numbers = numbers_of(joint)
+    for pattern in (*free, *fixed):
+        if not any(_fits(n.key, [pattern]) for n in numbers):
+            hint = did_you_mean(pattern, [n.key for n in numbers])
+            raise DiagnosisError(f"no number of the joint has the key '{shown(pattern)}'{hint or '.'}")
+    found = []
+    for number in numbers:
+        asked, own = _fits(number.key, free), stated.get(number.key)
+        sensor = number.path[0] == "signals"
+        if _fits(number.key, fixed) or own == 0.0:
+            continue
+        if not asked and (number.exact or (own is None and (number.default or sensor))):
+            continue
+        unknown = _unknown(number, own, scales)
+        if unknown is not None:
+            found.append(unknown)
+        elif asked:
+            raise DiagnosisError(f"'{number.key}' is exact: nothing is said of how far machines may differ in it")
+    return found
+
+
+def _fits(key: str, patterns: Collection[str]) -> bool:
+    return any(key == p or fnmatchcase(key, p) for p in patterns)
+
+
+def _unknown(number: Number, stated: float | None, scales: Scales) -> Unknown | None:
+    deviation = stated
+    if deviation is None:
+        try:
+            deviation = WIDER * default_deviation(number.key, number.value, scales.of(number.unit, number.value))
+        except KeyError:
+            return None
+    if not deviation > 0.0:
+        return None
+    least = 0.25 * scales.period if number.unit == "s" else 0.0
+    if number.positive and number.value > 0.0 and number.low == 0.0:
+        return Unknown(number, deviation / number.value, True, stated is not None, least)
+    return Unknown(number, deviation, False, stated is not None, least)
+
+
+def placed(joint: Any, unknowns: Sequence[Unknown], values: Array) -> Any:
+    """Return a joint, as it is written, with other numbers.
+
+    Parameters
+    ----------
+    joint : of the rig
+    unknowns : p of them
+    values : shape (p,), in prior deviations from the rig
+    """
+    for unknown, value in zip(unknowns, values, strict=True):
+        joint = with_number(joint, unknown.number.path, unknown.value(float(value)))
+    return joint
+
+
+def as_felt(joint: Any) -> Any:
+    """Return a joint with all that its motors have as the joint feels it; its sensors stay as they are written."""
+    return replace(joint, **{name: getattr(joint, name).reflected for name in motors_of(joint)})

@@ -1,0 +1,84 @@
+"""What `identify` says, as a document: the numbers with their intervals, what the log tells of each, and held-out errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from vsalog.core.notation import number, signal_name, unit_of
+from vsalog.identification.document import Combination, Determined, Identification, IdentifiedNumber, SimulationError
+from vsalog.report.document import Block, Cell, Document, Facts, Notes, Section, Table, Words, provenance
+
+TOLD: Mapping[Determined, tuple[str, str]] = {
+    "alone": ("yes", "good"),
+    "in combination": ("in combination", "open"),
+    "not": ("no", "bad"),
+}
+PARTS = {"whole": "", "last third": ", last third, not fitted", "itself": ", which was fitted"}
+MEANING = (
+    "determined: whether the log tells a number better than it was known before; in combination: it would if others were known;"
+    " correlated: the number whose estimate depends most on it."
+)
+
+
+def identification_document(found: Identification, files: Mapping[str, str] = {}) -> Document:
+    """Return an identification.
+
+    Parameters
+    ----------
+    found : what was found
+    files : what was written: what each is, and its path
+    """
+    joints = list(dict.fromkeys(n.joint for n in found.numbers))
+    items: list[Block] = [Notes(found.findings)]
+    for joint in joints:
+        own = [n for n in found.numbers if n.joint == joint]
+        blocks: list[Block] = [_numbers(joint, own)]
+        blocks += [Words(_combined(c)) for c in found.combinations if c.joint == joint]
+        blocks += [_errors(joint, [e for e in found.errors if e.joint == joint])]
+        blocks += [_correlations(own, found.correlations[joint])] if len(own) > 1 else []
+        items.append(Section(f"Joint {joint}" if len(joints) > 1 else "", tuple(blocks)))
+    items += [Words(MEANING), Section("", (Facts(tuple(files.items())),), where="terminal")]
+    pairs = [("log", f"{found.log}, SHA-256 {found.log_sha256}"), ("vsalog", found.vsalog), *found.settings.items()]
+    items.append(provenance(pairs, found.rig))
+    return Document(f"Identification of {found.log}", "The rig's numbers, fitted to a log", tuple(items), found)
+
+
+def _numbers(joint: str, numbers: list[IdentifiedNumber]) -> Table:
+    rows = []
+    for n in numbers:
+        word, tone = TOLD[n.determined]
+        interval = f"{number(n.low, 4)} to {number(n.high, 4)}"
+        nearest = "" if n.correlated_with is None else f"{n.correlated_with} ({number(n.correlation, 2)})"
+        rows.append(
+            (n.key, unit_of(n.unit), Cell(word, tone=tone), nearest, number(n.rig, 4), number(n.value, 4), interval)  # type: ignore[arg-type]
+        )
+    heads = ("number", "unit", "determined", "correlated", "rig", "identified", "95 % interval")
+    return Table(f"Numbers of joint {joint}", heads, tuple(rows), keys=1, texts=4)
+
+
+def _combined(found: Combination) -> str:
+    together = ", ".join(f"{key} by {number(change)} %" for key, change in zip(found.keys, found.changes, strict=True))
+    return f"Told in combination only: the simulation stays nearly as it is where these change together: {together}."
+
+
+def _errors(joint: str, errors: list[SimulationError]) -> Table:
+    rows = tuple(
+        (
+            signal_name(e.signal),
+            f"{e.where}{PARTS[e.part]}",
+            unit_of(e.unit),
+            number(e.rig),
+            number(e.identified),
+            number(e.noise_floor),
+            number(e.spread),
+        )
+        for e in errors
+    )
+    heads = ("signal", "log", "unit", "rig", "identified", "noise floor", "spread")
+    return Table(f"RMS simulation error of joint {joint}", heads, rows, keys=2, texts=3)
+
+
+def _correlations(numbers: list[IdentifiedNumber], matrix: tuple[tuple[float, ...], ...]) -> Section:
+    heads = ("number", *(n.key for n in numbers))
+    rows = tuple((n.key, *(number(c, 2) for c in row)) for n, row in zip(numbers, matrix, strict=True))
+    return Section("", (Table("Correlations of the estimates", heads, rows, keys=1, texts=1),), where="page")
