@@ -41,9 +41,9 @@ def p_value_of(folder: Path) -> float:
     from vsalog.residuals.system import build_system
 
     log, options = folder / "log.parquet", run.Options(rig=folder / "rig.toml")
-    rig = run._rig(log, options)
+    rig = run.rig_for(log, options)
     ((name, written),) = rig.joints.items()
-    signals = run._bound(run._read(log, rig.joints, options), name, written)
+    signals = run.bound_as_recorded(run.read_wanted(log, rig.joints, options), name, written)
     joint, hold = at_joint(written), 0.5 * signals.period
     system = build_system(joint, channels_of(signals).thinned(), balance_for(joint), hold)
     setting = setting_of(joint, system)

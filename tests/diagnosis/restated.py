@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vsalog.diagnosis.run import _bound
+from vsalog.diagnosis.run import bound_as_recorded
 from vsalog.readers import read
 from vsalog.rig import Rig
 
@@ -66,4 +66,4 @@ def recorded(folder, time, said, rig, role="", change=None, name="log"):
     )
     (folder / f"{name}.rig.toml").write_text(rig, encoding="utf-8")
     (joint_name, joint), *_ = Rig.from_toml(rig).joints.items()
-    return _bound(read(path), joint_name, joint), joint
+    return bound_as_recorded(read(path), joint_name, joint), joint

@@ -13,7 +13,7 @@ from vsalog.core.notation import part_name
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Parameter, Remainder, Setting, Site
 from vsalog.diagnosis.linear import placed
-from vsalog.diagnosis.run import _bound
+from vsalog.diagnosis.run import bound_as_recorded
 from vsalog.diagnosis.selection import remainder
 from vsalog.diagnosis.setting import setting_of
 from vsalog.report.diagnosis_sentences import title_of
@@ -79,7 +79,7 @@ def played(preset):
     name = next(iter(rig.joints))
     recording = simulate(rig.file, {name: DRIVEN[preset]}, 4.0, period=2e-3).recording()
     joint = at_joint(rig.joints[name])
-    system = build_system(joint, channels_of(_bound(recording, name, joint)), balance_for(joint))
+    system = build_system(joint, channels_of(bound_as_recorded(recording, name, joint)), balance_for(joint))
     setting = setting_of(joint, system)
     return name, joint, setting, remainder(system, joint)
 

@@ -13,7 +13,7 @@ from written_out import ELASTIC, channels, joint_of, signals
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.linear import variants_of
 from vsalog.diagnosis.priors import deviation_of, felt
-from vsalog.diagnosis.run import _bound
+from vsalog.diagnosis.run import bound_as_recorded
 from vsalog.diagnosis.selection import remainder, sites_of
 from vsalog.diagnosis.setting import setting_of
 from vsalog.residuals.channels import channels_of
@@ -187,7 +187,7 @@ def of_kind(kind):
     name = next(iter(rig.joints))
     recording = simulate(rig.file, {name: DRIVEN[kind]}, 4.0, period=2e-3).recording()
     joint = at_joint(rig.joints[name])
-    return joint, channels_of(_bound(recording, name, joint))
+    return joint, channels_of(bound_as_recorded(recording, name, joint))
 
 
 @pytest.mark.parametrize("kind", ["elastic", "vsa2", "awas", "pneumatic", "rigid"])

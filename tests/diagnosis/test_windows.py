@@ -12,6 +12,7 @@ from vsalog.diagnosis.gain import Compared, compared
 from vsalog.residuals import windows_mechanical
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.windows import Shot, Windows, begun, by_states, in_runs, in_windows, player_of, shoot, windows_of
+from vsalog.residuals.windows_mechanical import Lengths
 from vsalog.simulation.machine import build
 from vsalog.simulation.play import play
 
@@ -88,7 +89,7 @@ def bristled():
 def test_bristles_are_run_in_before_a_window(bristled, monkeypatch, lead):
     """Begun with the true positions and velocities, but with bristles that nobody measured: they follow the motion before."""
     joint, windows, states = bristled
-    monkeypatch.setattr(windows_mechanical, "WINDOW", lead)
+    monkeypatch.setattr(windows_mechanical, "FREE", Lengths(0.5, lead))
     off = []
     for w in range(2, len(windows.spans)):
         one = windows.part([w])

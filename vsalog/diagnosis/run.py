@@ -135,8 +135,7 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
         except VsalogError as error:
             if len(usable) == 1:
                 raise DiagnosisError("; ".join([str(error), *sentences_of(lacking[:2])])) from error
-            reason = str(error).removeprefix(f"joint '{name}': ")
-            left_out.append(Finding(code="diagnosis.joint_left_out", joint=name, evidence={"reason": reason}))
+            left_out.append(left_out_for(name, error))
     if not found:
         reasons = sentences_of((*findings, *left_out))
         raise DiagnosisError(f"{log.name}: no joint of the rig can be diagnosed: {'; '.join(reasons)}")
@@ -178,6 +177,12 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
     drawn = (log if holdout is None else holdout).name
     evidence = tuple(evidence_of(f, drawn) for f in found)
     return Outcome(document, evidence, rig, extended, proposed)
+
+
+def left_out_for(name: str, error: VsalogError) -> Finding:
+    """Return that a joint was left out, and why."""
+    reason = str(error).removeprefix(f"joint '{name}': ")
+    return Finding(code="diagnosis.joint_left_out", joint=name, evidence={"reason": reason})
 
 
 def _chained(rig: Rig) -> frozenset[str]:

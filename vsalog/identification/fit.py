@@ -12,7 +12,7 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,16 +38,28 @@ from vsalog.uncertainty.long_run import ENOUGH_BATCHES
 
 Array = NDArray[np.float64]
 
-ROUNDS = 2
-"""Fits with weights of their own [1]: the first from the noise alone, the other from what the first leaves."""
-TOLERANCE = 1e-4
-"""Relative change of the sum of squares, and of the unknowns, at which a fit ends [1]: far below its uncertainty."""
-EVALUATIONS = 60
-"""Simulations of the log after which a fit is given up [1]."""
-TRIED, FITTED, FEW = 64, 3, 8
-"""Draws of the prior that are simulated where the rig leads far from the log, those that are fitted, and windows for it [1]."""
-UNPLAYABLE = 1e9
-"""Error, over its noise, of a log that cannot be simulated at all [1]: no step goes there."""
+
+class Effort(NamedTuple):
+    """How far a search goes.
+
+    Attributes
+    ----------
+    rounds : fits with weights of their own: the first from the noise alone, the other from what the first leaves
+    tolerance : relative change of the sum of squares, and of the unknowns, at which a fit ends: far below its uncertainty
+    evaluations : simulations of the log after which a fit is given up
+    drawn, followed : draws of the prior that are simulated where the rig leads far from the log, and those that are fitted
+    windows : of the log for these
+    """
+
+    rounds: int = 2
+    tolerance: float = 1e-4
+    evaluations: int = 60
+    drawn: int = 64
+    followed: int = 3
+    windows: int = 8
+
+
+EFFORT = Effort()
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,11 +120,11 @@ class _Search:
     def __init__(self, joint: Any, unknowns: tuple[Unknown, ...], windows: Windows) -> None:
         self.joint, self.unknowns, self.windows = joint, unknowns, windows
         self.low, self.high = np.array([u.bounds for u in unknowns]).reshape(-1, 2).T
-        self.few = windows.part(in_runs(len(windows.spans), FEW))
+        self.few = windows.part(in_runs(len(windows.spans), EFFORT.windows))
 
     def all_the_way(self, values: Array) -> Fit:
         """Fit all windows from some values, with weights that follow the fit."""
-        return self._from(values, self.windows, ROUNDS)
+        return self._from(values, self.windows, EFFORT.rounds)
 
     def begin(self) -> Array:
         """Return where the search goes all the way from, found on a part of the windows."""
@@ -130,8 +142,8 @@ class _Search:
         objective = _Objective(self.joint, self.unknowns, windows, values)
         for _ in range(rounds):
             values = least_squares(
-                objective.residual, values, objective.jacobian, (self.low, self.high), ftol=TOLERANCE, xtol=TOLERANCE,
-                gtol=TOLERANCE, max_nfev=EVALUATIONS,
+                objective.residual, values, objective.jacobian, (self.low, self.high), ftol=EFFORT.tolerance,
+                xtol=EFFORT.tolerance, gtol=EFFORT.tolerance, max_nfev=EFFORT.evaluations,
             ).x  # fmt: skip
             objective.weigh(values)
         return objective.fit(values)
@@ -146,9 +158,11 @@ class _Search:
                 return np.inf
             return found if np.isfinite(found) else np.inf
 
-        draws = np.clip(np.random.default_rng(0).standard_normal((TRIED, len(self.unknowns))), self.low, self.high)
+        draws = np.clip(
+            np.random.default_rng(0).standard_normal((EFFORT.drawn, len(self.unknowns))), self.low, self.high
+        )
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-            return draws[np.argsort(list(pool.map(misfit, draws)), kind="stable")[:FITTED]]
+            return draws[np.argsort(list(pool.map(misfit, draws)), kind="stable")[: EFFORT.followed]]
 
 
 class _Objective:
@@ -167,11 +181,11 @@ class _Objective:
         self.weights = weights_of(self._begun(values), self.windows)
 
     def residual(self, values: Array) -> Array:
-        """Return the weighed errors, and the unknowns, shape (n + p,); they are huge where nothing can be simulated."""
+        """Return the weighed errors, and the unknowns, shape (n + p,); no step goes where nothing can be simulated."""
         try:
             return np.concatenate([self._rows(values).ravel(), values])
         except SimulationError:
-            return np.full(self.weights.size * len(self.windows.spans) + values.size, UNPLAYABLE)
+            return np.full(self.weights.size * len(self.windows.spans) + values.size, 1.0 / np.finfo(np.float64).eps)
 
     def jacobian(self, values: Array) -> Array:
         """Return what the unknowns change in it, shape (n + p, p)."""

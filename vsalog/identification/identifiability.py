@@ -10,23 +10,22 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.significance import SIGNIFICANCE
 from vsalog.identification.document import Determined
 from vsalog.identification.fit import Fit
 
 Array = NDArray[np.float64]
 
-HALF = 0.5
-"""Posterior over prior variance at which a log and a prior say as much as each other [1]."""
-WHOLE = 0.99
-"""Share of a direction's square that the numbers named as changing together make up [1]."""
-
 
 def determined(fit: Fit) -> list[Determined]:
     """Return for each number of a fit how far the log tells it."""
-    marginal, alone = np.diag(fit.covariance), 1.0 / (1.0 + np.diag(fit.information))
-    return [
-        "alone" if m <= HALF else "in combination" if a <= HALF else "not" for m, a in zip(marginal, alone, strict=True)
-    ]
+    told, alone = halved(np.diag(fit.covariance)), halved(1.0 / (1.0 + np.diag(fit.information)))
+    return ["alone" if m else "in combination" if a else "not" for m, a in zip(told, alone, strict=True)]
+
+
+def halved(variance: Array) -> NDArray[np.bool_]:
+    """Tell whether posterior variances, in units of the prior's, say that a log tells as much as was known, or more."""
+    return np.asarray(variance <= 1.0 / 2.0)
 
 
 def correlations(fit: Fit) -> Array:
@@ -39,10 +38,10 @@ def combinations(fit: Fit) -> Iterator[tuple[tuple[int, ...], tuple[float, ...]]
     """Yield indices of numbers that change together without effect, and by how many per cent where the first changes by one."""
     values, vectors = np.linalg.eigh(fit.covariance)
     kinds = determined(fit)
-    for k in np.flatnonzero(values > HALF):
+    for k in np.flatnonzero(~halved(values)):
         v = vectors[:, k]
         order = np.argsort(-(v**2))
-        count = int(np.searchsorted(np.cumsum(v[order] ** 2), WHOLE)) + 1
+        count = int(np.searchsorted(np.cumsum(v[order] ** 2), 1.0 - SIGNIFICANCE)) + 1
         members = [int(i) for i in order[:count] if kinds[i] == "in combination"]
         if len(members) < 2:
             continue

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from vsalog._version import __version__
 from vsalog.core.errors import DiagnosisError, SimulationError, VsalogError
 from vsalog.core.finding import Finding, of_log
+from vsalog.core.finding_texts import sentences_of
 from vsalog.core.signals import JointSignals
 from vsalog.diagnosis import run as diagnosis
 from vsalog.diagnosis.gain import floors, weighed
@@ -33,9 +34,6 @@ from vsalog.rig.uncertain import Tolerance
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
-
-FITTED_SHARE = 2.0 / 3.0
-"""Part of a log [1] that is fitted to judge what the fit says of the rest, where no log is held out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,11 +124,9 @@ def identify(
         except VsalogError as error:
             if len(wanted) == 1:
                 raise
-            reason = str(error).removeprefix(f"joint '{name}': ")
-            findings.append(Finding(code="diagnosis.joint_left_out", joint=name, evidence={"reason": reason}))
+            findings.append(diagnosis.left_out_for(name, error))
     if not found:
-        reasons = "; ".join(f"{f.joint}: {f.evidence['reason']}" for f in findings if "reason" in f.evidence)
-        raise DiagnosisError(f"{log.name}: no joint of the rig can be identified: {reasons}")
+        raise DiagnosisError(f"{log.name}: no joint of the rig can be identified: {'; '.join(sentences_of(findings))}")
     rig = _with_numbers(rig, found, log.name)
     document = Identification(
         version=VERSION,
@@ -186,7 +182,7 @@ def identified(
         for error in _errors(name, joint, fit, path, "whole", _windows(joint, other))
     ]
     if not held:
-        cut = round(FITTED_SHARE * len(windows.spans))
+        cut = 2 * len(windows.spans) // 3
         first, rest = np.arange(cut), np.arange(cut, len(windows.spans))
         if cut and rest.size:
             part = fitted(joint, unknowns, windows.part(first), fit.values)

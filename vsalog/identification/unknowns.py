@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -19,10 +19,21 @@ from vsalog.rig.tolerance import default_deviation
 
 Array = NDArray[np.float64]
 
-WIDER = 10.0
-"""Times the default tolerance of its kind [1] that a number may be off where the rig states none: a first fit presumes little."""
-STEP = 0.01
-"""Part of its prior deviation, or of its value where that is less, by which a number is changed to see what it does [1]."""
+
+class Spread(NamedTuple):
+    """How far a number may be off, and how far it is moved to see what it does.
+
+    Attributes
+    ----------
+    wider : times the default tolerance that a number may be off where the rig states none: a first fit presumes little
+    step : part of its prior deviation, or of its value where that is less, by which it is moved
+    """
+
+    wider: float = 10.0
+    step: float = 0.01
+
+
+SPREAD = Spread()
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +83,9 @@ class Unknown:
     def step(self, unknown: float) -> float:
         """Return the change of the unknown that shows what it does."""
         slope = self.slope(unknown)
-        step = max(min(STEP, STEP * abs(self.value(unknown)) / slope or STEP), self.least_step / slope)
+        step = max(
+            min(SPREAD.step, SPREAD.step * abs(self.value(unknown)) / slope or SPREAD.step), self.least_step / slope
+        )
         return -step if unknown + step > self.bounds[1] else step
 
 
@@ -147,7 +160,7 @@ def _unknown(number: Number, stated: float | None, scales: Scales) -> Unknown | 
     deviation = stated
     if deviation is None:
         try:
-            deviation = WIDER * default_deviation(number.key, number.value, scales.of(number.unit, number.value))
+            deviation = SPREAD.wider * default_deviation(number.key, number.value, scales.of(number.unit, number.value))
         except KeyError:
             return None
     if not deviation > 0.0:

@@ -12,7 +12,7 @@ from vsalog.core.errors import SimulationError
 from vsalog.residuals.balance import motion_of
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.sensing import true_roles
-from vsalog.residuals.windows_mechanical import WINDOW
+from vsalog.residuals.windows_mechanical import FREE
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -34,7 +34,7 @@ class BenchPlayer:
         No deflection is recorded whose torque is measured too.
     """
 
-    window = WINDOW
+    window = FREE.window
 
     def __init__(self, joint: Any, channels: Channels) -> None:
         self.joint, self.channels, self.played = joint, channels, joint

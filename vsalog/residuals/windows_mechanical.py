@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -33,16 +33,25 @@ Flags = NDArray[np.bool_]
 
 NUDGES = (1e-5, 1e-3)
 """Perturbations of positions [rad] and velocities [rad/s] that show how a window depends on its beginning."""
-WINDOW = 0.5
-"""Seconds of a window, and of the measured motion that is played before a run of them for bristles, loops and slip elements.
 
-Nobody measures the states of these; it is longer than they remember at any usual speed.
-"""
-COMMANDED_WINDOW, COMMANDED_LEAD = 10.0, 2.0
-"""Seconds of a window of a joint that is commanded a position, and of what is played before a run of them.
 
-Its loop forgets within a second where it began, and what is slow in it, as a planned motion or an integral, within two.
-"""
+class Lengths(NamedTuple):
+    """How long windows are.
+
+    Attributes
+    ----------
+    window : of a window [s]
+    lead : of the measured motion that is played before a run of them for what nobody measures: bristles, loops and slip elements,
+        or a planned motion and an integral; longer than these remember at any usual speed [s]
+    """
+
+    window: float
+    lead: float
+
+
+FREE = Lengths(0.5, 0.5)
+COMMANDED = Lengths(10.0, 2.0)
+"""Of a joint that is commanded a position: its loop forgets within a second where it began."""
 NAME = "joint"
 SIMULATED = ("motor_position", "link_position", "deflection", "torque_sensor", "setpoint")
 
@@ -67,7 +76,8 @@ class MechanicalPlayer:
         if isinstance(joint, SerialJoint) and joint.secondary_motor is None:
             joint = replace(joint, secondary_motor=Motor())  # the set-point moves as it was measured
         self.joint, self.channels, self.commanded = joint, channels, is_commanded(joint, channels)
-        self.window = COMMANDED_WINDOW if self.commanded else WINDOW
+        self.lengths = COMMANDED if self.commanded else FREE
+        self.window = self.lengths.window
         self.moved, self.link_moves = self.measured()
         self.played = self._with_stand_ins(joint)
         self.machine = build({NAME: self.played})
@@ -83,8 +93,8 @@ class MechanicalPlayer:
             if not stiff:
                 self.machine, self.played = plain, without_bristles(self.played)
                 self.steps, self.stiff = steps, stiff
-        run_in = COMMANDED_LEAD if self.commanded else WINDOW if remembers(self.played) else 0.0
-        self.run_in = round(run_in / channels.period)
+        follows = self.commanded or remembers(self.played)
+        self.run_in = round(self.lengths.lead / channels.period) if follows else 0
 
     def _steps(self, machine: Machine, prescribed: Sequence[int]) -> tuple[int, bool]:
         return machine.steps(self.channels.period, prescribed, self.speeds, COARSE, deflecting=self.deflecting)

@@ -14,7 +14,7 @@ from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.residuals.balance_pneumatic import ANGLE, PRESSURES, pneumatic_motion
 from vsalog.residuals.channels import DEGREE, Channels
 from vsalog.residuals.sensing import VALVES, true_roles
-from vsalog.residuals.windows_mechanical import NUDGES, WINDOW
+from vsalog.residuals.windows_mechanical import FREE, NUDGES
 from vsalog.rig.schema import PneumaticJoint
 from vsalog.simulation.accuracy import COARSE
 from vsalog.simulation.inputs import TorqueInput, table
@@ -42,7 +42,7 @@ class PneumaticPlayer:
         The voltage of a valve is not recorded: nothing drives its muscle.
     """
 
-    window = WINDOW
+    window = FREE.window
 
     def __init__(self, joint: PneumaticJoint, channels: Channels) -> None:
         for role in VALVES:
