@@ -37,7 +37,9 @@ from vsalog.diagnosis.selection import (
     stage_about,
 )
 from vsalog.diagnosis.subsets import Ranked, best_sets, precisions
+from vsalog.residuals.sensing import is_commanded
 from vsalog.residuals.windows import WITHIN, Shot, Windows, begun, by_states, in_runs, in_windows, player_of, shoot
+from vsalog.residuals.windows_bench import BenchPlayer
 
 Array = NDArray[np.float64]
 
@@ -56,8 +58,7 @@ def refined(selection: Selection, windows: Windows) -> Selection:
         The joint with the causes cannot be simulated.
     """
     # Where nothing has a beginning nothing is added up: a simulation says what equations say, once more and of the same samples.
-    player = player_of(selection.problem.joint, windows.channels)
-    if not player.free(player.measured_states()):
+    if isinstance(player_of(selection.problem.joint, windows.channels), BenchPlayer):
         return selection
     windows = windows.part(in_runs(len(windows.spans), PARTS))
     best, shot, J = _fitted(selection, windows)
@@ -65,7 +66,9 @@ def refined(selection: Selection, windows: Windows) -> Selection:
     if not shot.is_linear or _at_bounds(best):
         return selection
     # Where equations do not close, trajectories mostly cannot either; then they say nothing that is not in the equations.
-    if np.max(np.diag(selection.weights.inflation)) > WITHIN**2 and np.max(_squares(shot, windows)) > WITHIN:
+    loop = is_commanded(selection.problem.joint, windows.channels.raw)
+    far = np.max(np.diag(selection.weights.inflation)) > WITHIN**2 and np.max(_squares(shot, windows)) > WITHIN
+    if far and not loop:
         return selection
     best, shot, J = _simplified(best, windows, shot, J)
     for _ in range(ITERATIONS):
@@ -99,7 +102,7 @@ def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Ar
     shot = begun(placed(joint, fit), windows)
     if not fit or not shot.is_linear:
         return selection, shot, np.zeros((len(windows.spans), 0, 0))
-    prior = _prior(posterior)
+    prior = _prior(posterior, is_commanded(joint, windows.channels.raw))
     away, information, columns = np.zeros(prior.shape[0]), np.zeros_like(prior), np.zeros(0)
     for _ in range(ITERATIONS):
         weights = weights_of(shot, windows)
@@ -200,8 +203,13 @@ def _as_seen(selection: Selection, windows: Windows, J: Array) -> tuple[Choice, 
     return tuple(out)
 
 
-def _prior(posterior: Posterior) -> Array:
-    """Return the information of the equations, no surer than filters let them be: they round corners and take off waves."""
+def _prior(posterior: Posterior, loop: bool) -> Array:
+    """Return the information of the equations, no surer than filters let them be: they round corners and take off waves.
+
+    Of a loop that is commanded a position they say nothing that its simulation over many seconds does not say better.
+    """
+    if loop:
+        return np.asarray(np.diag(precisions(posterior.linear.now)))
     blur = []
     for (site, values), variant in zip(posterior.fit, posterior.linear.variants, strict=True):
         exact = catalogue()[site.cause].exact if site.named else 0.0

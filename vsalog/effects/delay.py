@@ -65,7 +65,8 @@ EFFECT = Effect(
     causes=(
         OneNumber(
             name="motor.torque_delay", place="motor", key="torque_delay", number="delay", unit="s",
-            step=lambda s: 0.25 * s.period, low=0.0, high=LATEST, blur=_half_a_sample, where=lambda s: not s.one_clock,
+            step=lambda s: 0.25 * s.period, low=0.0, high=LATEST, blur=_half_a_sample,
+            where=lambda s: not (s.one_clock or s.commanded),
             title="The torque of the {part} acts later than it is recorded",
             says="its motor equation is off in proportion to the rate of the motor's torque",
             confirm="Command a step of torque and look at when the motor begins to accelerate.",
@@ -85,7 +86,7 @@ EFFECT = Effect(
             name="sensor.clock_skew", place="clock", key="delay", number="delay", unit="s",
             step=lambda s: 0.25 * s.period, low=-LATEST, high=LATEST,
             blur=lambda s: _half_a_sample(s) if s.one_clock else 0.0, doubles=("motor.torque_delay",),
-            doubled=lambda s: s.one_clock,
+            doubled=lambda s: s.one_clock, where=lambda s: not s.commanded,
             title="The {part} channel is late or early against the others",
             says="what is made of it is off in proportion to its rate",
             confirm="Tap the joint and see when each channel notices; look at how the channels get their stamps.",

@@ -10,6 +10,7 @@ from math import copysign, inf, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.precision import ROUNDING
 from vsalog.core.quantities import (
     AngleWidth,
     AngularAcceleration,
@@ -89,6 +90,24 @@ def planned(command: Array, period: float, speed_limit: float, acceleration_limi
     return position, velocity
 
 
+def late_command(command: Array, samples: float, looks: int) -> Array:
+    """Return the command that a drive has each time it looks, shape (N · looks,): held from sample to sample.
+
+    Where it changes between two looks its mean acts, so that a delay need not be a number of looks.
+
+    Parameters
+    ----------
+    command : shape (N,) [rad]
+    samples : by which it arrives late
+    looks : in a sample's period
+    """
+    begin = np.arange(command.size * looks) / looks - samples
+    index = np.floor(begin + ROUNDING).astype(np.int64)
+    share = np.clip((begin + 1.0 / looks - index - 1.0) * looks, 0.0, 1.0)  # of the look, with the next sample
+    here, following = (command[np.clip(k, 0, command.size - 1)] for k in (index, index + 1))
+    return np.asarray(here + np.where(share > ROUNDING * looks, share, 0.0) * (following - here))
+
+
 def delivered(commanded: Array, gain: float, offset: float, step: float = 0.0) -> Array:
     """Return the torque that acts [N·m], its delay aside; a perfect drive gives back the same array.
 
@@ -134,14 +153,15 @@ EFFECT = Effect(
         Default(("drive.delay",), "a bus and a loop or two", least="20 ms"),
         Default(
             ("drive.torque_limit", "drive.speed_limit", "drive.acceleration_limit"),
-            "data sheets; registers have units of their own",
+            "data sheets; registers have units of their own, and a limit may be forgotten",
             share=0.2,
+            share_of_scale=1.0,
         ),
     ),
     causes=(
         OneNumber(
             name="motor.torque_constant", place="motor", key="torque_gain", number="gain", unit="1", step=0.01,
-            low=0.05, high=20.0,
+            low=0.05, high=20.0, where=lambda s: not s.commanded,
             title="The {part} makes another torque than is recorded of it: its torque constant is off",
             says="its motor equation is off in proportion to the motor's torque",
             confirm="Hold the link against a force gauge and command several torques: compare.",
@@ -150,12 +170,39 @@ EFFECT = Effect(
         ),
         OneNumber(
             name="motor.torque_offset", place="motor", key="torque_offset", number="torque", unit="N*m",
-            step=lambda s: 1e-3 * s.torque, scale=lambda s: s.torque,
+            step=lambda s: 1e-3 * s.torque, scale=lambda s: s.torque, where=lambda s: not s.commanded,
             title="The {part} makes a torque when none is recorded: its drive has an offset",
             says="its motor equation is off by a constant",
             confirm="Command no torque and see on which side the joint comes to rest, or which torque holds it still.",
             reference="Flacco 2012 eq. 4, τ",
             signature="motor equation: 1",
+        ),
+        OneNumber(
+            name="drive.proportional_gain", place="drive", key="kp", number="kp", unit="N*m/rad",
+            step=lambda s: 0.01 * s.value, low=lambda s: 0.05 * s.value, high=lambda s: 20.0 * s.value, scale=lambda s: s.value,
+            title="The drive answers another torque to an error of the position: its proportional gain is off",
+            says="the motor equation is off in proportion to the error of the position",
+            confirm="Hold the command and push the link with a force gauge: compare torque and angle.",
+            reference="a drive's position loop",
+            signature="motor equation: r − θ",
+        ),
+        OneNumber(
+            name="drive.derivative_gain", place="drive", key="kd", number="kd", unit="N*m*s/rad",
+            step=lambda s: 1e-3 * s.torque / s.speed, low=0.0, scale=lambda s: s.torque / s.speed,
+            title="The drive damps otherwise: its derivative gain is off",
+            says="the motor equation is off in proportion to the error of the velocity",
+            confirm="Command ramps of several speeds: an error that grows with the speed is damping that is not the drive's own.",
+            reference="a drive's position loop",
+            signature="motor equation: ṙ − θ̇",
+        ),
+        OneNumber(
+            name="drive.delay", place="drive", key="delay", number="delay", unit="s",
+            step=lambda s: 0.25 * s.period,  low=0.0, scale=lambda s: s.period, doubles=("sensor.clock_skew",),
+            title="The command arrives later than it is recorded",
+            says="the motor equation is off in proportion to the command's rate",
+            confirm="Command a step and look at when the joint begins to move.",
+            reference="a bus, and a loop that looks at it",
+            signature="motor equation: ṙ",
         ),
     ),
 )  # fmt: skip

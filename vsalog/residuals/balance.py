@@ -31,7 +31,7 @@ from vsalog.mechanics.transmissions import coded
 from vsalog.residuals._inverse import deflection_under
 from vsalog.residuals._loops import bristle_torque, loop_torque
 from vsalog.residuals.memory import remembered
-from vsalog.residuals.sensing import known
+from vsalog.residuals.sensing import is_commanded, known
 from vsalog.rig.schema import (
     AntagonisticJoint,
     AwasTransmission,
@@ -126,7 +126,9 @@ def balance(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread: 
             residual = remembered(turned, motor, theta, torque, roles[role])
             load = torque if motor.friction.load else None
             shaped = remembered(_resisted, motor, theta, load, motion.slacks[suffix], time)
-            equations.append(recorded(Equation(f"motor{suffix}", "motor", "N*m", residual, shaped, theta[1]), motor))
+            equations.append(
+                recorded(Equation(f"motor{suffix}", "motor", "N*m", residual, shaped, theta[1]), motor, joint, roles)
+            )
     if isinstance(joint, SerialJoint):
         equations += _secondary(joint, motion, time)
     equations += _transmissions(joint, motion)
@@ -138,20 +140,31 @@ def balance(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread: 
         shaped = remembered(rubbing, joint.link.friction, motion.link, load, motion.slacks["link"])
         shaped = less_torques(joint.link.torques, 1.0, motion.link, time, shaped)
         equation = Equation("link", "link", "N*m", residual, shaped, motion.link[1])
-        equations.append(scaled(equation, torque_unit(joint, roles)))
+        equations.append(in_angles(scaled(equation, torque_unit(joint, roles)), joint, roles))
         if "link_acceleration" in roles and "link_position" in roles:
             off = roles["link_acceleration"][0] - motion.link[2]
             equations.append(Equation("link_acceleration", "sensor", "rad/s^2", off))
     return equations
 
 
-def recorded(equation: Equation, motor: Motor) -> Equation:
-    """Return a motor's equation in the torque that is recorded of it.
+def recorded(equation: Equation, motor: Motor, joint: Mechanical | RigidJoint, roles: Mapping[str, Array]) -> Equation:
+    """Return a motor's equation in what is recorded of what drives it: its torque, or the error of a commanded position.
 
     Were all torques, inertias and gains smaller by one factor, the equations would be so, too, and noise would seem explained.
     Formed in what is recorded they stay as they are: nothing tells a scale that all torques have in common.
     """
-    return scaled(equation, 1.0 / motor.torque_gain)
+    equation = scaled(equation, 1.0 / motor.torque_gain)
+    if motor is getattr(joint, "motor", None):
+        return in_angles(equation, joint, roles)
+    return equation
+
+
+def in_angles(equation: Equation, joint: Mechanical | RigidJoint, roles: Mapping[str, Array]) -> Equation:
+    """Return an equation of torques as errors of the position that make them where nothing else says how large torques are."""
+    drive = getattr(joint, "drive", None)
+    if drive is None or not is_commanded(joint, roles):
+        return equation
+    return replace(scaled(equation, 1.0 / drive.kp), unit="rad")
 
 
 def torque_unit(joint: Mechanical | RigidJoint, roles: Mapping[str, Array]) -> float:
@@ -369,7 +382,7 @@ def _secondary(joint: SerialJoint, motion: Motion, time: Array) -> list[Equation
     reaction = remembered(reaction_torque, joint.transmission, phi, length, lever.travel, time)
     residual = remembered(turned, motor, theta, remembered(np.negative, reaction), roles["secondary_torque"])
     shaped = remembered(_resisted, motor, theta, reaction, 0.0, time)
-    return [recorded(Equation("secondary_motor", "motor", "N*m", residual, shaped, theta[1]), motor)]
+    return [recorded(Equation("secondary_motor", "motor", "N*m", residual, shaped, theta[1]), motor, joint, roles)]
 
 
 def _transmissions(joint: Mechanical, motion: Motion) -> list[Equation]:

@@ -23,6 +23,7 @@ from vsalog.residuals.balance import (
     Equation,
     Motion,
     driven,
+    in_angles,
     less_torques,
     recorded,
     rubbing,
@@ -49,19 +50,19 @@ def balance_rigid(
     if "motor_torque" in roles and sensor is not None and motor.inertia is not None:
         residual = remembered(turned, motor, q, sensor, roles["motor_torque"])
         shaped = _resisted(motor, motor.reflected.friction, q, sensor if motor.friction.load else None, slack, time)
-        equations.append(recorded(Equation("motor", "motor", "N*m", residual, shaped, q[1]), motor))
+        equations.append(recorded(Equation("motor", "motor", "N*m", residual, shaped, q[1]), motor, joint, roles))
     elif "motor_torque" in roles and sensor is None and (motor.inertia is not None or link is not None):
         one = as_one(motor, link)
         residual = remembered(driven, one, q, remembered(_against, roles["motor_torque"]), external)
         load = remembered(_weight, one, q) if one.friction.load else None
         shaped = less_torques(one.torques, 1.0, q, time, _resisted(motor, one.friction, q, load, slack, time))
-        equations.append(recorded(Equation("motor", "motor", "N*m", residual, shaped, q[1]), motor))
+        equations.append(recorded(Equation("motor", "motor", "N*m", residual, shaped, q[1]), motor, joint, roles))
     if link is not None and sensor is not None:
         residual = remembered(driven, link, q, sensor, external)
         shaped = remembered(rubbing, link.friction, q, sensor if link.friction.load else None, slack)
         shaped = less_torques(link.torques, 1.0, q, time, shaped)
         equation = Equation("link", "link", "N*m", residual, shaped, q[1])
-        equations.append(scaled(equation, torque_unit(joint, roles)))
+        equations.append(in_angles(scaled(equation, torque_unit(joint, roles)), joint, roles))
     if "motor_position" in roles and "link_position" in roles:
         off = roles["motor_position"][0] - roles["link_position"][0]
         equations.append(Equation("encoders", "sensor", "rad", off))

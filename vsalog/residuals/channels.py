@@ -169,13 +169,19 @@ def channels_of(signals: JointSignals) -> Channels:
     window = max(DEGREE + 3, round(WINDOW / period) | 1)
     raw = {role: np.ascontiguousarray(values) for role, values in signals.roles.items()}
     noise = {role: noise_in(values) for role, values in raw.items()}
-    # What is commanded in a few steps was not rounded to them.
+    # What is commanded in a few steps was not rounded to them, and a position that is commanded has no noise at all.
     noise |= {role: replace(own, step=0.0) for role, own in noise.items() if role.startswith("valve")}
+    noise |= {role: Noise(0.0, 0.0) for role in noise if role.startswith("commanded")}
     noise |= {r: Noise(own.deviation, 0.0, own.share) for r, own in signals.interpolated.items() if r in noise}
     filtered = _filtered(raw, signals.starts, period, window)
     left = float(np.linalg.norm(savgol_weights(window, DEGREE)))
     spread = {role: replace(own, share=1.0).floor * left for role, own in noise.items()}
     return Channels(period, signals.time, filtered, raw, signals.starts, noise, window, spread)
+
+
+def filtered(values: Array, starts: Flags, period: float, window: int) -> Array:
+    """Return value and first and second derivative of a signal, shape (3, N), through the filter that channels pass."""
+    return _filtered({"": values}, starts, period, window)[""]
 
 
 def noise_in(values: Array) -> Noise:
@@ -206,7 +212,7 @@ def _filtered(
             # A voltage steps, and the valve's map has corners: what is made of it passes the filter, see `Equation.shaped`.
             out[role] = np.stack([values, np.zeros_like(values), np.zeros_like(values)])
             continue
-        if np.ptp(values) == 0.0:
+        if span_of(values) == 0.0:
             out[role] = np.stack([values, np.zeros_like(values), np.zeros_like(values)])
             continue
         found = np.full((derivatives + 1, values.size), np.nan)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,8 +17,9 @@ from vsalog.effects.delay import late, shifted
 from vsalog.effects.drive import delivered
 from vsalog.effects.reading_error import ReadingError, errors_of, measured
 from vsalog.residuals.channels import Channels
+from vsalog.residuals.drive_torque import drive_torque
 from vsalog.residuals.memory import remembered
-from vsalog.rig.schema import AntagonisticJoint, Joint, Motor, PneumaticJoint, SerialJoint, Signal
+from vsalog.rig.schema import AntagonisticJoint, Joint, Motor, PneumaticJoint, RigidJoint, SerialJoint, Signal
 
 Array = NDArray[np.float64]
 
@@ -184,6 +185,12 @@ def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str,
         else remembered(_true, values, offered.get(role, Signal()), channels.time, channels.period)
         for role, values in channels.roles.items()
     }
+    drive = getattr(joint, "drive", None)
+    if drive is not None and is_commanded(joint, channels.raw):
+        position = true.get("motor_position", true.get("link_position") if isinstance(joint, RigidJoint) else None)
+        if position is not None:
+            true["motor_torque"] = drive_torque(drive, channels, position)
+            hold = 0.0
     for name in motors_of(joint):
         role = torque_role(name)
         if role in true:
@@ -198,6 +205,18 @@ def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str,
         if series is not None and sensor in true:
             true[role] = remembered(_without_series, values, true[sensor], series)
     return true
+
+
+def is_commanded(joint: Any, roles: Collection[str]) -> bool:
+    """Tell whether what moves a joint is known by what its drive is commanded: by no torque, but by a position.
+
+    Parameters
+    ----------
+    joint : of the rig
+    roles : that are recorded, or follow from them
+    """
+    there = getattr(joint, "drive", None) is not None and "commanded_position" in roles
+    return there and getattr(joint.signals, "motor_torque", None) is None
 
 
 def whole_delays(joint: Joint, period: float) -> dict[str, int]:

@@ -13,19 +13,18 @@ from numpy.typing import NDArray
 from vsalog.core.errors import SimulationError
 from vsalog.residuals.balance import motion_of
 from vsalog.residuals.channels import Channels
-from vsalog.residuals.sensing import motors_of, position_role, torque_role, true_roles
+from vsalog.residuals.sensing import is_commanded, motors_of, position_role, torque_role, true_roles
 from vsalog.rig.schema import (
     AntagonisticJoint,
     AwasTransmission,
     Link,
     Motor,
-    PneumaticJoint,
     SerialJoint,
     UnknownTransmission,
 )
 from vsalog.simulation.accuracy import COARSE
 from vsalog.simulation.inputs import Input, Motion, bridged, table
-from vsalog.simulation.machine import BRISTLE_SPEED, DEFLECTING, Machine, build, drive_of
+from vsalog.simulation.machine import BRISTLE_SPEED, DEFLECTING, Machine, build
 from vsalog.simulation.play import play
 
 Array = NDArray[np.float64]
@@ -75,7 +74,7 @@ class MechanicalPlayer:
     def __init__(self, joint: Any, channels: Channels) -> None:
         if isinstance(joint, SerialJoint) and joint.secondary_motor is None:
             joint = replace(joint, secondary_motor=Motor())  # the set-point moves as it was measured
-        self.joint, self.channels, self.commanded = joint, channels, is_commanded(joint, channels)
+        self.joint, self.channels, self.commanded = joint, channels, is_commanded(joint, channels.raw)
         self.lengths = COMMANDED if self.commanded else FREE
         self.window = self.lengths.window
         self.moved, self.link_moves = self.measured()
@@ -277,17 +276,10 @@ def without_bristles(joint: Any) -> Any:
     return replace(joint, **changed) if changed else joint
 
 
-def is_commanded(joint: Any, channels: Channels) -> bool:
-    """Tell whether the rig has a drive that is commanded a position, and the log the command."""
-    return (
-        not isinstance(joint, PneumaticJoint) and drive_of(joint) is not None and "commanded_position" in channels.raw
-    )
-
-
 def free_motors(joint: Any, channels: Channels) -> list[str]:
     """Return the motors of a joint whose inertia is known and whose torque, or command, is recorded."""
     driven = {torque_role(m) for m in motors_of(joint)} & set(channels.raw)
-    if is_commanded(joint, channels):
+    if is_commanded(joint, channels.raw):
         driven.add("motor_torque")
     return [m for m in motors_of(joint) if getattr(joint, m).inertia is not None and torque_role(m) in driven]
 

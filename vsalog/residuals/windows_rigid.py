@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from vsalog.core.errors import SimulationError
 from vsalog.residuals.balance_rigid import rigid_motion
 from vsalog.residuals.channels import Channels
-from vsalog.residuals.sensing import true_roles
-from vsalog.residuals.windows_mechanical import NUDGES, MechanicalPlayer, is_commanded
+from vsalog.residuals.sensing import is_commanded, true_roles
+from vsalog.residuals.windows_mechanical import NUDGES, MechanicalPlayer
 from vsalog.simulation.inputs import Input, TorqueInput, sum_of, table
 
 Array = NDArray[np.float64]
@@ -38,7 +38,7 @@ class RigidPlayer(MechanicalPlayer):
     """
 
     def __init__(self, joint: Any, channels: Channels) -> None:
-        if "motor_torque" not in channels.raw and not is_commanded(joint, channels):
+        if "motor_torque" not in channels.raw and not is_commanded(joint, channels.raw):
             raise SimulationError("the torque of the motor is not recorded, so that nothing drives the joint")
         super().__init__(joint, channels)
 

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from vsalog.core.errors import ExtensionError, SimulationError
 from vsalog.effects.backlash import engaged
-from vsalog.effects.drive import PositionServo, delivered
+from vsalog.effects.drive import PositionServo, delivered, late_command
 from vsalog.effects.quantisation import rounded
 from vsalog.mechanics import flexibility_torque, reaction_torque, stiffness
 from vsalog.mechanics._atoms import TORQUES, planned
@@ -180,8 +180,7 @@ class _Drives:
 
     def _planned(self, servo: PositionServo, command: Array) -> Array:
         """Return position and velocity that a drive's loop follows each time it looks, shape (N, looks, 2)."""
-        late = np.arange(command.size * self.looks) / self.looks - servo.delay / self.period
-        held = command[np.maximum(np.floor(late + 1e-9).astype(np.int64), 0)]
+        held = late_command(command, servo.delay / self.period, self.looks)
         rates = np.zeros_like(held)
         if servo.plans:
             speed, acceleration = (

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vsalog.binding.joint import signal_of
 from vsalog.core.precision import ROUNDING
 from vsalog.effects.base import Exactness
-from vsalog.residuals.sensing import motors_of, position_role, torque_role
+from vsalog.residuals.sensing import is_commanded, motors_of, position_role, torque_role
 from vsalog.rig.schema import RigidJoint
 
 Array = NDArray[np.float64]
@@ -278,6 +278,11 @@ def one_clock(setting: Setting) -> bool:
     """Tell whether a rigid joint's one encoder and its motor's torque are all that has a time: one is late as the other is."""
     others = {"encoders", "link", "link_acceleration"} & set(setting.equations)
     return is_rigid(setting.joint) and not others and not {"torque_sensor", "external_torque"} & set(setting.roles)
+
+
+def commanded(setting: Setting) -> bool:
+    """Tell whether the motor's torque is not recorded, but what its drive makes of a commanded position."""
+    return is_commanded(setting.joint, setting.roles)
 
 
 def transmissions_of(joint: Any) -> tuple[str, ...]:

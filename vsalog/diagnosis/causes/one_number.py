@@ -16,6 +16,7 @@ from vsalog.diagnosis.causes.base import (
     Remainder,
     Setting,
     Site,
+    commanded,
     is_rigid,
     link_equation,
     moved_motors,
@@ -27,6 +28,7 @@ from vsalog.diagnosis.causes.base import (
 )
 from vsalog.diagnosis.causes.pneumatic import TWINS, filled, pulls
 from vsalog.effects.base import OneNumber, Place, Sizes, valued
+from vsalog.effects.drive import PositionServo
 from vsalog.mechanics.links import link_weight
 from vsalog.rig.schema import Link, Motor, PneumaticJoint, Signal
 from vsalog.rig.tolerance import default_deviation
@@ -67,6 +69,7 @@ class OneNumberCause(Cause):
                 one_clock=one_clock(setting),
                 one_body=link_equation(setting) == "motor",
                 rotor=is_rigid(setting.joint) and setting.joint.motor.inertia is not None,
+                commanded=commanded(setting),
                 computable=not seen and f"transmission{suffix}" in transmissions_of(setting.joint),
             )  # fmt: skip
             if self.row.where(sizes):
@@ -117,6 +120,11 @@ def with_number(part: Any, key: str, number: float) -> Any:
 def _motors(setting: Setting) -> Iterator[Found]:
     for name in moved_motors(setting):
         yield Found(name, getattr(setting.joint, name), *scale_of(setting, name))
+
+
+def _drives(setting: Setting) -> Iterator[Found]:
+    if "motor" in moved_motors(setting) and commanded(setting):
+        yield Found("drive", setting.joint.drive, *scale_of(setting, "motor"))
 
 
 def _transmissions(setting: Setting) -> Iterator[Found]:
@@ -180,6 +188,7 @@ def _pulling_muscles(setting: Setting) -> Iterator[Found]:
 
 PLACES: dict[Place, Callable[[Setting], Iterator[Found]]] = {
     "motor": _motors,
+    "drive": _drives,
     "transmission": _transmissions,
     "link": _link,
     "torque sensor": _torque_sensors,
@@ -193,6 +202,7 @@ SENSORS = frozenset({"torque sensor", "encoder", "clock"})
 # What the keys of rows are looked for in, and where it stands in the rig.
 PARTS: dict[Place, tuple[Any, str]] = {
     "motor": (Motor(inertia=1.0), "motor."),
+    "drive": (PositionServo(kp=1.0), "drive."),
     "link": (Link(inertia=1.0), "link."),
     "torque sensor": (Signal(), "signals.torque_sensor."),
     "encoder": (Signal(), "signals.link_position."),
