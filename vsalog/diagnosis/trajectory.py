@@ -37,6 +37,7 @@ from vsalog.diagnosis.selection import (
     stage_about,
 )
 from vsalog.diagnosis.subsets import Ranked, best_sets, precisions
+from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.residuals.sensing import is_commanded
 from vsalog.residuals.windows import WITHIN, Shot, Windows, begun, by_states, in_runs, in_windows, player_of, shoot
 from vsalog.residuals.windows_bench import BenchPlayer
@@ -125,7 +126,8 @@ def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Ar
                 fit, shot, away, moved = trial, there, away + step, True
                 break
             step = 0.5 * step
-        if not moved or before - after < SETTLED:
+        # Weights follow the misfit: while that falls, the next step is weighed more.
+        if not moved or before - after < min(SETTLED, NEGLIGIBLE_SHARE * before):
             break
     return replace(selection, posterior=replace(posterior, fit=fit, simulated=prior + information)), shot, columns
 

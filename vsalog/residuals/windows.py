@@ -50,10 +50,12 @@ class Player(Protocol):
     ----------
     played : the joint without what is left out
     window : how long a window is to be [s]
+    settling : how long after a run's beginning what nobody measures is not known yet; windows may be shorter then [s]
     """
 
     played: Any
     window: float
+    settling: float
 
     def driving(self) -> list[str]:
         """Return the roles that drive the joint where they are recorded, as they were recorded."""
@@ -204,11 +206,15 @@ def windows_of(joint: Any, channels: Channels, hold: bool) -> Windows:
     cuts = np.flatnonzero(channels.starts)
     # Channels may turn out to be late or early: what a window begins with, and is driven by, must be known then too.
     margin = round(LATEST / channels.period) + 2
-    spans = []
+    before = margin + round(player.settling / channels.period)
+    runs = []
     for first, last in edges.reshape(-1, 2):
         inner = [first, *(c for c in cuts if first < c < last), last]
-        for a, b in pairwise(inner):
-            spans += [(k, k + length) for k in range(a + margin, b - margin - length + 1, length)]
+        runs += [(a + before, b - margin) for a, b in pairwise(inner)]
+    if player.settling:
+        longest = max((b - a for a, b in runs), default=0)
+        length = max(FEWEST, min(length, longest))
+    spans = [(k, k + length) for a, b in runs for k in range(a, b - length + 1, length)]
     if not spans:
         raise SimulationError(f"no run of the log is as long as {length * channels.period:g} s with all of its inputs")
     return Windows(channels, np.array(spans)[in_runs(len(spans), MOST)], answered, hold)

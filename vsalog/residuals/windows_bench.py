@@ -34,7 +34,7 @@ class BenchPlayer:
         No deflection is recorded whose torque is measured too.
     """
 
-    window = FREE.window
+    window, settling = FREE.window, 0.0
 
     def __init__(self, joint: Any, channels: Channels) -> None:
         self.joint, self.channels, self.played = joint, channels, joint

@@ -76,7 +76,7 @@ class MechanicalPlayer:
             joint = replace(joint, secondary_motor=Motor())  # the set-point moves as it was measured
         self.joint, self.channels, self.commanded = joint, channels, is_commanded(joint, channels.raw)
         self.lengths = COMMANDED if self.commanded else FREE
-        self.window = self.lengths.window
+        self.window, self.settling = self.lengths.window, self.lengths.lead if self.commanded else 0.0
         self.moved, self.link_moves = self.measured()
         self.played = self._with_stand_ins(joint)
         self.machine = build({NAME: self.played})

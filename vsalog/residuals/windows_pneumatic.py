@@ -42,7 +42,7 @@ class PneumaticPlayer:
         The voltage of a valve is not recorded: nothing drives its muscle.
     """
 
-    window = FREE.window
+    window, settling = FREE.window, 0.0
 
     def __init__(self, joint: PneumaticJoint, channels: Channels) -> None:
         for role in VALVES:

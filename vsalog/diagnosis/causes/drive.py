@@ -38,7 +38,7 @@ class _Limit(Cause):
             return
         limit = getattr(setting.joint.drive, self.key)
         if limit is not None:
-            parameter = Parameter("limit", self.unit, limit, 0.01 * limit, 1e-3 * limit, key=self.key, scale=limit)
+            parameter = Parameter("limit", self.unit, limit, 0.02 * limit, 1e-3 * limit, key=self.key, scale=limit)
             yield Site(self.name, "drive", (parameter,), self._limited)
             return
         moved = np.abs(setting.roles[position_of(setting, "motor")][self.derivative])
@@ -49,7 +49,7 @@ class _Limit(Cause):
         inverse = 1.0 / reached
         starts = tuple(inverse * 2.0**k for k in range(4))
         parameter = Parameter(
-            "inverse", f"1/({self.unit})", 0.0, 0.01 * inverse, 0.0, starts=starts, key=self.key, scale=inverse
+            "inverse", f"1/({self.unit})", 0.0, 0.1 * inverse, 0.0, starts=starts, key=self.key, scale=inverse
         )
         yield Site(self.name, "drive", (parameter,), self._limited_by_inverse, starts_of((parameter,)), self._told)
 
