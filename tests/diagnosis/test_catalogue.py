@@ -26,6 +26,7 @@ from vsalog.simulation import simulate
 
 # The names that stay, one side of a joint after the other.
 NAMES = [
+    *("drive.proportional_gain", "drive.derivative_gain", "drive.delay", "drive.acceleration_limit", "drive.speed_limit"),
     *("motor.inertia", "motor.viscous_friction", "motor.coulomb_friction", "motor.stribeck_friction"),
     *(
         "motor.load_dependent_friction",

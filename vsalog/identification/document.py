@@ -28,8 +28,8 @@ class IdentifiedNumber(_Part, frozen=True):
     unit : SI; empty where it has none
     rig : the rig's own value
     value, low, high : identified, and its 95 % interval
-    determined : alone: the log tells it better than it was known before; in combination: it would if others were known; not: not
-        even then
+    determined : alone: the log tells it as well as a rig usually knows it; in combination: it would if others were known; not:
+        not even then
     correlated_with : key of the number whose estimate depends most on its own; null where there is a single one
     correlation : of both estimates
     """

@@ -1,6 +1,7 @@
 """What a log tells of each number: alone, in combination with others only, or not at all.
 
-A log tells a number where it says as much of it as was known before, or more: the variance is halved.
+A log tells a number where it says as much of it as a rig usually knows, or more: the variance is half of that of the rig's
+tolerance, or of the default one of its kind.
 """
 
 from __future__ import annotations
@@ -19,12 +20,13 @@ Array = NDArray[np.float64]
 
 def determined(fit: Fit) -> list[Determined]:
     """Return for each number of a fit how far the log tells it."""
-    told, alone = halved(np.diag(fit.covariance)), halved(1.0 / (1.0 + np.diag(fit.information)))
+    usual = np.array([u.wider for u in fit.unknowns]) ** 2
+    told, alone = halved(usual * np.diag(fit.covariance)), halved(usual / (1.0 + np.diag(fit.information)))
     return ["alone" if m else "in combination" if a else "not" for m, a in zip(told, alone, strict=True)]
 
 
 def halved(variance: Array) -> NDArray[np.bool_]:
-    """Tell whether posterior variances, in units of the prior's, say that a log tells as much as was known, or more."""
+    """Tell whether posterior variances, in units of what is usual for their kinds, say that a log tells as much as that."""
     return np.asarray(variance <= 1.0 / 2.0)
 
 
@@ -36,7 +38,8 @@ def correlations(fit: Fit) -> Array:
 
 def combinations(fit: Fit) -> Iterator[tuple[tuple[int, ...], tuple[float, ...]]]:
     """Yield indices of numbers that change together without effect, and by how many per cent where the first changes by one."""
-    values, vectors = np.linalg.eigh(fit.covariance)
+    usual = np.array([u.wider for u in fit.unknowns])
+    values, vectors = np.linalg.eigh(fit.covariance * np.outer(usual, usual))
     kinds = determined(fit)
     for k in np.flatnonzero(~halved(values)):
         v = vectors[:, k]
@@ -47,6 +50,8 @@ def combinations(fit: Fit) -> Iterator[tuple[tuple[int, ...], tuple[float, ...]]
             continue
         unknowns = [fit.unknowns[i] for i in members]
         now = [u.value(float(fit.values[i])) for u, i in zip(unknowns, members, strict=True)]
-        changes = np.array([u.slope(float(fit.values[i])) * v[i] for u, i in zip(unknowns, members, strict=True)])
+        changes = np.array(
+            [u.slope(float(fit.values[i])) * v[i] / u.wider for u, i in zip(unknowns, members, strict=True)]
+        )
         relative = changes / np.where(np.array(now) == 0.0, 1.0, now)
         yield tuple(members), tuple((relative / relative[0]).tolist())

@@ -58,6 +58,11 @@ class Unknown:
     least_step: float = 0.0
 
     @property
+    def wider(self) -> float:
+        """Prior deviation over that of what is usual for its kind, or that the rig states [1]."""
+        return 1.0 if self.stated else SPREAD.wider
+
+    @property
     def key(self) -> str:
         """Its key's path below the joint."""
         return self.number.key

@@ -15,7 +15,7 @@ TOLD: Mapping[Determined, tuple[str, str]] = {
 }
 PARTS = {"whole": "", "last third": ", last third, not fitted", "itself": ", which was fitted"}
 MEANING = (
-    "determined: whether the log tells a number better than it was known before; in combination: it would if others were known;"
+    "determined: whether the log tells a number as well as a rig usually knows it; in combination: it would if others were known;"
     " correlated: the number whose estimate depends most on it."
 )
 

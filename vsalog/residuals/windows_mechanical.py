@@ -158,12 +158,13 @@ class MechanicalPlayer:
         joint, channels = self.joint, self.channels
         roles = true_roles(joint, channels, 0.0)
         motion = motion_of(joint, roles, channels.time, channels.spread)
-        if motion.link is None:
+        motors = [self._position(name, roles, motion.motors) for name in motors_of(joint)]
+        link = motion.link
+        if self.commanded and not link_told(joint, channels):
+            link = motors[0]  # what it is else is forgotten before a window begins
+        if link is None:
             raise SimulationError("the position of the link is not recorded, and nothing tells it")
-        columns = [motion.link[0], motion.link[1]]
-        for name in motors_of(joint):
-            theta = self._position(name, roles, motion.motors)
-            columns += [theta[0], theta[1]]
+        columns = [column for x in (link, *motors) for column in x[:2]]
         return np.stack(columns, axis=-1)
 
     def _position(self, name: str, roles: Mapping[str, Array], motors: Mapping[str, Array]) -> Array:
