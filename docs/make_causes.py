@@ -11,15 +11,23 @@ from vsalog.diagnosis.causes.base import Cause, Setting, Site
 from vsalog.residuals.sensing import at_joint
 from vsalog.rig import Rig
 
-SIDES = {"motor": "Motor", "transmission": "Transmission", "link": "Link", "sensor": "Sensors", "pneumatic": "Muscles"}
+SIDES = {"motor": "Motor", "drive": "Drive", "transmission": "Transmission", "link": "Link", "sensor": "Sensors", "pneumatic": "Muscles"}
 EQUATIONS = ("motor", "secondary_motor", "motor_1", "motor_2", "transmission", "link")
+SERVO = """
+[joint.servo]
+kind = "rigid"
+motor = { inertia = 0.01 }
+drive = { kind = "position-servo", kp = 10.0 }
+signals = { commanded_position = "command", link_position = "position" }
+"""
 MUSCLES = ("seesaw", "transmission", "pressure_1", "pressure_2")
 
 
 def settings() -> Iterator[Setting]:
     """Yield joints of each kind with all their roles recorded, so that every cause has a place somewhere."""
-    for preset, equations in {"sea": EQUATIONS, "awas": EQUATIONS, "vsa2": EQUATIONS, "pam": MUSCLES}.items():
-        joint = at_joint(next(iter(Rig.preset(preset).joints.values())))
+    rigs = {"sea": EQUATIONS, "awas": EQUATIONS, "vsa2": EQUATIONS, "pam": MUSCLES, SERVO: EQUATIONS}
+    for rig, equations in rigs.items():
+        joint = at_joint(next(iter(Rig.load(rig).joints.values())))
         wave = 1e5 * np.stack([np.sin(k + np.linspace(0.0, 6.0, 100)) + 2.0 for k in range(3)])
         roles = dict.fromkeys((*offered_roles(joint), "motor_torque", "secondary_torque"), wave)
         phi = dict.fromkeys(("", "_1", "_2"), wave[0])

@@ -26,7 +26,13 @@ from vsalog.simulation import simulate
 
 # The names that stay, one side of a joint after the other.
 NAMES = [
-    *("drive.proportional_gain", "drive.derivative_gain", "drive.delay", "drive.acceleration_limit", "drive.speed_limit"),
+    *(
+        "drive.proportional_gain",
+        "drive.derivative_gain",
+        "drive.delay",
+        "drive.acceleration_limit",
+        "drive.speed_limit",
+    ),
     *("motor.inertia", "motor.viscous_friction", "motor.coulomb_friction", "motor.stribeck_friction"),
     *(
         "motor.load_dependent_friction",
@@ -46,6 +52,14 @@ NAMES = [
 # It is told before anything is fitted, and so has nothing to put into a rig.
 TOLD_BEFORE = {"sensor.torque_not_independent"}
 
+SERVO = """
+[joint.servo]
+kind = "rigid"
+motor = { inertia = 0.03, damping = 0.3, friction = { coulomb = 0.1 } }
+link = { inertia = 0.02, gravity_torque = 0.8 }
+drive = { kind = "position-servo", kp = 20.0, kd = 0.6 }
+signals = { commanded_position = "command", link_position = { channel = "position", resolution = "1 mrad" } }
+"""
 DRIVEN = {
     "sea": {"motor_torque": lambda t: 3 * np.sin(5 * t) + np.sin(23 * t)},
     "vsa2": {
@@ -53,6 +67,7 @@ DRIVEN = {
         "motor_torque_2": lambda t: 0.05 * np.sin(9 * t) - 0.03,
     },
     "awas": {"motor_torque": lambda t: 6 * np.sin(5 * t), "secondary_torque": lambda t: 40 * np.sin(4 * t)},
+    "servo": {"commanded_position": lambda t: 0.5 * np.sin(5 * t) + 0.1 * np.sin(23 * t)},
     "pam": {"valve_1": lambda t: 6.2 + 1.5 * np.sin(4 * t), "valve_2": lambda t: 6.2 - 1.5 * np.sin(4 * t)},
 }
 
@@ -73,10 +88,14 @@ def test_every_cause_says_what_it_is(name):
     assert "{" not in cause.title.replace("{part}", "")
 
 
+def rig_of(name):
+    return Rig.from_toml(SERVO) if name == "servo" else Rig.preset(name)
+
+
 @cache
 def played(preset):
     """The preset driven for four seconds: its joint, what causes may know, and what its equations leave over."""
-    rig = Rig.preset(preset)
+    rig = rig_of(preset)
     name = next(iter(rig.joints))
     recording = simulate(rig.file, {name: DRIVEN[preset]}, 4.0, period=2e-3).recording()
     joint = at_joint(rig.joints[name])
@@ -92,7 +111,7 @@ def sites(preset):
 
 def measured(preset, joint):
     """What perfect sensors say of the joint in half a second."""
-    rig, name = Rig.preset(preset), played(preset)[0]
+    rig, name = rig_of(preset), played(preset)[0]
     file = msgspec.structs.replace(rig.file, joint={name: joint})
     # What a log or a person would be given is text: it has to be read again.
     again = Rig.from_toml(Rig(file, "changed").to_toml())

@@ -180,8 +180,8 @@ def diagnose_joint(
         raise DiagnosisError(
             f"joint '{name}': its roles allow no equation to be checked; a diagnosis needs positions of motor and link (or the"
             " deflection) with a torque sensor, or with the motor's torque and inertia, and a transmission of a known type; one"
-            " with muscles needs their pressures with the angle, or with the torque meter; a rigid one its position, an inertia and"
-            " its motor's torque, or a drive with what it is commanded"
+            " with muscles needs their pressures with the angle, or with the torque meter; a rigid one its position, an inertia"
+            " and its motor's torque, or a drive with what it is commanded"
         )
     setting, hint = setting_of(joint, system, fitted), hint_of(name, joint, system)
     findings = [] if hint is None else [hint]
