@@ -223,3 +223,57 @@ def test_a_real_servo_plans_its_motion(tmp_path, log, least):
         off.append(json.loads(done.stdout)["joints"]["rotation"]["rms_error"]["link_position"])
     assert off[1] > least * off[0]
     assert off[0] < 0.01
+
+
+def velocity_rig():
+    text = RIG.format(drive="kp = 20.0\nkd = 0.6", motor="")
+    return Rig.from_toml(text + 'commanded_velocity = { channel = "vel", unit = "rad/s" }\n').file
+
+
+def test_a_commanded_velocity_is_fed_forward():
+    """With ṙ the loop lags less; ramps are followed as τ = kp (r − θ) + kd (ṙ − θ̇) has it: kp (r − θ) = D θ̇."""
+    time = np.arange(300) * PERIOD
+    given = {"commanded_position": 0.5 * time, "commanded_velocity": np.full(time.size, 0.5)}
+    played = simulate(velocity_rig(), {"a": given}, time[-1], period=PERIOD, ideal=True)
+    q = played.joints["a"].truth["link_position"]
+    # Held, the command is on average half a sample behind.
+    assert 0.5 * (time[-1] - 0.5 * PERIOD) - q[-1] == pytest.approx(0.1 * 0.5 / 20.0, abs=0.5 * PERIOD * 0.5)
+    alone = simulate(rig_of(), {"a": {"commanded_position": 0.5 * time}}, time[-1], period=PERIOD, ideal=True)
+    lag = 0.5 * time[-1] - alone.joints["a"].truth["link_position"][-1]
+    assert lag == pytest.approx((0.1 + 0.6) * 0.5 / 20.0 + 0.25 * PERIOD, rel=0.1)
+
+
+def test_a_velocity_alone_is_followed_from_where_the_joint_was():
+    time = np.arange(300) * PERIOD
+    velocity = np.where(time < 3.0, 0.4, -0.2)
+    played = simulate(
+        velocity_rig(), {"a": {"commanded_velocity": velocity}}, time[-1], period=PERIOD, ideal=True,
+        start={"a": np.array([0.7, 0.0])},
+    )  # fmt: skip
+    truth = played.joints["a"].truth
+    assert truth["link_velocity"][140] == pytest.approx(0.4, abs=1e-3)
+    assert truth["link_velocity"][-1] == pytest.approx(-0.2, abs=1e-3)
+    assert truth["link_position"][-1] == pytest.approx(0.7 + 0.4 * 3.0 - 0.2 * (time[-1] - 3.0), abs=0.01)
+
+
+def test_a_replay_is_driven_by_a_commanded_velocity(tmp_path):
+    rig, scenario = tmp_path / "rig.toml", tmp_path / "s.toml"
+    text = RIG.format(drive="kp = 20.0\nkd = 0.6", motor="").replace("commanded_position", "commanded_velocity")
+    for old, new in (
+        ('"cmd", unit = "rad"', '"/cmd.data", unit = "rad/s"'),
+        ('"q"', '"/q.data", resolution = "1 mrad"'),
+    ):
+        text = text.replace(old, new)
+    rig.write_text(text)
+    scenario.write_text(
+        'name = "v"\nduration = "8 s"\nperiod = "5 ms"\n'
+        '[[joint.a.commanded_velocity]]\ntype = "sine"\namplitude = 1.0\nfrequency = "0.5 Hz"\n'
+    )
+    done = vsalog_run("simulate", rig, "--scenario", scenario, "-o", "log.mcap", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    done = vsalog_run("simulate", rig, "--replay", "log.mcap", "-o", "again.mcap", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["joints"]["a"]["rms_error"]["link_position"] < 0.01
+    done = vsalog_run("diagnose", "log.mcap", "--rig", rig, "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["verdict"].startswith("consistent")

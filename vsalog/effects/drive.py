@@ -33,7 +33,8 @@ Array = NDArray[np.float64]
 class PositionServo(Base, frozen=True, tag="position-servo", tag_field="kind"):
     """A drive that turns its motor to a commanded position: τ = kp (r − θ) + kd (ṙ − θ̇) + ki ∫(r − θ) dt, within ± torque_limit.
 
-    r is the command `delay` late, held from sample to sample. Where speed or acceleration are limited, r moves to the command
+    r is the command `delay` late, held from sample to sample, and ṙ the velocity that is commanded, 0 where none is; where a
+    velocity alone is, r is its integral. Where speed or acceleration are limited, r moves to the command
     as fast as they let it, from rest to rest, as most servos plan their motion.
 
     Attributes

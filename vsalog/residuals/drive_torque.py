@@ -29,18 +29,44 @@ def drive_torque(drive: PositionServo, channels: Channels, position: Array) -> A
     position : true θ with its derivatives, shape (3, N) [rad]
     """
     whole = channels if channels.whole is None else channels.whole
+    late = (drive.delay + 0.5 * whole.period) / channels.period
+    rates = channels.roles.get("commanded_velocity")
+    # What is held from sample to sample has no velocity but in its steps.
+    rate = np.zeros_like(position) if rates is None else remembered(shifted, rates, -late)
     if drive.plans:
         reference = remembered(
-            _planned, whole.raw["commanded_position"], whole.starts, whole.period, whole.window, channels.every, drive.delay,
+            _planned, _commanded(whole), whole.starts, whole.period, whole.window, channels.every, drive.delay,
             drive.speed_limit, drive.acceleration_limit, drive.period,
         )  # fmt: skip
-    else:
-        late = (drive.delay + 0.5 * whole.period) / channels.period
+        rate = reference[1:]
+    elif "commanded_position" in channels.roles:
         reference = remembered(shifted, channels.roles["commanded_position"], -late)
+    else:
+        gone = remembered(_passed, _commanded(whole), whole.starts, whole.period, whole.window, channels.every)
+        reference = remembered(shifted, gone, -drive.delay / channels.period)
     limit = np.inf if drive.torque_limit is None else drive.torque_limit
     return remembered(
-        _loop, reference, position, channels.starts, channels.period, drive.kp, drive.kd, drive.ki, limit, drive.plans
+        _loop, reference, rate, position, channels.starts, channels.period, drive.kp, drive.kd, drive.ki, limit
     )
+
+
+def _commanded(whole: Channels) -> Array:
+    """Return the commanded position, shape (N,); where a velocity is, its integral from where each run begins."""
+    if "commanded_position" in whole.raw:
+        return whole.raw["commanded_position"]
+    encoder = next(role for role in ("motor_position", "link_position") if role in whole.raw)
+    return remembered(_gone, whole.raw["commanded_velocity"], whole.raw[encoder], whole.starts, whole.period)
+
+
+def _gone(velocity: Array, position: Array, starts: Flags, period: float) -> Array:
+    known = np.maximum.accumulate(np.where(starts, np.arange(starts.size), 0))
+    begin = np.where(np.isfinite(position), position, 0.0)[known]
+    # A velocity has moved nothing yet when it is commanded.
+    return np.asarray(begin + _integral(velocity, starts, period) - period * np.nan_to_num(velocity))
+
+
+def _passed(values: Array, starts: Flags, period: float, window: int, every: int) -> Array:
+    return filtered(values, starts, period, window)[:, ::every]
 
 
 def _planned(
@@ -59,15 +85,13 @@ def _planned(
 
 
 def _loop(
-    reference: Array, position: Array, starts: Flags, period: float, kp: float, kd: float, ki: float, limit: float, plans: bool
+    reference: Array, rate: Array, position: Array, starts: Flags, period: float, kp: float, kd: float, ki: float, limit: float
 ) -> Array:  # fmt: skip
     off = reference - position
-    # What is held from sample to sample has no velocity but in its steps.
-    rate, curvature = (off[1], off[2]) if plans else (-position[1], -position[2])
-    torque = kp * off[0] + kd * rate
+    torque = kp * off[0] + kd * (rate[0] - position[1])
     if ki:
         torque = torque + ki * _integral(off[0], starts, period)
-    slope = kp * off[1] + kd * curvature + ki * off[0]
+    slope = kp * off[1] + kd * (rate[1] - position[2]) + ki * off[0]
     within = np.abs(torque) < limit
     return np.stack([np.clip(torque, -limit, limit), np.where(within, slope, 0.0), np.where(within, kp * off[2], 0.0)])
 

@@ -19,6 +19,7 @@ from vsalog.effects.reading_error import ReadingError, errors_of, measured
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.drive_torque import drive_torque
 from vsalog.residuals.memory import remembered
+from vsalog.rig.roles import COMMANDS
 from vsalog.rig.schema import AntagonisticJoint, Joint, Motor, PneumaticJoint, RigidJoint, SerialJoint, Signal
 
 Array = NDArray[np.float64]
@@ -215,7 +216,7 @@ def is_commanded(joint: Any, roles: Collection[str]) -> bool:
     joint : of the rig
     roles : that are recorded, or follow from them
     """
-    there = getattr(joint, "drive", None) is not None and "commanded_position" in roles
+    there = getattr(joint, "drive", None) is not None and any(role in roles for role in COMMANDS)
     return there and getattr(joint.signals, "motor_torque", None) is None
 
 

@@ -14,6 +14,7 @@ from vsalog.core.errors import SimulationError
 from vsalog.residuals.balance import motion_of
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.sensing import is_commanded, motors_of, position_role, torque_role, true_roles
+from vsalog.rig.roles import COMMANDS
 from vsalog.rig.schema import (
     AntagonisticJoint,
     AwasTransmission,
@@ -94,6 +95,8 @@ class MechanicalPlayer:
                 self.steps, self.stiff = steps, stiff
         follows = self.commanded or remembers(self.played)
         self.run_in = round(self.lengths.lead / channels.period) if follows else 0
+        if self.commanded and "commanded_position" not in channels.raw:
+            self.run_in = len(channels)  # a velocity's integral forgets nothing
 
     def _steps(self, machine: Machine, prescribed: Sequence[int]) -> tuple[int, bool]:
         return machine.steps(self.channels.period, prescribed, self.speeds, COARSE, deflecting=self.deflecting)
@@ -134,10 +137,12 @@ class MechanicalPlayer:
 
     def driving(self) -> list[str]:
         """Return the command, or the roles of the torques of the motors that are free."""
-        return [self._drives(m) for m in motors_of(self.joint) if m not in self.moved]
+        return [role for m in motors_of(self.joint) if m not in self.moved for role in self._drives(m)]
 
-    def _drives(self, motor: str) -> str:
-        return "commanded_position" if self.commanded and motor == "motor" else torque_role(motor)
+    def _drives(self, motor: str) -> list[str]:
+        if self.commanded and motor == "motor":
+            return [role for role in COMMANDS if role in self.channels.raw]
+        return [torque_role(motor)]
 
     def followed(self) -> list[str]:
         """Return the positions that prescribe a motion."""
@@ -244,9 +249,9 @@ class MechanicalPlayer:
         channels, time, given = self.channels, self.times(part), dict[str, Input]()
         motion = motion_of(self.joint, roles, channels.time, channels.spread) if self.moved or self.link_moves else None
         for name in motors_of(self.joint):
-            role = self._drives(name)
-            if role == "commanded_position":
-                given[role] = bridged(channels.raw[role][part])
+            role = torque_role(name)
+            if self.commanded and name == "motor":
+                given |= {command: bridged(channels.raw[command][part]) for command in self._drives(name)}
             elif name not in self.moved:
                 torque = channels.raw[role][part]
                 given[role] = torque if hold else table(time, torque)

@@ -21,8 +21,8 @@ _ROLES: dict[str, tuple[str, ...]] = {
 
 # What no estimator reads: recorded in few logs, and not missed in the others.
 EXTRA = (
-    "commanded_position", "link_acceleration", "external_torque", "secondary_torque", "accelerometer_x", "accelerometer_y",
-    "accelerometer_z",
+    "commanded_position", "commanded_velocity", "link_acceleration", "external_torque", "secondary_torque", "accelerometer_x",
+    "accelerometer_y", "accelerometer_z",
 )  # fmt: skip
 
 

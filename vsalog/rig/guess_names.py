@@ -29,6 +29,7 @@ OTHER = _words(
     "voltage pwm status seq header time timestamp stamp id count counter error err power energy pressure "
     "force duty frame mode flag"
 )
+VELOCITY = _words("velocity vel speed omega dq qd")
 MOTOR = _words("motor mot rotor servo actuator primary drive")
 LINK = _words("link output load")
 SENSOR = _words("sensor spring transmission loadcell ft measured meas elastic wrench")
@@ -75,8 +76,8 @@ class Meaning:
 
     Attributes
     ----------
-    quantity : ``position``, ``commanded_position``, ``deflection``, ``torque``, ``current``, ``setpoint``, ``length``,
-        ``link_acceleration``, ``accelerometer_x`` (``_y``, ``_z``) or ``other``
+    quantity : ``position``, ``commanded_position``, ``commanded_velocity``, ``deflection``, ``torque``, ``current``,
+        ``setpoint``, ``length``, ``link_acceleration``, ``accelerometer_x`` (``_y``, ``_z``) or ``other``
     part : ``motor``, ``link``, ``sensor``, ``secondary``, ``external`` or ""
     index : the number behind the part, e.g. 2 of ``motor_2``; None without one
     joint : the words that are left: the joint's name
@@ -147,6 +148,8 @@ def _quantity(field: list[str], label: list[str], topic: list[str], unit: str | 
     is_truth = "truth" in topic
     if not is_truth and not _is_command([*words, *topic]) and (role := _acceleration(field, [*words, *topic], unit)):
         return role
+    if not is_truth and _is_command([*words, *topic]) and _is_velocity(field, unit):
+        return "commanded_velocity"
     if any(word in OTHER for word in field) or by_unit == "other" or is_truth:
         return "other"
     if _is_command(words):
@@ -160,6 +163,16 @@ def _quantity(field: list[str], label: list[str], topic: list[str], unit: str | 
     if by_unit in ("position", "torque") and named in (None, "setpoint"):
         return named or by_unit
     return named or by_unit or "other"
+
+
+def _is_velocity(field: list[str], unit: str | None) -> bool:
+    """Tell whether a channel is an angular velocity by its name, and not by its unit something else."""
+    if not any(word in VELOCITY for word in field):
+        return False
+    try:
+        return unit is None or bool(si_factor(unit, "rad/s"))
+    except UnitError:
+        return False
 
 
 def _acceleration(field: list[str], words: list[str], unit: str | None) -> str | None:

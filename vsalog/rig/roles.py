@@ -25,6 +25,7 @@ ROLE_UNITS: dict[str, tuple[str, ...]] = {
     "link_acceleration": ("rad/s^2",),
     "deflection": ("rad",),
     "commanded_position": ("rad",),
+    "commanded_velocity": ("rad/s",),
     "motor_torque": ("N*m", "A"),
     "torque_sensor": ("N*m",),
     "external_torque": ("N*m",),
@@ -93,10 +94,15 @@ else:
 SignalSpec = str | float | Signal
 
 
+COMMANDS = ("commanded_position", "commanded_velocity")
+"""What a drive may be commanded."""
+
+
 class SingleSignals(Base, frozen=True):
     """The roles of a joint with one transmission.
 
-    `commanded_position` is what the motor's drive is told, on the joint's side; `external_torque` is a push on the link;
+    `commanded_position` and `commanded_velocity` are what the motor's drive is told, on the joint's side; `external_torque` is a
+    push on the link;
     `link_acceleration` is that of the joint, q̈; `accelerometer_x`, `accelerometer_y` and `accelerometer_z` are the axes of an
     accelerometer on the link, mounted as the chain says.
     """
@@ -104,6 +110,7 @@ class SingleSignals(Base, frozen=True):
     motor_position: SignalSpec | None = None
     motor_torque: SignalSpec | None = None
     commanded_position: SignalSpec | None = None
+    commanded_velocity: SignalSpec | None = None
     link_position: SignalSpec | None = None
     link_acceleration: SignalSpec | None = None
     deflection: SignalSpec | None = None

@@ -36,6 +36,7 @@ DEFAULT_CHANNELS = {
     "link_position": "/joint_states.position[link]",
     "setpoint": "/joint_states.position[secondary_motor]",
     "commanded_position": "/joint_commands.position[motor]",
+    "commanded_velocity": "/joint_commands.velocity[motor]",
     "motor_torque": "/joint_states.effort[motor]",
     "motor_torque_1": "/joint_states.effort[motor_1]",
     "motor_torque_2": "/joint_states.effort[motor_2]",

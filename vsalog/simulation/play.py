@@ -18,6 +18,7 @@ from vsalog.effects.quantisation import rounded
 from vsalog.mechanics import flexibility_torque, reaction_torque, stiffness
 from vsalog.mechanics._atoms import TORQUES, planned
 from vsalog.readers.limits import BLOCK_ROWS
+from vsalog.rig.roles import COMMANDS
 from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Motor, SerialJoint
 from vsalog.simulation._integrate import ServoRow, integrate
 from vsalog.simulation.inputs import Input, Motion, Servo, TorqueInput, at_samples
@@ -68,7 +69,7 @@ def play(
     looks = _looks(machine, period)
     # Servos look again at the begin of a step.
     count = looks * -(-(suggested if steps is None else steps) // looks)
-    drives = _Drives(machine, inputs, time, count, looks)
+    drives = _Drives(machine, inputs, time, count, looks, start or {})
     at = machine.moved(list(drives.splines))
     x, modes = _first_state(machine, drives, start or {}), np.zeros(machine.modes, dtype=np.int64)
     work, room = machine.work()
@@ -120,8 +121,7 @@ def _truth(
     for j, name in enumerate(machine.joints):
         truth[name] |= _moved("link", j, states, accelerations, machine.freedom)
         truth[name]["external_torque"] = at_samples(drives.external[j], drives.time)[part]
-        if name in drives.positions:
-            truth[name]["commanded_position"] = drives.positions[name][part]
+        truth[name] |= {role: values[part] for role, values in drives.commanded_of.get(name, {}).items()}
     for slot in machine.motors:
         truth[slot.joint] |= _moved(_motor_name(slot), slot.index, states, accelerations, machine.freedom)
         if slot.role not in drives.unknown[slot.joint]:
@@ -139,8 +139,9 @@ class _Drives:
     """The inputs of a machine, ready to be cut into what `integrate` takes."""
 
     def __init__(
-        self, machine: Machine, inputs: Mapping[str, Mapping[str, Input]], time: Array, steps: int, looks: int
-    ) -> None:
+        self, machine: Machine, inputs: Mapping[str, Mapping[str, Input]], time: Array, steps: int, looks: int,
+        start: Mapping[str, Array],
+    ) -> None:  # fmt: skip
         _require_known(machine, inputs)
         self.machine, self.time, self.steps, self.looks = machine, time, steps, looks
         self.period = float(time[1] - time[0])
@@ -150,7 +151,7 @@ class _Drives:
         self.torques: dict[int, TorqueInput] = {}
         self.splines: dict[int, CubicSpline] = {}
         self.servos: list[tuple[MotorSlot, tuple[float, ...], Array]] = []
-        self.positions: dict[str, Array] = {}
+        self.commanded_of: dict[str, dict[str, Array]] = {}
         self.unknown: dict[str, set[str]] = {name: set() for name in machine.joints}
         for j, name in enumerate(machine.joints):
             motion = inputs.get(name, {}).get("link_position")
@@ -158,11 +159,13 @@ class _Drives:
                 self.splines[j] = CubicSpline(time, at_samples(_motion(name, motion).position, time))
         for slot in machine.motors:
             given = inputs.get(slot.joint, {}).get(slot.role, 0.0)
-            position = inputs.get(slot.joint, {}).get("commanded_position")
+            commands = {role: inputs[slot.joint][role] for role in COMMANDS if role in inputs.get(slot.joint, {})}
             servo = drive_of(machine.joints[slot.joint])
-            if position is not None and servo is not None and slot.role == "motor_torque":
-                self.positions[slot.joint] = at_samples(_torque(slot.joint, position), time)
-                reference = self._planned(servo, self.positions[slot.joint])
+            if commands and servo is not None and slot.role == "motor_torque":
+                told = {role: at_samples(_torque(slot.joint, command), time) for role, command in commands.items()}
+                self.commanded_of[slot.joint] = told
+                begin = 0.0 if slot.joint not in start else float(start[slot.joint][2 if slot.index else 0])
+                reference = self._planned(servo, told, begin)
                 self.servos.append((slot, _row_of_drive(slot, servo, self.period / steps, steps // looks), reference))
             elif isinstance(given, Motion):
                 self.splines[slot.index] = CubicSpline(time, at_samples(given.position, time))
@@ -178,16 +181,21 @@ class _Drives:
         self.commands = np.zeros((time.size, looks, len(self.servos)))
         self.sums = np.zeros(len(self.servos))
 
-    def _planned(self, servo: PositionServo, command: Array) -> Array:
-        """Return position and velocity that a drive's loop follows each time it looks, shape (N, looks, 2)."""
-        held = late_command(command, servo.delay / self.period, self.looks)
-        rates = np.zeros_like(held)
+    def _planned(self, servo: PositionServo, commands: Mapping[str, Array], begin: float) -> Array:
+        """Return position and velocity that a drive's loop follows each time it looks, shape (N, looks, 2).
+
+        Where no position is commanded it goes on from `begin` with the velocity.
+        """
+        late = servo.delay / self.period
+        told = {role: late_command(command, late, self.looks) for role, command in commands.items()}
+        rates = told.get("commanded_velocity", np.zeros(self.time.size * self.looks))
+        held = told.get("commanded_position", begin + rates.cumsum() * self.period / self.looks)
         if servo.plans:
             speed, acceleration = (
                 np.inf if one is None else one for one in (servo.speed_limit, servo.acceleration_limit)
             )
             held, rates = planned(held, self.period / self.looks, speed, acceleration)
-        return np.stack([held, rates], axis=-1).reshape(command.size, self.looks, 2)
+        return np.stack([held, rates], axis=-1).reshape(self.time.size, self.looks, 2)
 
     def chunk(self, part: slice) -> tuple[Array, Array, Array, Array, Array, Array]:
         """Return inputs, prescribed motion, servos, reference, commands and sums for the periods `part`; see `integrate`."""
@@ -254,7 +262,7 @@ def _require_known(machine: Machine, inputs: Mapping[str, Mapping[str, Input]]) 
     for name in machine.joints:
         roles = [*(m.role for m in machine.motors if m.joint == name), "external_torque", "link_position"]
         if drive_of(machine.joints[name]) is not None:
-            roles.append("commanded_position")
+            roles += COMMANDS
         unknown = sorted(set(inputs.get(name, {})) - set(roles))
         if unknown:
             raise SimulationError(f"joint '{name}' has no input '{unknown[0]}'; it has {', '.join(roles)}")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from vsalog.core.errors import SimulationError
 from vsalog.core.signals import JointSignals
 from vsalog.filters.savitzky_golay import savgol_weights
+from vsalog.rig.roles import COMMANDS
 from vsalog.rig.schema import Chain, RigidJoint, SerialJoint
 from vsalog.simulation.inputs import Input, Motion, bridged, table
 from vsalog.simulation.machine import Machine, MotorSlot, Movable, build, drive_of
@@ -105,8 +106,8 @@ def _inputs(machine: Machine, name: str, signals: JointSignals, states: Array, h
     roles, time = signals.roles, signals.time[0] + np.arange(len(signals)) * signals.period
     given: dict[str, Input] = {}
     slots = [slot for slot in machine.motors if slot.joint == name]
-    if "commanded_position" in roles and drive_of(machine.joints[name]) is not None:
-        given["commanded_position"] = bridged(roles["commanded_position"])
+    if drive_of(machine.joints[name]) is not None and any(role in roles for role in COMMANDS):
+        given |= {role: bridged(roles[role]) for role in COMMANDS if role in roles}
         slots = []
     for i, slot in enumerate(slots):
         if slot.role in roles:

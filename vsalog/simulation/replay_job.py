@@ -37,6 +37,7 @@ NEEDED = (
     "deflection",
     "setpoint",
     "commanded_position",
+    "commanded_velocity",
     "motor_torque",
     "secondary_torque",
     "external_torque",

@@ -17,6 +17,7 @@ from vsalog.core.units import parse_quantity, parse_unit, shown, split_quantity
 from vsalog.rig.decode import Path as KeyPath
 from vsalog.rig.decode import decode, key_path, refuse
 from vsalog.rig.load import Rig, presets
+from vsalog.rig.roles import COMMANDS
 from vsalog.rig.schema import AntagonisticJoint, Joint, RigFile, SerialJoint
 from vsalog.simulation.control import Controller, controller_of
 from vsalog.simulation.inputs import Input, Motion, Servo
@@ -41,7 +42,7 @@ MOST_SINES = 2000
 """Sines of a multisine, at most: a finer spectrum than a log of minutes resolves, which costs as many evaluations per sample."""
 
 # The SI unit of what drives a role, by how the role's name begins or ends.
-TORQUE, ANGLE, VOLTAGE = "N*m", "rad", "V"
+TORQUE, ANGLE, VELOCITY, VOLTAGE = "N*m", "rad", "rad/s", "V"
 # Keys of a part that are in the role's unit.
 _ROLE_KEYS = ("value", "amplitude", "offset", "rms")
 _FREQUENCY_KEYS = ("frequency", "start_frequency", "end_frequency", "spacing", "lowest_frequency", "highest_frequency")
@@ -242,20 +243,22 @@ def driven_roles(joint: Joint) -> tuple[str, ...]:
         return (*valves, "external_torque")
     if isinstance(joint, AntagonisticJoint):
         return ("motor_torque_1", "motor_torque_2", "external_torque")
-    commanded = ("commanded_position",) if drive_of(joint) is not None else ()
+    commanded = COMMANDS if drive_of(joint) is not None else ()
     secondary = ("secondary_torque",) if isinstance(joint, SerialJoint) else ()
     return ("motor_torque", *commanded, *secondary, "external_torque")
 
 
 def role_of(key: str) -> str:
     """Return the role that a key of `Drives` drives: a motor's servo and its position stand for its torque."""
-    return key if key == "commanded_position" else key.replace("_servo", "_torque").replace("_position", "_torque")
+    return key if key in COMMANDS else key.replace("_servo", "_torque").replace("_position", "_torque")
 
 
 def unit_of(key: str) -> str:
     """Return the SI unit of the parts of a key of `Drives`."""
     if key.startswith("valve"):
         return VOLTAGE
+    if key == "commanded_velocity":
+        return VELOCITY
     return TORQUE if "torque" in key else ANGLE
 
 
@@ -357,9 +360,9 @@ def _check(file: ScenarioFile) -> None:
             if not drive:
                 continue
             path = ("joint", name, key)
-            drives_motor = key == "commanded_position"
+            drives_motor = key in COMMANDS
             for role in ("motor_torque",) if drives_motor else COMMANDED.get(key, (role_of(key),)):
-                if role in taken:
+                if role in taken and not {key, taken[role]} <= set(COMMANDS):
                     what = "valve" if role.startswith("valve") else "motor"
                     refuse(path, f"'{taken[role]}' drives the same {what}; keep one of them")
                 taken[role] = key

@@ -237,11 +237,12 @@ class Drives(Base, frozen=True):
     """What drives one joint; several parts of a role are summed, what is not named is zero.
 
     A motor gets a torque, a servo or a prescribed position, on the joint's side of the gear, or its drive is commanded a
-    position. A controller receives what the
+    position, a velocity, or both. A controller receives what the
     joint's sensors say, and drives its motor or its valves.
     """
 
     commanded_position: Parts = ()
+    commanded_velocity: Parts = ()
     motor_torque: Parts = ()
     motor_torque_1: Parts = ()
     motor_torque_2: Parts = ()

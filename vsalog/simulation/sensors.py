@@ -14,6 +14,7 @@ from vsalog.effects.calibration import reading
 from vsalog.effects.quantisation import rounded
 from vsalog.effects.reading_error import errors_of
 from vsalog.mechanics.kinematics import LinkMotion, chain_motion, specific_force
+from vsalog.rig.roles import COMMANDS
 from vsalog.rig.schema import Chain, Joint, RigFile, Signal
 from vsalog.simulation.channels import is_lever_arm, named_signals
 from vsalog.simulation.experiment import JointRecord
@@ -33,7 +34,7 @@ SENSED = {
 ACCELEROMETER = {"accelerometer_x": 0, "accelerometer_y": 1, "accelerometer_z": 2}
 
 # What may be held from sample to sample: a cubic would overshoot where it jumps.
-HELD = ("commanded_position", "motor_torque", "secondary_torque", "external_torque", "valve")
+HELD = (*COMMANDS, "motor_torque", "secondary_torque", "external_torque", "valve")
 
 
 @dataclass(frozen=True, slots=True)

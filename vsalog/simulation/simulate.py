@@ -47,7 +47,8 @@ def simulate(
     inputs : joint → role → what drives it, on the joint's side of the gear: a torque [N·m] as a continuous function of an
         array of times [s], or one value per sample (N), held until the next; a `Servo`; a `Motion`. Roles are
         ``motor_torque`` (elastic, serial), ``motor_torque_1`` and ``_2`` (antagonistic), ``secondary_torque`` (serial),
-        ``commanded_position`` [rad] (with a drive), ``external_torque`` (all), ``valve_1`` and ``_2`` [V] (pneumatic,
+        ``commanded_position`` [rad] and ``commanded_velocity`` [rad/s] (with a drive), ``external_torque`` (all),
+        ``valve_1`` and ``_2`` [V] (pneumatic,
         needed). Missing torques are zero
     duration : [s]; N = duration / period + 1 samples, the first before anything moves
     period : sample time T [s]
