@@ -11,7 +11,14 @@ from vsalog.diagnosis.causes.base import Cause, Setting, Site
 from vsalog.residuals.sensing import at_joint
 from vsalog.rig import Rig
 
-SIDES = {"motor": "Motor", "drive": "Drive", "transmission": "Transmission", "link": "Link", "sensor": "Sensors", "pneumatic": "Muscles"}
+SIDES = {
+    "motor": "Motor",
+    "drive": "Drive",
+    "transmission": "Transmission",
+    "link": "Link",
+    "sensor": "Sensors",
+    "pneumatic": "Muscles",
+}
 EQUATIONS = ("motor", "secondary_motor", "motor_1", "motor_2", "transmission", "link")
 SERVO = """
 [joint.servo]
