@@ -68,6 +68,10 @@ def refined(selection: Selection, windows: Windows) -> Selection:
         return selection
     # Where equations do not close, trajectories mostly cannot either; then they say nothing that is not in the equations.
     loop = is_commanded(selection.problem.joint, windows.channels.raw)
+    if loop and np.max(_squares(shot, windows)) > WITHIN:
+        by_loop = _by_loop(selection, windows)
+        if np.max(_squares(by_loop[1], windows)) < np.max(_squares(shot, windows)):
+            best, shot, J = by_loop
     far = np.max(np.diag(selection.weights.inflation)) > WITHIN**2 and np.max(_squares(shot, windows)) > WITHIN
     if far and not loop:
         return selection
@@ -87,6 +91,31 @@ def refined(selection: Selection, windows: Windows) -> Selection:
             break
         best, shot, J = other, there, changes
     return replace(best, choices=_as_seen(best, windows, J)) if best.posterior.fit else best
+
+
+def _by_loop(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Array]:
+    """Search sets of causes by the trajectories alone, beginning with the rig as it stands.
+
+    A loop that is commanded a position does not drift: its simulation over many seconds says of all causes what equations say of
+    their own samples, without derivatives of what a slow log hardly shows.
+    """
+    problem = selection.problem
+    here = replace(selection, posterior=most_probable(problem, selection.weights, ()))
+    here, shot, J = _fitted(here, windows)
+    for _ in range(ITERATIONS):
+        if np.max(_squares(shot, windows)) <= WITHIN:
+            break
+        other = _searched(here, windows, shot, equations=False)
+        if other is None:
+            break
+        try:
+            other, there, changes = _fitted(other, windows)
+        except SimulationError:
+            break
+        if _at_bounds(other) or np.max(_squares(there, windows)) >= np.max(_squares(shot, windows)):
+            break
+        here, shot, J = other, there, changes
+    return here, shot, J
 
 
 def _at_bounds(selection: Selection) -> bool:
@@ -155,8 +184,8 @@ def _simplified(selection: Selection, windows: Windows, shot: Shot, J: Array) ->
     return selection, shot, J
 
 
-def _searched(selection: Selection, windows: Windows, shot: Shot) -> Selection | None:
-    """Search sets of causes by equations and trajectories together; none where the best set stays as it is."""
+def _searched(selection: Selection, windows: Windows, shot: Shot, equations: bool = True) -> Selection | None:
+    """Search sets of causes by equations and trajectories together, or by these alone; none where the best set stays as it is."""
     problem, fit, blocks = selection.problem, selection.posterior.fit, selection.blocks
     sites = sites_in(selection.stage)
     stage = stage_about(problem, selection.system, sites, fit, blocks, selection.system.hold)
@@ -167,8 +196,8 @@ def _searched(selection: Selection, windows: Windows, shot: Shot) -> Selection |
     r = (projected(bases, in_windows(shot, windows)) * weights).ravel() - J @ stage.unknowns.now
     both = replace(
         stage.candidates,
-        information=stage.candidates.information + J.T @ J,
-        score=stage.candidates.score - J.T @ r,
+        information=J.T @ J + (stage.candidates.information if equations else 0.0),
+        score=-J.T @ r + (stage.candidates.score if equations else 0.0),
     )
     now = np.array([v.inside for v in variants], dtype=np.bool_)
     found = best_sets(both, [now])[0]
