@@ -20,14 +20,18 @@ Array = NDArray[np.float64]
 
 def determined(fit: Fit) -> list[Determined]:
     """Return for each number of a fit how far the log tells it."""
-    usual = np.array([u.wider for u in fit.unknowns]) ** 2
-    told, alone = halved(usual * np.diag(fit.covariance)), halved(usual / (1.0 + np.diag(fit.information)))
+    usual = _usual(fit) ** 2
+    told, alone = halved(np.diag(fit.covariance) / usual), halved(1.0 / (1.0 + np.diag(fit.information)) / usual)
     return ["alone" if m else "in combination" if a else "not" for m, a in zip(told, alone, strict=True)]
 
 
 def halved(variance: Array) -> NDArray[np.bool_]:
     """Tell whether posterior variances, in units of what is usual for their kinds, say that a log tells as much as that."""
     return np.asarray(variance <= 1.0 / 2.0)
+
+
+def _usual(fit: Fit) -> Array:
+    return np.array([u.usual(float(v)) for u, v in zip(fit.unknowns, fit.values, strict=True)])
 
 
 def correlations(fit: Fit) -> Array:
@@ -38,8 +42,8 @@ def correlations(fit: Fit) -> Array:
 
 def combinations(fit: Fit) -> Iterator[tuple[tuple[int, ...], tuple[float, ...]]]:
     """Yield indices of numbers that change together without effect, and by how many per cent where the first changes by one."""
-    usual = np.array([u.wider for u in fit.unknowns])
-    values, vectors = np.linalg.eigh(fit.covariance * np.outer(usual, usual))
+    usual = _usual(fit)
+    values, vectors = np.linalg.eigh(fit.covariance / np.outer(usual, usual))
     kinds = determined(fit)
     for k in np.flatnonzero(~halved(values)):
         v = vectors[:, k]
@@ -51,7 +55,7 @@ def combinations(fit: Fit) -> Iterator[tuple[tuple[int, ...], tuple[float, ...]]
         unknowns = [fit.unknowns[i] for i in members]
         now = [u.value(float(fit.values[i])) for u, i in zip(unknowns, members, strict=True)]
         changes = np.array(
-            [u.slope(float(fit.values[i])) * v[i] / u.wider for u, i in zip(unknowns, members, strict=True)]
+            [u.slope(float(fit.values[i])) * v[i] * usual[i] for u, i in zip(unknowns, members, strict=True)]
         )
         relative = changes / np.where(np.array(now) == 0.0, 1.0, now)
         yield tuple(members), tuple((relative / relative[0]).tolist())

@@ -48,6 +48,7 @@ class Unknown:
     deviation : prior standard deviation, of the logarithm or of the value
     logarithmic : which
     stated : whether the rig states its tolerance
+    scale : the value that would matter in the log, for a number that may be zero
     least_step : change below which a simulation does not respond smoothly [unit of the number]; 0 for none
     """
 
@@ -55,12 +56,15 @@ class Unknown:
     deviation: float
     logarithmic: bool
     stated: bool
+    scale: float
     least_step: float = 0.0
 
-    @property
-    def wider(self) -> float:
-        """Prior deviation over that of what is usual for its kind, or that the rig states [1]."""
-        return 1.0 if self.stated else SPREAD.wider
+    def usual(self, unknown: float) -> float:
+        """Return how well a rig usually knows such a number, or this one states it: one standard deviation of the unknown."""
+        if self.stated:
+            return 1.0
+        value = self.value(unknown)
+        return default_deviation(self.key, value, self.scale) / abs(self.slope(unknown))
 
     @property
     def key(self) -> str:
@@ -162,18 +166,18 @@ def _fits(key: str, patterns: Collection[str]) -> bool:
 
 
 def _unknown(number: Number, stated: float | None, scales: Scales) -> Unknown | None:
-    deviation = stated
+    deviation, scale = stated, scales.of(number.unit, number.value)
     if deviation is None:
         try:
-            deviation = SPREAD.wider * default_deviation(number.key, number.value, scales.of(number.unit, number.value))
+            deviation = SPREAD.wider * default_deviation(number.key, number.value, scale)
         except KeyError:
             return None
     if not deviation > 0.0:
         return None
     least = 0.25 * scales.period if number.unit == "s" else 0.0
     if number.positive and number.value > 0.0 and number.low == 0.0:
-        return Unknown(number, deviation / number.value, True, stated is not None, least)
-    return Unknown(number, deviation, False, stated is not None, least)
+        return Unknown(number, deviation / number.value, True, stated is not None, scale, least)
+    return Unknown(number, deviation, False, stated is not None, scale, least)
 
 
 def placed(joint: Any, unknowns: Sequence[Unknown], values: Array) -> Any:

@@ -22,6 +22,7 @@ from vsalog.readers.remote import downloaded, local
 from vsalog.readers.rosbag1 import Rosbag1Container
 from vsalog.readers.rosbag2 import bag_file, bag_folder, counted
 from vsalog.readers.sniff import sniff
+from vsalog.readers.table_folder import TableFolderReader
 from vsalog.readers.tables.reader import TableReader
 from vsalog.readers.time_window import Window, cut
 
@@ -34,7 +35,7 @@ def open_reader(path: str | PathLike[str], rate: float | None = None) -> Reader:
     Parameters
     ----------
     path : path
-        A file, the folder of a ROS 2 bag, or the address of either, which is downloaded first.
+        A file, the folder of a ROS 2 bag or of tables that belong together, or an address of a file, which is downloaded first.
     rate : float, optional
         Samples per second [Hz] of tables that have no time column.
 
@@ -53,6 +54,8 @@ def open_reader(path: str | PathLike[str], rate: float | None = None) -> Reader:
         return ParquetReader(path, rate)
     if kind == "matlab":
         return MatlabReader(path, rate)
+    if kind == "table-folder":
+        return TableFolderReader(path, lambda file: open_reader(file, rate))
     return message_reader(open_container(path, kind), rate)
 
 
@@ -79,7 +82,7 @@ def read(
     Parameters
     ----------
     path : path
-        A file, the folder of a ROS 2 bag, or the address of either, which is downloaded first.
+        A file, the folder of a ROS 2 bag or of tables that belong together, or an address of a file, which is downloaded first.
     wanted : collection of str, optional
         Names of the channels to decode and keep; None is all of them. Names the log does not have are passed over.
     time : str

@@ -6,6 +6,7 @@ the same format in a temporary folder: the readers need not know of it.
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -19,12 +20,13 @@ from vsalog.core.errors import ReadError
 from vsalog.core.look import LOOK_BYTES
 from vsalog.core.recording import Recording
 from vsalog.core.resolution import STRETCHES
-from vsalog.readers.limits import PACKED_BYTES
+from vsalog.readers.limits import GLANCE_BYTES, PACKED_BYTES
 from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.reading import message_reader, open_container, read
 from vsalog.readers.remote import downloaded, local
 from vsalog.readers.sampling_pieces import Piece, Sample, chosen_pieces, copy_pieces
 from vsalog.readers.sniff import sniff
+from vsalog.readers.table_folder import tables_in
 from vsalog.readers.tables.reader import TableReader
 from vsalog.readers.tables.source import Source, open_text, read_beginning
 
@@ -140,4 +142,21 @@ def _next_line(file: Source, position: int) -> int:
     return position + len(file.readline(PACKED_BYTES))
 
 
-CUTTERS: Mapping[str, Cutter] = {"parquet": cut_parquet, "table": cut_text}
+def cut_folder(source: Path, target: Path, budget: int) -> Sample | None:
+    """Cut stretches out of each table of a folder, in proportion to its size; small files are copied. See `Cutter`."""
+    files, cuts = tables_in(source), list[Sample]()
+    whole = sum(path.stat().st_size for path in files)
+    target.mkdir()
+    for path in files:
+        small, share = target / path.name, max(budget * path.stat().st_size // whole, 1)
+        kind = sniff(path)
+        cut = CUTTERS[kind](path, small, share) if kind in CUTTERS and share > GLANCE_BYTES else None
+        if cut is None:
+            shutil.copyfile(path, small)
+            cut = Sample(small.stat().st_size, 1)
+        cuts.append(cut)
+    totals = {name: count for cut in cuts for name, count in cut.totals.items()}
+    return Sample(sum(cut.size for cut in cuts), max(cut.stretches for cut in cuts), totals)
+
+
+CUTTERS: Mapping[str, Cutter] = {"parquet": cut_parquet, "table": cut_text, "table-folder": cut_folder}

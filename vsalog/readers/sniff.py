@@ -8,6 +8,7 @@ from vsalog.core.errors import ReadError
 from vsalog.readers.limits import GLANCE_BYTES, MOST_DAMAGED
 from vsalog.readers.matlab_variables import is_v4
 from vsalog.readers.rosbag2 import is_bag_folder
+from vsalog.readers.table_folder import tables_in
 from vsalog.readers.tables.source import DAMAGE, open_text, read_beginning, without_holes
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -40,8 +41,8 @@ _CONTROL = bytes({*range(32)} - {*b"\t\n\v\f\r\x1b"})
 
 
 def sniff(path: Path) -> str:
-    """Return what a file or folder is: ``mcap``, ``rosbag1``, ``rosbag2``, ``rosbag2-folder``, ``parquet``, ``matlab`` or
-    ``table``.
+    """Return what a file or folder is: ``mcap``, ``rosbag1``, ``rosbag2``, ``rosbag2-folder``, ``table-folder``, ``parquet``,
+    ``matlab`` or ``table``.
 
     Raises
     ------
@@ -65,13 +66,15 @@ def sniff(path: Path) -> str:
 
 
 def _sniff_folder(path: Path) -> str:
-    if not is_bag_folder(path):
-        raise ReadError(
-            "is a folder, but no ROS 2 bag: it has neither a metadata.yaml nor MCAP or SQLite files;"
-            " name one of the files in it",
-            path,
-        )
-    return "rosbag2-folder"
+    if is_bag_folder(path):
+        return "rosbag2-folder"
+    if tables_in(path):
+        return "table-folder"
+    raise ReadError(
+        "is a folder, but no ROS 2 bag: it has neither a metadata.yaml nor MCAP or SQLite files, nor are there tables in it;"
+        " name one of the files in it",
+        path,
+    )
 
 
 def _sniff_head(path: Path, head: bytes) -> str:

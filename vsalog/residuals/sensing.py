@@ -209,15 +209,14 @@ def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str,
 
 
 def is_commanded(joint: Any, roles: Collection[str]) -> bool:
-    """Tell whether what moves a joint is known by what its drive is commanded: by no torque, but by a position.
+    """Tell whether a joint is moved by what its drive is commanded, and no recorded torque is taken for that of its motor.
 
     Parameters
     ----------
     joint : of the rig
     roles : that are recorded, or follow from them
     """
-    there = getattr(joint, "drive", None) is not None and any(role in roles for role in COMMANDS)
-    return there and getattr(joint.signals, "motor_torque", None) is None
+    return getattr(joint, "drive", None) is not None and any(role in roles for role in COMMANDS)
 
 
 def whole_delays(joint: Joint, period: float) -> dict[str, int]:

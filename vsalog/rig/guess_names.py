@@ -17,19 +17,22 @@ def _words(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
-POSITION = _words("position pos angle ang encoder enc theta q rotation")
+POSITION = _words("position positions pos angle angles ang encoder enc theta q rotation")
 DEFLECTION = _words("deflection defl deformation delta phi twistangle")
 TORQUE = _words("torque torques effort tau moment trq")
 CURRENT = _words("current amps iq")
 SETPOINT = _words("setpoint stiffness lever pretension preload cocontraction slider r")
-COMMAND = _words("command cmd commanded desired des ref reference target goal demand demanded")
+COMMAND = _words("command commands cmd commanded desired des ref reference target goal demand demanded")
+# Of a stream, not of a field.
+CONTROL = _words("control controls action actions")
+STATE = _words("state states feedback actual measured meas")
 # Derivatives, housekeeping: never a role.
 OTHER = _words(
-    "velocity vel speed omega dq qd ddq qdd rate dot acceleration acc accel jerk gyro temperature temp "
+    "velocity velocities vel speed speeds omega dq qd ddq qdd rate dot acceleration acc accel jerk gyro temperature temp "
     "voltage pwm status seq header time timestamp stamp id count counter error err power energy pressure "
     "force duty frame mode flag"
 )
-VELOCITY = _words("velocity vel speed omega dq qd")
+VELOCITY = _words("velocity velocities vel speed speeds omega dq qd")
 MOTOR = _words("motor mot rotor servo actuator primary drive")
 LINK = _words("link output load")
 SENSOR = _words("sensor spring transmission loadcell ft measured meas elastic wrench")
@@ -110,8 +113,12 @@ def meaning_of(channel: Channel, *, with_stream: bool = True) -> Meaning:
     quantity = _quantity(field_words, label_words, topic_words, channel.unit)
     named = label_words if label else [*topic_words, *field_words]
     part, index, joint = _part(named)
+    if label and not (part or joint) and _named_quantity(field_words):
+        joint = label_words  # a joint may be called as a quantity is: Rotation
     if label and not part and any(word in SENSOR for word in topic_words) and quantity == "torque":
         part = "sensor"
+    elif label and not part and any(word in MOTOR for word in topic_words) and quantity == "torque":
+        part = "motor"
     if not label and not part and "joint" in named and quantity in ("position", "torque"):
         part = "link" if quantity == "position" else ""
     in_command_topic = any(word in COMMAND for word in topic_words)
@@ -160,9 +167,16 @@ def _quantity(field: list[str], label: list[str], topic: list[str], unit: str | 
         return "setpoint" if named in ("setpoint", "position") and _is_setpoint(words) else "other"
     if by_unit == "current" and named in (None, "torque"):
         return "current"
+    if named == "position" and by_unit in (None, "position") and _is_command_topic(topic):
+        return "commanded_position"
     if by_unit in ("position", "torque") and named in (None, "setpoint"):
         return named or by_unit
     return named or by_unit or "other"
+
+
+def _is_command_topic(topic: list[str]) -> bool:
+    """Tell whether a stream holds what is asked for, as ``/joint_commands`` or a table called ``control``, and no state."""
+    return any(word in COMMAND or word in CONTROL for word in topic) and not any(word in STATE for word in topic)
 
 
 def _is_velocity(field: list[str], unit: str | None) -> bool:

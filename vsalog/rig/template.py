@@ -16,6 +16,7 @@ from vsalog.core.units import shown
 from vsalog.rig.checks import RUN
 from vsalog.rig.guess_types import Guess, JointGuess, RoleGuess
 from vsalog.rig.load import Rig
+from vsalog.rig.roles import COMMANDS
 from vsalog.rig.schema import Joint, Signal
 
 COLUMN = 48
@@ -120,6 +121,8 @@ def _joint(name: str, joint: JointGuess) -> Iterator[str]:
         yield from _lever(path)
     if joint.kind != "rigid":
         yield from _basis(path)
+    elif any(role in joint.roles for role in COMMANDS):
+        yield from _servo(path)
     yield f"[{path}.signals]"
     for role, guess in joint.roles.items():
         yield _signal(role, guess, bool(joint.runs))
@@ -136,6 +139,34 @@ def _joint(name: str, joint: JointGuess) -> Iterator[str]:
                 f'from the name, its unit is unknown: write "{run.setpoint:g} mm" or "{run.setpoint:g} deg"',
             )
         yield ""
+
+
+def _servo(path: str) -> Iterator[str]:
+    """Yield a position loop of a few hertz, of a joint whose inertia is 1: where an identification begins."""
+    yield "# Numbers to begin with: 'vsalog identify LOG --rig THIS_FILE' fits them to the log. All are relative to the inertia."
+    yield f"[{path}.motor]"
+    yield _line(
+        'inertia = "1 kg*m^2 ± 0"', "not fitted; write what is known of it, else torques are per unit of inertia"
+    )
+    yield 'damping = "20 N*m*s/rad"'
+    yield 'friction = { coulomb = "1 N*m" }'
+    yield ""
+    yield f"[{path}.link]"
+    yield _line('inertia = "0.001 kg*m^2 ± 0"', "part of the motor's; here for its weight")
+    yield 'gravity_torque = "1 N*m"'
+    yield 'gravity_angle = "0 rad ± 90 deg"'
+    yield ""
+    yield f"[{path}.drive]"
+    yield _line(
+        'kind = "position-servo"', "docs/servos.md; leave the table out where a recorded torque moves the joint"
+    )
+    yield 'kp = "400 N*m/rad"'
+    yield 'kd = "10 N*m*s/rad"'
+    yield 'delay = "50 ms"'
+    yield _line(
+        'acceleration_limit = "40 rad/s^2"', "of the motion that the drive plans; leave it out where it plans none"
+    )
+    yield ""
 
 
 def _basis(path: str) -> Iterator[str]:

@@ -1,0 +1,198 @@
+"""`vsalog identify` on machines that are integrated here: numbers within their intervals, and what a log cannot tell."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import vsalog_run
+from scipy.integrate import solve_ivp
+
+from vsalog.rig import Rig
+
+SEA = """
+[joint.a]
+kind = "elastic"
+[joint.a.motor]
+inertia = {inertia}
+damping = {damping}
+side = "rotor"
+gear_ratio = 10.0
+[joint.a.transmission]
+type = "linear"
+stiffness = {stiffness}
+[joint.a.link]
+inertia = {link}
+damping = 0.05
+[joint.a.signals]
+motor_position = {{ channel = "theta", unit = "rad" }}
+motor_torque = {{ channel = "torque", unit = "N*m" }}
+link_position = {{ channel = "q", unit = "rad" }}
+"""
+TRUE = {"inertia": 5e-4, "damping": 3e-3, "stiffness": 30.0, "link": 0.04}
+GUESS = {"inertia": 3.5e-4, "damping": 5e-3, "stiffness": 40.0, "link": 0.03}
+SERVO = """
+[joint.a]
+kind = "rigid"
+[joint.a.motor]
+inertia = 0.05
+damping = 0.4
+[joint.a.drive]
+kind = "position-servo"
+kp = 30.0
+kd = 0.5
+[joint.a.signals]
+commanded_position = {{ channel = "command", unit = "rad" }}
+link_position = {{ channel = "q", unit = "rad" }}
+"""
+
+
+def rotor_torque(t):
+    return 0.06 * np.sin(3.1 * t) + 0.05 * np.sin(11.0 * t) + 0.03 * np.sin(29.0 * t + 1.0)
+
+
+@pytest.fixture(scope="module")
+def sea(tmp_path_factory):
+    """A motor behind a gear of 10, a spring and a link; two logs with the noise of their encoders."""
+    folder, r = tmp_path_factory.mktemp("sea"), 10.0
+
+    def rates(t, x):
+        theta, omega, q, v = x
+        spring = TRUE["stiffness"] * (q - theta)
+        a = (r * rotor_torque(t) - r**2 * TRUE["damping"] * omega + spring) / (r**2 * TRUE["inertia"])
+        return omega, a, v, (-spring - 0.05 * v) / TRUE["link"]
+
+    for seed, name in enumerate(("one.csv", "two.csv")):
+        time = np.arange(0.0, 12.0, 0.002)
+        begin = np.array([0.1 * seed, 0.0, 0.1 * seed, 0.0])
+        x = solve_ivp(rates, (0.0, 12.0), begin, t_eval=time, rtol=1e-9, atol=1e-11).y
+        rng = np.random.default_rng(seed)
+        columns = [time, x[0] + 2e-4 * rng.standard_normal(time.size), r * rotor_torque(time)]
+        columns.append(x[2] + 2e-4 * rng.standard_normal(time.size))
+        np.savetxt(
+            folder / name,
+            np.stack(columns, axis=1),
+            delimiter=",",
+            header="time [s],theta,torque,q",
+            comments="",
+            fmt="%.9g",
+        )
+    (folder / "guess.rig.toml").write_text(SEA.format(**GUESS))
+    return folder
+
+
+def identified(folder, *arguments):
+    done = vsalog_run("identify", *arguments, "--json", "--force", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_numbers_are_found_within_their_intervals_and_written_as_the_rig_has_them(sea):
+    found = identified(sea, "one.csv", "--rig", "guess.rig.toml", "--holdout", "two.csv", "-o", "found.toml")
+    numbers = {n["key"]: n for n in found["numbers"]}
+    keys = {
+        "inertia": "motor.inertia",
+        "damping": "motor.damping",
+        "stiffness": "transmission.stiffness",
+        "link": "link.inertia",
+    }
+    for name, key in keys.items():
+        n = numbers[key]
+        assert n["determined"] == "alone", key
+        # 95 % intervals of four numbers: twice their width holds all of them in all but one log of many.
+        assert abs(n["value"] - TRUE[name]) < n["high"] - n["low"], key
+        assert n["value"] == pytest.approx(TRUE[name], rel=0.03)
+    for error in found["errors"]:
+        assert error["where"] == "two.csv"
+        assert error["identified"] < 0.1 * error["rig"]
+        assert error["identified"] < 2.0 * error["noise_floor"]
+    rig = Rig.load(sea / "found.toml")
+    motor = rig.joints["a"].motor
+    assert motor.side == "rotor"
+    assert motor.inertia == pytest.approx(TRUE["inertia"], rel=0.03)
+    assert 0.0 < rig.tolerances["a"]["motor.inertia"] < 0.05 * TRUE["inertia"]
+
+
+def test_what_is_exact_or_fixed_stays(sea):
+    text = SEA.format(**GUESS | {"stiffness": '"30 N*m/rad ± 0"'})
+    (sea / "exact.rig.toml").write_text(text)
+    found = identified(sea, "one.csv", "--rig", "exact.rig.toml", "--fix", "link.*", "-o", "exact.toml")
+    assert {n["key"] for n in found["numbers"]} == {"motor.inertia", "motor.damping"}
+    joint = Rig.load(sea / "exact.toml").joints["a"]
+    assert joint.transmission.stiffness == 30.0
+    assert joint.link.inertia == GUESS["link"]
+    assert {e["part"] for e in found["errors"]} == {"last third"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--fix", "motor.weight"), "motor.weight"),
+        (("--free", "motor.gear_rato"), "gear_ratio"),
+        (("--fix", "*"), "no number"),
+        (("--holdout", "none.csv"), "none.csv"),
+        (("--set", "joint.a.link.inertia=-1"), "inertia"),
+    ],
+)
+def test_what_cannot_be_is_refused_and_nothing_written(sea, arguments, said):
+    done = vsalog_run("identify", "one.csv", "--rig", "guess.rig.toml", *arguments, "-o", "refused.toml", cwd=sea)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert not (sea / "refused.toml").exists()
+
+
+def test_files_that_are_there_or_read_are_kept(sea):
+    (sea / "there.toml").write_text("mine")
+    done = vsalog_run("identify", "one.csv", "--rig", "guess.rig.toml", "-o", "there.toml", cwd=sea)
+    assert done.returncode == 2
+    assert (sea / "there.toml").read_text() == "mine"
+    done = vsalog_run("identify", "one.csv", "--rig", "guess.rig.toml", "-o", "guess.rig.toml", "--force", cwd=sea)
+    assert done.returncode == 2
+    assert "inertia" in (sea / "guess.rig.toml").read_text()
+
+
+@pytest.fixture(scope="module")
+def servo(tmp_path_factory):
+    """A drive that holds its command for 20 ms, an inertia and viscous friction: nothing but angles is recorded."""
+    folder, period, n = tmp_path_factory.mktemp("servo"), 0.02, 1500
+    time = np.arange(n) * period
+    command = 0.4 * np.sin(2.0 * time) + 0.15 * np.sin(9.0 * time) + 0.1 * np.sign(np.sin(1.3 * time))
+    x, out = np.array([command[0], 0.0]), np.empty(n)
+    for k in range(n):
+        out[k] = x[0]
+
+        def rates(_, s, k=k):
+            return s[1], (26.0 * (command[k] - s[0]) - (0.7 + 0.3) * s[1]) / 0.05
+
+        x = solve_ivp(rates, (0.0, period), x, rtol=1e-9, atol=1e-11).y[:, -1]
+    rng = np.random.default_rng(0)
+    columns = np.stack([time, command, out + 3e-4 * rng.standard_normal(n)], axis=1)
+    np.savetxt(folder / "log.csv", columns, delimiter=",", header="time [s],command,q", comments="", fmt="%.9g")
+    (folder / "rig.toml").write_text(SERVO.format())
+    return folder
+
+
+def test_without_a_torque_numbers_are_told_relative_to_one(servo):
+    """Inertia, gains and damping have a factor in common, and of kd and damping only the sum is told."""
+    found = identified(servo, "log.csv", "--rig", "rig.toml", "-o", "all.toml")
+    assert {n["key"]: n["determined"] for n in found["numbers"]} == dict.fromkeys(
+        ("motor.inertia", "motor.damping", "drive.kp", "drive.kd"), "in combination"
+    )
+    assert any({"motor.inertia", "drive.kp"} <= set(c["keys"]) for c in found["combinations"])
+    values = {n["key"]: n["value"] for n in found["numbers"]}
+    assert values["drive.kp"] / values["motor.inertia"] == pytest.approx(26.0 / 0.05, rel=0.02)
+    found = identified(
+        servo, "log.csv", "--rig", "rig.toml", "--fix", "motor.inertia", "--fix", "drive.kd", "-o", "some.toml"
+    )
+    numbers = {n["key"]: n for n in found["numbers"]}
+    assert {n["determined"] for n in numbers.values()} == {"alone"}
+    assert numbers["drive.kp"]["value"] == pytest.approx(26.0, rel=0.02)
+    assert numbers["motor.damping"]["value"] == pytest.approx(1.0 - 0.5, rel=0.05)
+
+
+def test_the_document_is_as_its_schema_says(servo):
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = json.loads((Path(__file__).parents[2] / "docs" / "identification.schema.json").read_text())
+    found = identified(servo, "log.csv", "--rig", "rig.toml", "--fix", "motor.inertia", "-o", "s.toml")
+    jsonschema.validate(found, schema)
+    assert found["correlations"]["a"][0][0] == pytest.approx(1.0)
