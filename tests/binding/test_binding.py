@@ -395,11 +395,16 @@ def test_runs_in_one_file_follow_each_other():
     np.testing.assert_array_equal(np.flatnonzero(signals.starts), [0, 1000])
 
 
-def test_runs_at_different_rates_are_refused():
+def test_runs_at_different_rates_come_onto_the_slowest_grid():
     name, joint = joint_of(RUNS)
-    rec = recording(**{"a.phi": (T, T), "a.tau": (T, T), "b.phi": (2 * T, T), "b.tau": (2 * T, T)})
-    with pytest.raises(BindingError, match="different rates"):
-        bind([rec], name, joint, ("deflection", "torque_sensor", "setpoint"))
+    rec = recording(**{"a.phi": (T, T), "a.tau": (T, T), "b.phi": (1.1 * T, T), "b.tau": (1.1 * T, T)})
+    signals = bind([rec], name, joint, ("deflection", "torque_sensor", "setpoint"))
+    period = 1.1 * (T[1] - T[0])
+    assert signals.period == pytest.approx(period)
+    first, second = (signals.run == k for k in range(2))
+    np.testing.assert_allclose(np.diff(signals.time[first]), period, rtol=1e-6)
+    np.testing.assert_allclose(signals.roles["deflection"][first], signals.time[first], atol=1e-9)
+    np.testing.assert_allclose(signals.roles["deflection"][second], signals.time[second] / 1.1, atol=1e-9)
 
 
 @pytest.mark.parametrize("roles", [("deflection",), ("deflection", "torque_sensor")])

@@ -132,7 +132,7 @@ def bind(
     offered = offered_roles(joint)
     wanted = [*roles, *(f"{other}/{role}" for other, (_, its) in neighbours.items() for role in its)]
     names: list[str] = []
-    runs: list[BoundRun] = []
+    bounds: list[tuple[str, str, dict[str, Role | float], int]] = []
     clocks: list[Iterable[Finding]] = []
     drives: list[Iterable[Finding]] = []
     for recording, run, fixed, run_name in _each_run(recordings, joint, setpoints):
@@ -143,10 +143,10 @@ def bind(
         }
         names.append(run_name)
         clocks.append(clock_findings(recording, name, _channels_of(recording, run, every)))
-        runs.append(BoundRun(recording.path.name, name, found, origin_of(recording), noise=noise))
+        bounds.append((recording.path.name, name, found, origin_of(recording)))
         motors = {role: motor_of(joint, role) for role in found if acting and is_motor_torque(role)}
         drives.append(acting_findings(name, motors))
-    _refuse_other_rates(name, [run.period * 1e-9 for run in runs])
+    runs = _at_one_rate([BoundRun(*bound, noise=noise) for bound in bounds], bounds, noise)
     out = _Rows(sum(run.rows for run in runs), in_file=any(recording.in_file for recording in recordings))
     resolutions, noises = [], []
     for number, one in enumerate(runs):
@@ -291,20 +291,14 @@ def _less_series(
     return {role: roles[role] for role in roles if role in wanted}
 
 
-def _refuse_other_rates(name: str, runs: Sequence[float]) -> None:
-    """Refuse runs whose periods [s] differ.
-
-    Raises
-    ------
-    BindingError
-        They do.
-    """
-    periods = np.array(runs)
-    if np.ptp(periods) > MOST_JITTER * periods[0]:
-        raise BindingError(
-            f"joint '{name}': the runs were sampled at different rates"
-            f" ({1.0 / periods.max():.4g} to {1.0 / periods.min():.4g} Hz); estimate them one by one"
-        )
+def _at_one_rate(
+    runs: list[BoundRun], bounds: Sequence[tuple[str, str, dict[str, Role | float], int]], noise: bool
+) -> list[BoundRun]:
+    """Return runs on grids of one period: their own where these are alike, else the longest, on which none is invented."""
+    periods = np.array([run.period for run in runs])
+    if np.ptp(periods) <= MOST_JITTER * periods[0]:
+        return runs
+    return [BoundRun(*bound, noise=noise, period=int(periods.max())) for bound in bounds]
 
 
 def _least_steps(runs: Sequence[Mapping[str, float]], roles: Collection[str]) -> dict[str, float]:

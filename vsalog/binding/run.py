@@ -30,6 +30,7 @@ class BoundRun:
     roles : by name, or a constant
     origin : the log's first stamp [ns]
     noise : whether the noise of roles that have to be interpolated is worked out
+    period : of the grid [ns]; that of the fastest channel when absent
 
     Raises
     ------
@@ -37,12 +38,14 @@ class BoundRun:
         Nothing moves, or the roles have no time in common.
     """
 
-    def __init__(self, log: str, joint: str, roles: Mapping[str, Role | float], origin: int, *, noise: bool) -> None:
+    def __init__(
+        self, log: str, joint: str, roles: Mapping[str, Role | float], origin: int, *, noise: bool, period: int | None = None
+    ) -> None:  # fmt: skip
         self.log, self.joint, self.roles, self.origin = log, joint, roles, origin
         self.moving = {name: role for name, role in roles.items() if isinstance(role, Role)}
         if not self.moving:
             raise BindingError(f"joint '{joint}': every role is a constant; there is nothing to estimate from")
-        self.period = min(role.period for role in self.moving.values())
+        self.period = min(role.period for role in self.moving.values()) if period is None else period
         if self.period <= 0:
             raise BindingError(f"{log}: the time stamps of joint '{joint}' do not advance")
         self.segments = common_segments(log, joint, (role.stretches() for role in self.moving.values()))

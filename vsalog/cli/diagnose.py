@@ -10,12 +10,21 @@ from vsalog.cli.options import LogPath, reading_options, rig_options
 
 
 @click.command(short_help="What the rig's simulation gets wrong, why, the extended rig, and what it is worth.")
-@click.argument("log", type=LogPath(), metavar="LOG")
+@click.argument("logs", nargs=-1, required=True, type=LogPath(), metavar="LOG...")
 @click.option(
     "--holdout",
-    type=click.Path(path_type=Path),
+    "holdouts",
+    multiple=True,
+    type=LogPath(),
     metavar="LOG",
-    help="Another log of the same machine: the gain is measured on it. Windows of LOG itself when absent.",
+    help="Another log of the same machine: the gain is measured on it; may be given again. Windows of LOG itself when absent.",
+)
+@click.option(
+    "--differs",
+    multiple=True,
+    metavar="CAUSE",
+    help="Of several logs: this cause, such as link.payload, may have a value of its own in each; may be given again. Others have"
+    " one value in all of them.",
 )
 @rig_options("Diagnose")
 @reading_options
@@ -45,8 +54,9 @@ from vsalog.cli.options import LogPath, reading_options, rig_options
 @click.pass_context
 def diagnose(
     context: click.Context,
-    log: Path,
-    holdout: Path | None,
+    logs: tuple[Path, ...],
+    holdouts: tuple[Path, ...],
+    differs: tuple[str, ...],
     rig: str | None,
     joints: tuple[str, ...],
     settings: dict[str, str],
@@ -62,6 +72,9 @@ def diagnose(
 ) -> None:
     """Hold the rig's simulation against LOG, name the causes of what it gets wrong, extend the rig, and measure the gain.
 
+    Several logs of one machine are explained together: a cause has one value in all of them, but for those named by --differs,
+    as a payload or a friction that grows over months.
+
     Writes diagnosis.json, diagnosis.html and, where causes are believed, extended.rig.toml: an ordinary rig to simulate, estimate
     and validate with. With --suggest also next.scenario.toml, which 'vsalog simulate RIG --scenario' plays.
     """
@@ -71,12 +84,12 @@ def diagnose(
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_out
 
-    options = Options(rig, joints, settings, rate, time, suggest, start, end)
+    options = Options(rig, joints, settings, rate, time, suggest, start, end, differs)
     extended, experiment = extra_paths(output)
     written = [*report_paths(output, "diagnosis"), extended, *([experiment] if suggest else [])]
-    keep_inputs(written, inputs_of([log] if holdout is None else [log, holdout], rig))
+    keep_inputs(written, inputs_of([*logs, *holdouts], rig))
     with Progress() as progress, progress.saying_when_compiling():
-        diagnosis, files = write_diagnosis(log, holdout, options, output, progress.say)
+        diagnosis, files = write_diagnosis(logs, holdouts, options, output, progress.say)
     print_out(diagnosis_document(diagnosis, files), as_json)
     verdict = diagnosis.verdict
     unchecked = verdict == "consistent as far as checked"

@@ -16,6 +16,7 @@ from vsalog.diagnosis.document import (
     EquationError,
     FoundCause,
     Gain,
+    LogError,
     Number,
     SignalError,
     Unexplained,
@@ -48,13 +49,16 @@ def unit_of(role: str) -> str:
     return "m" if role == "setpoint" else role_units(role)[0]
 
 
-def causes_of(found: JointDiagnosis, stiffness_changes: Sequence[float | None]) -> list[FoundCause]:
+def causes_of(
+    found: JointDiagnosis, stiffness_changes: Sequence[float | None], logs: Sequence[str]
+) -> list[FoundCause]:
     """Return the causes as the document says them.
 
     Parameters
     ----------
     found : about a joint
     stiffness_changes : what each of its causes changes in the estimated stiffness
+    logs : names of those that were looked at together
     """
     out = [_computed(found, role, why) for role, why in found.computed.items()]
     for cause, change in zip(found.found, stiffness_changes, strict=True):
@@ -71,6 +75,7 @@ def causes_of(found: JointDiagnosis, stiffness_changes: Sequence[float | None]) 
                 cause=cause.site.cause,
                 joint=found.name,
                 part=cause.site.part,
+                log=None if cause.site.log is None else logs[cause.site.log[0]],
                 parameters=numbers,
                 common_with=cause.common_with,
                 material=cause.material,
@@ -117,6 +122,17 @@ def signal_errors(found: JointDiagnosis) -> list[SignalError]:
             )
         )
     return out
+
+
+def log_errors(found: JointDiagnosis, logs: Sequence[str], begins: Sequence[str | None]) -> list[LogError]:
+    """Return how far simulations are from each of several logs; none of one."""
+    return [
+        LogError(
+            log=logs[s.log], begin=begins[s.log], joint=found.name, signal=s.role, unit=unit_of(s.role), rmse_before=s.before,
+            rmse_after=s.after,
+        )
+        for s in found.shares
+    ]  # fmt: skip
 
 
 def gains_of(found: JointDiagnosis) -> list[Gain]:

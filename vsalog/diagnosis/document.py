@@ -8,7 +8,7 @@ import msgspec
 
 from vsalog.core.finding import Finding
 
-VERSION = 2
+VERSION = 3
 SCHEMA = ("Diagnosis", "vsalog diagnosis", "What 'vsalog diagnose' found.")
 
 Verdict = Literal["consistent", "consistent as far as checked", "explained", "partly explained", "unexplained"]
@@ -109,6 +109,7 @@ class FoundCause(_Part, frozen=True):
     how_to_confirm : an experiment
     tell_apart : which experiment would tell it from the others; empty where there are none
     reference : where the effect is described
+    log : of several logs, the one in which it was found, where it may differ from log to log; else null
     """
 
     cause: str
@@ -128,6 +129,7 @@ class FoundCause(_Part, frozen=True):
     how_to_confirm: str
     tell_apart: str
     reference: str
+    log: str | None = None
 
 
 class Gain(_Part, frozen=True):
@@ -160,6 +162,55 @@ class Gains(_Part, frozen=True):
     holdout: bool
     where: str
     signals: tuple[Gain, ...]
+
+
+class LogError(_Part, frozen=True):
+    """How far the simulation of a signal is from one of several logs that were looked at together.
+
+    Attributes
+    ----------
+    log : its name
+    begin : when it begins, ISO 8601; null where that is not known
+    joint, signal, unit : as of `SignalError`
+    rmse_before, rmse_after : with the rig as it stands, and extended
+    """
+
+    log: str
+    begin: str | None
+    joint: str
+    signal: str
+    unit: str
+    rmse_before: float
+    rmse_after: float
+
+
+class Trend(_Part, frozen=True):
+    """A number of a cause that may differ from log to log.
+
+    Attributes
+    ----------
+    joint, cause, part : whose
+    number, unit : of the cause's parameters
+    rig : the rig's own value
+    logs, begins : names, and when each begins, ISO 8601; null where that is not known
+    values, intervals : in each log, with its 95 % interval
+    since : the first log, in time, from which on all intervals exclude the rig's value; null where the last one does not
+    per_day, per_day_interval : how fast it grows, with its 95 % interval; null with fewer than three dates
+    """
+
+    joint: str
+    cause: str
+    part: str
+    number: str
+    unit: str
+    rig: float
+    logs: tuple[str, ...]
+    begins: tuple[str | None, ...]
+    values: tuple[float, ...]
+    intervals: tuple[tuple[float, float], ...]
+    since: str | None
+    per_day: float | None
+    per_day_interval: tuple[float, float] | None
 
 
 class Bin(_Part, frozen=True):
@@ -220,6 +271,8 @@ class Diagnosis(_Part, frozen=True):
     gain : of the extended rig
     unexplained : what is left
     next_experiment : what would tell more; empty where nothing is open
+    logs : of several logs, how far simulations are from each; empty for one
+    trends : of causes that may differ from log to log
     findings : what a person should know
     warnings : the findings, in words
     """
@@ -243,3 +296,5 @@ class Diagnosis(_Part, frozen=True):
     next_experiment: str
     findings: tuple[Finding, ...]
     warnings: tuple[str, ...] = ()
+    logs: tuple[LogError, ...] = ()
+    trends: tuple[Trend, ...] = ()

@@ -96,6 +96,41 @@ class Compared:
 
 
 @dataclass(frozen=True, slots=True)
+class Share:
+    """How far a signal's simulation is from one of several logs.
+
+    Attributes
+    ----------
+    log : its number
+    role : of the signal
+    before, after : root mean square error with the rig as it stands, and extended
+    """
+
+    log: int
+    role: str
+    before: float
+    after: float
+
+
+def shares_of(gain: Compared) -> tuple[Share, ...]:
+    """Return what each log's windows say of the rig as it stands, and extended."""
+    windows = gain.windows
+    log = windows.channels.log
+    assert log is not None
+    own = log[windows.spans[:, 0]]
+    length = int(windows.spans[0, 1] - windows.spans[0, 0])
+
+    def rms(shot: Shot, role: str, k: int) -> float:
+        return float(np.sqrt(gain.squares(shot, role)[own == k].mean() / length))
+
+    return tuple(
+        Share(int(k), role, rms(gain.before, role, k), rms(gain.after, role, k))
+        for k in np.unique(own)
+        for role in windows.roles
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class Standing:
     """How far the rig as it stands is from the log that is diagnosed.
 

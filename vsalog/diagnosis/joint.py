@@ -18,7 +18,7 @@ from vsalog.core.signals import JointSignals
 from vsalog.core.significance import FALSE_ALARM, variance_ratio
 from vsalog.diagnosis.document import Verdict
 from vsalog.diagnosis.found import Found, found_by, loss_of
-from vsalog.diagnosis.gain import Compared, Standing, compared, standing, weighed
+from vsalog.diagnosis.gain import Compared, Share, Standing, compared, shares_of, standing, weighed
 from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.remainder import depends_on, loop_over, rate_of, variables_of
 from vsalog.diagnosis.selection import APART, Selection, nothing_found, select
@@ -31,6 +31,7 @@ from vsalog.diagnosis.unknown_spring import ENCODERS, TAKEN_UP, spring_findings,
 from vsalog.residuals.balance import Motion
 from vsalog.residuals.channels import Channels, channels_of, span_of
 from vsalog.residuals.kinds import balance_for, equations_of, motion_for
+from vsalog.residuals.per_log import PerLog, any_of
 from vsalog.residuals.sensing import at_joint, each_sensor, true_roles
 from vsalog.residuals.system import BELL, System, build_system
 from vsalog.residuals.windows import WITHIN, Windows, windows_of
@@ -62,6 +63,7 @@ class JointDiagnosis:
     held_out : what the gain was measured on, in words
     fraction : of the rig's squared residual that no cause explains
     findings : what a person should know
+    shares : what each of several logs is simulated like
     """
 
     name: str
@@ -76,6 +78,7 @@ class JointDiagnosis:
     held_out: str
     fraction: float
     findings: tuple[Finding, ...] = ()
+    shares: tuple[Share, ...] = ()
 
     def extended_without(self, cause: Found) -> Any:
         """Return the extended joint as it is without a cause, at all parts that share it."""
@@ -135,6 +138,8 @@ def diagnose_joint(
     holdout: JointSignals | None,
     progress: Progress = lambda _: None,
     stated: Mapping[str, float] = MappingProxyType({}),
+    logs: int = 1,
+    differs: frozenset[str] = frozenset(),
 ) -> JointDiagnosis:
     """Find what a joint's simulation gets wrong.
 
@@ -145,6 +150,8 @@ def diagnose_joint(
     holdout : of another log, bound alike
     progress : called with the step that begins
     stated : tolerances of the rig, as the joint feels them
+    logs : how many logs the signals are of: then their runs are logs
+    differs : causes that may differ from log to log
 
     Raises
     ------
@@ -156,7 +163,7 @@ def diagnose_joint(
     lever = isinstance(getattr(joint, "transmission", None), AwasTransmission)
     computed = computed_torques(signals.joint, each_sensor(plain, signals), lever=lever)
     joint, fitted = with_springs(plain, signals)
-    channels = channels_of(without(signals, computed))
+    channels = channels_of(without(signals, computed), logs > 1)
     _require_motion(name, channels)
     system = build_system(joint, channels.thinned(), balance_for(joint), 0.5 * signals.period)
     # Motor and link may know whose the torque at rest is.
@@ -184,6 +191,7 @@ def diagnose_joint(
             " and its motor's torque, or a drive with what it is commanded"
         )
     setting, hint = setting_of(joint, system, fitted), hint_of(name, joint, system)
+    setting = replace(setting, logs=logs, differs=differs)
     findings = [] if hint is None else [hint]
     if hint is None:
         progress(f"joint {name}: looking for causes")
@@ -193,14 +201,19 @@ def diagnose_joint(
         selection = nothing_found(system, joint, setting)
     progress(f"joint {name}: simulating")
     stands, gain, held_out, extended = None, None, "", placed(joint, selection.posterior.fit)
+    shares: tuple[Share, ...] = ()
     try:
         own = windows_of(joint, channels, selection.system.hold > 0.0)
         windows, held_out = _held_out(joint, own, holdout)
         selection = refined(selection, weighed(extended, own))
         extended = placed(joint, selection.posterior.fit)
-        gain = compared(joint, extended if selection.posterior.fit else joint, windows)
+        # What another log differs in is not known; the last one is likely to be nearest to it.
+        latest = extended.joints[-1] if holdout is not None and isinstance(extended, PerLog) else extended
+        gain = compared(joint, latest if selection.posterior.fit else joint, windows)
         # What happened once may not have happened in the other log.
         lasting = [(site, values) for site, values in selection.posterior.fit if not site.transient]
+        if logs > 1:
+            shares = shares_of(gain if holdout is None else compared(joint, extended, own))
         if holdout is not None and len(lasting) < len(selection.posterior.fit):
             gain = min(gain, compared(joint, placed(joint, lasting), windows), key=lambda g: g.whole(g.after))
         stands = standing(joint, own, gain if holdout is None else None)
@@ -214,7 +227,8 @@ def diagnose_joint(
         findings.append(about(code="diagnosis.not_simulated", evidence={"reason": why}))
     done = JointDiagnosis(
         name, joint, extended, selection.system, selection, tuple(found_by(selection, joint)), computed, stands, gain, held_out,
-        _fraction(selection.system, joint, extended), (*spring_findings(name, plain, extended, fitted), *findings),
+        _fraction(selection.system, joint, extended), (*spring_findings(name, plain, any_of(extended), fitted), *findings),
+        shares,
     )  # fmt: skip
     return replace(done, findings=(*done.findings, *_doubts(done)))
 
@@ -282,7 +296,7 @@ def unexplained_side(found: JointDiagnosis) -> tuple[str, int] | None:
         return unknown.side, found.system.names.index(unknown.equation)
     motion = _motion(found)
     springs = [s for s in motion.deflections if s not in motion.measured]
-    return side_of(found.system, found.extended, found.system.whitened(found.extended), springs)
+    return side_of(found.system, any_of(found.extended), found.system.whitened(found.extended), springs)
 
 
 def mean_squares(rows: Array) -> Array:
@@ -312,8 +326,9 @@ def variables(found: JointDiagnosis) -> dict[str, tuple[Array, str]]:
 
 def _motion(found: JointDiagnosis) -> Motion:
     channels = found.system.channels
-    roles = true_roles(found.extended, channels, found.system.hold)
-    return motion_for(found.extended, roles, channels.time, channels.spread)
+    extended = any_of(found.extended)
+    roles = true_roles(extended, channels, found.system.hold)
+    return motion_for(extended, roles, channels.time, channels.spread)
 
 
 def remainder_depends_on(found: JointDiagnosis, equation: int) -> tuple[list[str], str | None]:

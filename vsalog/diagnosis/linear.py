@@ -18,6 +18,7 @@ from vsalog.core.precision import ROUNDING
 from vsalog.diagnosis.causes.base import Parameter, Remainder, Setting, Site
 from vsalog.diagnosis.priors import deviation_of
 from vsalog.diagnosis.subsets import SAME_SCORE, Candidates
+from vsalog.residuals.per_log import PerLog, each
 from vsalog.residuals.sensing import earlier
 from vsalog.residuals.system import BELL, System
 
@@ -421,7 +422,7 @@ def formed_of(system: System, joint: Any, fit: Placed, whole: Mapping[str, int] 
     here = system.averaged(there)
     whole = system.whole_delays(there) if whole is None else whole
     if whole:
-        near = earlier(there, whole, system.channels.period)
+        near = each(there, lambda one: earlier(one, whole, system.channels.period))
         base = system.averaged(near)
         rows = np.stack([here, *(here + copy.averaged(near) - base for copy in system.noisy)])
     else:
@@ -433,10 +434,18 @@ def formed_of(system: System, joint: Any, fit: Placed, whole: Mapping[str, int] 
 
 
 def placed(joint: Any, fit: Placed) -> Any:
-    """Return a joint with causes put in."""
+    """Return a joint with causes put in: a joint for each log where one of them differs from log to log."""
     for site, values in fit:
-        joint = site.apply(joint, values.tolist())
-    return joint
+        if site.log is None:
+            joint = site.apply(joint, values.tolist())
+    count = next((site.log[1] for site, _ in fit if site.log is not None), 0)
+    if not count:
+        return joint
+    joints = [joint] * count
+    for site, values in fit:
+        if site.log is not None:
+            joints[site.log[0]] = site.apply(joints[site.log[0]], values.tolist())
+    return PerLog(tuple(joints))
 
 
 def set_in(fit: Placed, site: Site, values: Array) -> Placed:
@@ -448,6 +457,6 @@ def set_in(fit: Placed, site: Site, values: Array) -> Placed:
 
 def clash(one: Site, other: Site) -> bool:
     """Tell whether two causes cannot be in one set: variants of one, or members of a family at one part."""
-    if not one.parts & other.parts:
+    if not one.parts & other.parts or (one.log is not None and other.log is not None and one.log != other.log):
         return False
     return one.cause == other.cause or other.cause in one.excludes or one.cause in other.excludes

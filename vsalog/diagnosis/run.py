@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,23 +14,36 @@ import numpy as np
 from msgspec.structs import replace
 
 from vsalog._version import __version__
-from vsalog.binding.joint import bind, offered_roles, wanted_channels
-from vsalog.core.errors import BindingError, DiagnosisError, RigError, VsalogError, near_names
+from vsalog.binding.joint import bind, names_of, offered_roles, wanted_channels
+from vsalog.core.errors import BindingError, DiagnosisError, RigError, VsalogError, did_you_mean, near_names
 from vsalog.core.finding import Finding, of_log
 from vsalog.core.finding_texts import sentences_of
 from vsalog.core.recording import Recording
 from vsalog.core.signals import JointSignals
-from vsalog.diagnosis.describe import causes_of, equation_errors, evidence_of, gains_of, signal_errors, unexplained_of
+from vsalog.core.units import shown
+from vsalog.diagnosis.causes import catalogue
+from vsalog.diagnosis.describe import (
+    causes_of,
+    equation_errors,
+    evidence_of,
+    gains_of,
+    log_errors,
+    signal_errors,
+    unexplained_of,
+)
 from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gain, Gains, Verdict
 from vsalog.diagnosis.evidence import JointEvidence
 from vsalog.diagnosis.joint import HELD_OUT, JointDiagnosis, Progress, diagnose_joint
+from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.priors import felt
 from vsalog.diagnosis.stiffness_gain import stiffness_gains
 from vsalog.diagnosis.suggest import Suggestion, suggest
+from vsalog.diagnosis.trends import trends_of
 from vsalog.estimation.job import sha256
 from vsalog.estimation.joint import pick_joints
 from vsalog.estimation.modalities import Traces, stiffness_change, stiffness_traces
 from vsalog.readers import open_reader, read
+from vsalog.residuals.per_log import PerLog
 from vsalog.residuals.sensing import as_written, at_joint, bare, motors_of, sensors_as_written
 from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
@@ -56,6 +70,7 @@ class Options:
     set : key → value of the rig
     rate, time : as for `estimate`
     suggest : propose the next experiment
+    differs : causes that may differ from log to log
     start, end : as for `estimate`; another log that is held out is used whole
     """
 
@@ -67,6 +82,7 @@ class Options:
     suggest: bool = False
     start: str | None = None
     end: str | None = None
+    differs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,13 +105,18 @@ class Outcome:
     proposed: Suggestion | None = None
 
 
-def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progress = lambda _: None) -> Outcome:
-    """Hold a rig against a log, and name what is wrong with it.
+def diagnose(
+    log: Path | Sequence[Path],
+    holdout: Path | Sequence[Path] | None,
+    options: Options,
+    progress: Progress = lambda _: None,
+) -> Outcome:
+    """Hold a rig against a log, or several of one machine together, and name what is wrong with it.
 
     Parameters
     ----------
     log : to learn from
-    holdout : another log of the same machine, to measure the gain on
+    holdout : other logs of the same machine, to measure the gain on
     options : what is asked for
     progress : called with the step that begins
 
@@ -104,33 +125,47 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
     VsalogError
         A log cannot be read, the rig is missing or does not fit, or the roles allow nothing to be checked.
     """
-    rig = rig_for(log, options)
+    logs, holdouts = _listed(log), _listed(holdout)
+    rig = rig_for(logs[0], options)
+    names = names_of(logs)
+    title = ", ".join(names)
     wanted = pick_joints(rig.joints, options.joints)
     usable = {name: _alone(rig, name, joint) for name, joint in wanted.items()}
-    if holdout is not None and sha256(holdout) == sha256(log):
-        raise DiagnosisError(
-            f"{holdout.name}: is the log itself, and so holds nothing out; leave --holdout away, or name another"
-        )
-    progress(f"reading {log.name}")
-    recording = read_wanted(log, usable, options)
-    second = (
-        None if holdout is None else read_wanted(holdout, usable, dataclasses.replace(options, start=None, end=None))
-    )
+    differs = {name: _differing(joint, options.differs) for name, joint in usable.items()}
+    hashes = [sha256(path) for path in logs]
+    for i, own in enumerate(hashes):
+        if own in hashes[:i]:
+            raise DiagnosisError(f"{logs[i].name}: is given twice, and would count as two logs")
+    for path in holdouts:
+        if sha256(path) in hashes:
+            raise DiagnosisError(
+                f"{path.name}: is the log itself, and so holds nothing out; leave --holdout away, or name another"
+            )
+    progress(f"reading {', '.join(path.name for path in logs)}")
+    recordings = [read_wanted(path, usable, options) for path in logs]
+    whole = dataclasses.replace(options, start=None, end=None)
+    others = [read_wanted(path, usable, whole) for path in holdouts]
+    begins = [_begin(recording) for recording in recordings]
     found, findings, left_out = list[JointDiagnosis](), list[Finding](), list[Finding]()
     for name, joint in usable.items():
-        lacking = _lacking(log, options, recording, name, joint)
+        lacking = [
+            f for path, one in zip(logs, recordings, strict=True) for f in _lacking(path, options, one, name, joint)
+        ]
         findings += lacking
         try:
-            signals = bound_as_recorded(recording, name, joint)
+            signals = _one_after_another(bound_as_recorded(recordings, name, joint))
             if isinstance(joint, RigidJoint) and name in _chained(rig) and "torque_sensor" not in signals.roles:
                 raise DiagnosisError(
                     f"joint '{name}': is one with a link that the others of the chain move, and no torque sensor says how"
                 )
-            other = None if second is None else bound_as_recorded(second, name, joint, set(signals.roles))
+            other = _one_after_another(bound_as_recorded(others, name, joint, set(signals.roles))) if others else None
             findings += signals.findings
             stated = felt(joint, rig.tolerances[name])
+            together = len(logs) if not getattr(joint, "run", ()) else 1
+            parts = [(name, signals)] if together > 1 else _runs(name, signals)
             found += [
-                diagnose_joint(label, joint, part, other, progress, stated) for label, part in _runs(name, signals)
+                diagnose_joint(label, joint, part, other, progress, stated, together, differs[name])
+                for label, part in parts
             ]
         except VsalogError as error:
             if len(usable) == 1:
@@ -138,7 +173,7 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
             left_out.append(left_out_for(name, error))
     if not found:
         reasons = sentences_of((*findings, *left_out))
-        raise DiagnosisError(f"{log.name}: no joint of the rig can be diagnosed: {'; '.join(reasons)}")
+        raise DiagnosisError(f"{title}: no joint of the rig can be diagnosed: {'; '.join(reasons)}")
     chained = (f.name for f in found if f.name in _chained(rig))
     findings += [*left_out, *(Finding(code="diagnosis.link_of_chain", joint=name, severity="info") for name in chained)]
     proposed = _proposed(rig, found, findings, progress) if options.suggest else None
@@ -147,20 +182,20 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
     verdict = min((f.verdict for f in found), key=WORST_FIRST.index)
     # What is not believed is no rig to go on with.
     extended = None if verdict == "unexplained" else _extended(rig, found)
-    measured, causes, stiffness = recording if second is None else second, list[FoundCause](), list[Gain]()
+    measured, causes, stiffness = (others or recordings)[0], list[FoundCause](), list[Gain]()
     for one in found:
         gains, changes = _stiffness(one, rig, extended, measured, progress)
-        causes += causes_of(one, changes)
+        causes += causes_of(one, changes, names)
         stiffness += gains
     simulated = [g for f in found for g in gains_of(f)]
-    where = next((f.held_out for f in found if f.gain is not None), "the log" if holdout is None else HELD_OUT)
+    where = next((f.held_out for f in found if f.gain is not None), HELD_OUT if others else "the log")
     document = Diagnosis(
         version=VERSION,
         vsalog=__version__,
-        log=log.name,
-        log_sha256=sha256(log),
-        holdout=None if holdout is None else holdout.name,
-        holdout_sha256=None if holdout is None else sha256(holdout),
+        log=title,
+        log_sha256=" ".join(hashes),
+        holdout=", ".join(names_of(holdouts)) or None,
+        holdout_sha256=" ".join(map(sha256, holdouts)) or None,
         rig=rig.to_toml(),
         settings=_settings(options),
         verdict=verdict,
@@ -169,14 +204,60 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
         simulation_error=tuple(e for f in found for e in signal_errors(f)),
         equations=tuple(e for f in found for e in equation_errors(f)),
         causes=tuple(causes),
-        gain=Gains(holdout=holdout is not None, where=where, signals=(*simulated, *stiffness)),
+        gain=Gains(holdout=bool(others), where=where, signals=(*simulated, *stiffness)),
         unexplained=left,
         next_experiment="",
-        findings=(*of_log(log.name, recording.findings), *findings),
+        findings=(*(f for n, r in zip(names, recordings, strict=True) for f in of_log(n, r.findings)), *findings),
+        logs=tuple(e for f in found for e in log_errors(f, names, [None if b is None else _date(b) for b in begins])),
+        trends=tuple(t for f in found if f.shares for t in trends_of(f, names, begins)),
     )
-    drawn = (log if holdout is None else holdout).name
+    drawn = ", ".join(names_of(holdouts)) or title
     evidence = tuple(evidence_of(f, drawn) for f in found)
     return Outcome(document, evidence, rig, extended, proposed)
+
+
+def _listed(paths: Path | Sequence[Path] | None) -> list[Path]:
+    if paths is None:
+        return []
+    return [paths] if isinstance(paths, Path) else list(paths)
+
+
+def _differing(joint: Any, asked: Sequence[str]) -> frozenset[str]:
+    """Return the causes that may differ from log to log, as it is asked for, or the rig has it.
+
+    Raises
+    ------
+    DiagnosisError
+        There is no such cause.
+    """
+    for where, names in (("--differs", asked), ("the rig's 'differs'", joint.differs)):
+        for name in names:
+            if name not in catalogue():
+                hint = did_you_mean(name, list(catalogue()))
+                raise DiagnosisError(f"{where}: there is no cause '{shown(name)}'{hint or '.'}")
+    return frozenset((*asked, *joint.differs))
+
+
+def _begin(recording: Recording) -> float | None:
+    """Return when a recording begins [s since 1970]; None where its stamps are no dates."""
+    first = min((int(c.stamps[0]) for c in recording.channels.values() if len(c.stamps)), default=None)
+    return None if first is None or not recording.absolute_time else first * 1e-9
+
+
+def _date(begin: float) -> str:
+    return datetime.fromtimestamp(begin, UTC).isoformat(timespec="seconds")
+
+
+def _one_after_another(signals: JointSignals) -> JointSignals:
+    """Return the signals of several logs with times that go on from one to the next."""
+    if len(signals.run_names) < 2:
+        return signals
+    time = np.array(signals.time)
+    first = np.flatnonzero(np.diff(signals.run, prepend=-1))
+    for a, b in pairwise([*first.tolist(), time.size]):
+        begin = 0.0 if a == 0 else time[a - 1] + signals.period
+        time[a:b] += begin - time[a]
+    return dataclasses.replace(signals, time=time)
 
 
 def left_out_for(name: str, error: VsalogError) -> Finding:
@@ -227,6 +308,9 @@ def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:
         # What was found of one run is no rig for others.
         if original is None or not (one.found or one.selection.problem.setting.fitted):
             continue
+        if isinstance(one.extended, PerLog) and all(site.log for site, _ in one.selection.posterior.fit):
+            continue  # what differs from log to log is no rig for others
+        one = dataclasses.replace(one, extended=shared_of(one))
         changed = True
         plain = at_joint(original)
         kept = {
@@ -242,12 +326,20 @@ def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:
     return rig.with_joints(joints, f"{rig.where}, extended") if changed else None
 
 
+def shared_of(found: JointDiagnosis) -> Any:
+    """Return the extended joint with what holds in every log."""
+    fit = found.selection.posterior.fit
+    if not any(site.log for site, _ in fit):
+        return found.extended
+    return placed(found.joint, [(site, values) for site, values in fit if site.log is None])
+
+
 def _stiffness(
     found: JointDiagnosis, rig: Rig, extended: Rig | None, recording: Recording, progress: Progress
 ) -> tuple[list[Gain], list[float | None]]:
     """Return what the extended rig is worth for a joint's stiffness estimate, and what each cause changes in it."""
     name = found.name
-    nothing = extended is None or not found.found or name not in rig.joints
+    nothing = extended is None or not found.found or name not in rig.joints or isinstance(found.extended, PerLog)
     if nothing or isinstance(found.joint, PneumaticJoint | RigidJoint):
         return [], [None] * len(found.found)
     progress(f"joint {name}: estimating its stiffness with both rigs")
@@ -297,14 +389,14 @@ def read_wanted(log: Path, joints: Mapping[str, Any], options: Options) -> Recor
 
 
 def bound_as_recorded(
-    recording: Recording, name: str, joint: Any, roles: set[str] | None = None, gains: bool = True
+    recording: Recording | Sequence[Recording], name: str, joint: Any, roles: set[str] | None = None, gains: bool = True
 ) -> JointSignals:
-    """Bind every role that the log has, as recorded.
+    """Bind every role that a log has, as recorded, or that several logs have.
 
     Parameters
     ----------
-    recording, name, joint : of the log and the rig
-    roles : that are needed; all that the log has when absent
+    recording, name, joint : of the log or logs, and the rig
+    roles : that are needed; all that the first log has when absent
     gains : in the joint's units; else in those that its sensors count in
 
     Raises
@@ -312,23 +404,25 @@ def bound_as_recorded(
     BindingError
         A role that is needed, or every one, is missing.
     """
+    recordings = [recording] if isinstance(recording, Recording) else list(recording)
     plain = bare(joint, gains=gains)
-    offered = offered_roles(plain)
-    there = [r for r in offered if wanted_channels(plain, recording.path.name, [r]) <= set(recording.channels)]
-    if roles is not None:
-        missing = sorted(roles - set(there))
+    for one in recordings:
+        offered = offered_roles(plain)
+        there = [r for r in offered if wanted_channels(plain, one.path.name, [r]) <= set(one.channels)]
+        if not there:
+            raise BindingError(
+                f"{one.path.name}: none of the channels that the rig names for joint '{name}' is there;"
+                f" 'vsalog inspect {one.path.name}' lists them"
+            )
+        missing = sorted((roles or set()) - set(there))
         if missing:
             raise BindingError(
-                f"{recording.path.name}: lacks {', '.join(missing)}, which the log to be diagnosed has; a held-out log needs"
-                " the same roles"
+                f"{one.path.name}: lacks {', '.join(missing)}, which the log to be diagnosed has; another log needs the same"
+                " roles"
             )
-        there = [r for r in there if r in roles]
-    if not there:
-        raise BindingError(
-            f"{recording.path.name}: none of the channels that the rig names for joint '{name}' is there;"
-            f" 'vsalog inspect {recording.path.name}' lists them"
-        )
-    return bind([recording], name, plain, there, noise=True)
+        roles = set(there) if roles is None else roles
+    assert roles is not None
+    return bind(recordings, name, plain, [r for r in offered_roles(plain) if r in roles], noise=True)
 
 
 def _runs(name: str, signals: JointSignals) -> list[tuple[str, JointSignals]]:
@@ -343,6 +437,7 @@ def _runs(name: str, signals: JointSignals) -> list[tuple[str, JointSignals]]:
 def _settings(options: Options) -> dict[str, str]:
     asked = {
         "joints": ",".join(options.joints),
+        "differs": ",".join(options.differs),
         "time": options.time,
         "start": options.start or "",
         "end": options.end or "",

@@ -40,6 +40,7 @@ from vsalog.diagnosis.posterior import ITERATIONS, Posterior, Problem, begun_by,
 from vsalog.diagnosis.smooth import smooth_sites
 from vsalog.diagnosis.subsets import BEST, Candidates, Ranked, best_sets, precisions, without
 from vsalog.diagnosis.unknown_spring import spring_sites
+from vsalog.residuals.per_log import any_of
 from vsalog.residuals.sensing import torque_role, true_roles
 from vsalog.residuals.system import System, build_system, whitener
 
@@ -180,7 +181,7 @@ def select(
         stage, best = smooth, other
     # What was found has to stand against unknown functions, which are not looked at before: there are many of them.
     there = placed(joint, best.fit)
-    sites = [*sites, *smooth_sites(stage.system, there)]
+    sites = [*sites, *smooth_sites(stage.system, any_of(there))]
     stage = stage_about(problem, stage.system, sites, best.fit, blocks, stage.system.hold)
     stage, best, settled = _settled(problem, stage, sites, blocks, best)
     found = established(problem, stage, sites, most_probable(problem, stage.weights, best.fit), blocks)
@@ -296,7 +297,17 @@ def _begins(problem: Problem, stage: Stage, fit: Placed, site: Site, values: Arr
 def sites_of(setting: Setting, barred: frozenset[str]) -> list[Site]:
     """Return all causes of the catalogue, wherever they may sit, but for those that are barred."""
     sites = [site for cause in catalogue().values() if cause.name not in barred for site in cause.sites(setting)]
-    return [*spring_sites(setting), *sites, *common_sites(sites)]
+    if setting.logs > 1:
+        # What happens once happens in one log.
+        sites = [site for site in sites if not site.transient]
+    shared = [site for site in sites if site.cause not in setting.differs]
+    own = [
+        replace(site, log=(k, setting.logs))
+        for site in sites
+        if site.cause in setting.differs
+        for k in range(setting.logs)
+    ]
+    return [*spring_sites(setting), *shared, *own, *common_sites(shared)]
 
 
 def blocks_of(system: System) -> Integers:
@@ -314,7 +325,7 @@ def remainder(system: System, joint: Any) -> Remainder:
     for i, equation in enumerate(whole):
         equations[equation.name] = np.where(system.usable[i], equation.whole, np.nan)
         noise[equation.name] = np.stack([copy[i].whole - equation.whole for copy in copies])
-    return Remainder(system.channels.time, equations, true_roles(joint, system.channels, system.hold), noise)
+    return Remainder(system.channels.time, equations, true_roles(any_of(joint), system.channels, system.hold), noise)
 
 
 def stage_about(

@@ -62,6 +62,7 @@ def diagnosis_document(
         _wrong(found, drawn, lead, several),
         Section("Causes", tuple(_causes(found, evidence, several)), where="both" if found.causes else "page"),
         *_gain(found, joints, several),
+        *_logs(found),
         *_extended(found, extended),
         _left(found),
     ]
@@ -72,8 +73,12 @@ def diagnosis_document(
 
 
 def write_diagnosis(
-    log: Path, holdout: Path | None, options: Options, folder: Path | None, progress: Callable[[str], None] = lambda _: None
-) -> tuple[Diagnosis, dict[str, str]]:  # fmt: skip
+    log: Path | Sequence[Path],
+    holdout: Path | Sequence[Path] | None,
+    options: Options,
+    folder: Path | None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[Diagnosis, dict[str, str]]:
     """Diagnose a log and write what was found.
 
     Parameters
@@ -97,6 +102,41 @@ def write_diagnosis(
     extended = None if outcome.extended is None else outcome.extended.to_toml()
     scenario = None if outcome.proposed is None else scenario_text(outcome.proposed)
     return found, diagnosis_files(found, outcome.evidence, extended, folder, scenario)
+
+
+def _logs(found: Diagnosis) -> Iterator[Section]:
+    """Yield what each of several logs says, and what differs from one to another."""
+    if found.logs:
+        rows = tuple(
+            (
+                e.log,
+                e.begin or "–",
+                f"{signal_name(e.signal)} [{unit_of(e.unit).strip() or '1'}]",
+                number(e.rmse_before),
+                number(e.rmse_after),
+            )
+            for e in found.logs
+        )
+        heads = ("log", "begins", "signal", "rig as it stands", "extended rig")
+        yield Section("Each log", (Table("Error of the simulation (rmse)", heads, rows, keys=3, texts=3),))
+    for trend in found.trends:
+        low_high = [f"{number(a)} … {number(b)}" for a, b in trend.intervals]
+        values = tuple(
+            (log, begin or "–", number(v, 4), text)
+            for log, begin, v, text in zip(trend.logs, trend.begins, trend.values, low_high, strict=True)
+        )
+        about = f"{trend.cause}, {signal_name(trend.part)}: {signal_name(trend.number)}"
+        caption = f"{about} [{unit_of(trend.unit).strip() or '1'}]; rig: {number(trend.rig)}"
+        words = [
+            f"Since {trend.since} its intervals exclude the rig's value."
+            if trend.since is not None
+            else "In the last log its interval holds the rig's value."
+        ]
+        if trend.per_day is not None and trend.per_day_interval is not None:
+            low, high = trend.per_day_interval
+            words.append(f"It changes by {number(trend.per_day)} a day (95 %: {number(low)} … {number(high)}).")
+        table = Table(caption, ("log", "begins", "value", "95 % interval"), values, keys=2, texts=2)
+        yield Section("What differs from log to log", (table, Words(" ".join(words))))
 
 
 def diagnosis_files(

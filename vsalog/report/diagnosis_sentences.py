@@ -18,6 +18,7 @@ from vsalog.core.notation import (
     with_interval,
 )
 from vsalog.core.significance import INTERVAL
+from vsalog.core.units import shown
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, Number, Unexplained
 from vsalog.diagnosis.run import Outcome
@@ -56,7 +57,7 @@ def _described(cause: FoundCause) -> FoundCause:
     others = (f"To tell it from {name}: {_confirmed(name)}" for name in cause.indistinguishable_from)
     return replace(
         cause,
-        title=title_of(cause.cause, cause.part),
+        title=title_of(cause.cause, cause.part) + ("" if cause.log is None else f", in {shown(cause.log)}"),
         why=cause.why or f"{part_name(cause.part).capitalize()}: {kind.says}.",
         how_to_confirm=confirm,
         tell_apart=" ".join(others),

@@ -19,6 +19,7 @@ from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Integers = NDArray[np.int64]
 
 DEGREE = 4
 """Of the polynomial that is fitted to each window: its second derivative is a parabola."""
@@ -71,6 +72,7 @@ class Channels:
     spread : role → standard deviation of its noise after the filter, were it white
     every : of the filtered samples only every so-manieth is kept
     whole : the channels with all samples; none where these are they
+    log : shape (N,), which of several logs each sample is of; none where there is one
     """
 
     period: float
@@ -83,6 +85,7 @@ class Channels:
     spread: Mapping[str, float]
     every: int = 1
     whole: Channels | None = None
+    log: Integers | None = None
 
     def __len__(self) -> int:
         return int(self.time.shape[0])
@@ -98,6 +101,7 @@ class Channels:
         return replace(
             self, period=self.period * every, time=self.time[part], roles={r: v[:, part] for r, v in self.roles.items()},
             raw={r: v[part] for r, v in self.raw.items()}, starts=starts, every=every, whole=self,
+            log=None if self.log is None else self.log[part],
         )  # fmt: skip
 
     def driven_by(self, raw: Mapping[str, Array]) -> Channels:
@@ -157,12 +161,13 @@ def span_of(values: Array) -> float:
     return float(np.ptp(finite)) if finite.size else 0.0
 
 
-def channels_of(signals: JointSignals) -> Channels:
+def channels_of(signals: JointSignals, several: bool = False) -> Channels:
     """Filter the bound roles of a joint.
 
     Parameters
     ----------
     signals : bound without undoing what the rig says of the sensors
+    several : whether its runs are logs of their own
     """
     period = signals.period
     # Two samples more than a polynomial goes through exactly.
@@ -176,7 +181,8 @@ def channels_of(signals: JointSignals) -> Channels:
     filtered = _filtered(raw, signals.starts, period, window)
     left = float(np.linalg.norm(savgol_weights(window, DEGREE)))
     spread = {role: replace(own, share=1.0).floor * left for role, own in noise.items()}
-    return Channels(period, signals.time, filtered, raw, signals.starts, noise, window, spread)
+    log = signals.run.astype(np.int64) if several else None
+    return Channels(period, signals.time, filtered, raw, signals.starts, noise, window, spread, log=log)
 
 
 def filtered(values: Array, starts: Flags, period: float, window: int) -> Array:

@@ -21,6 +21,7 @@ from vsalog.effects.delay import LATEST
 from vsalog.residuals.balance import Equation
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.memory import remembered
+from vsalog.residuals.per_log import PerLog, any_of, each, joined
 from vsalog.residuals.sensing import earlier, read_earlier, true_roles, whole_delays
 
 Array = NDArray[np.float64]
@@ -105,14 +106,14 @@ class System:
 
     def whole_delays(self, joint: Any) -> dict[str, int]:
         """Return the whole samples by which a joint's channels are late, see `sensing.whole_delays`."""
-        return whole_delays(self._read(joint), self.channels.period)
+        return whole_delays(any_of(self._read(joint)), self.channels.period)
 
     def equations(self, joint: Any) -> list[Equation]:
         """Form the equations of a joint at every sample."""
         return formed(self.balance, self._read(joint), self.channels, self.hold)
 
     def _read(self, joint: Any) -> Any:
-        return read_earlier(joint, self.early, self.channels.period) if self.early else joint
+        return each(joint, lambda one: read_earlier(one, self.early, self.channels.period)) if self.early else joint
 
     def averaged(self, joint: Any) -> Array:
         """Return the averaged equations, shape (R, m), in their units; 0 where they are not used."""
@@ -188,8 +189,9 @@ def build_system(
         usable, weights, {}, bits, np.eye(len(equations)), hold,
     )  # fmt: skip
     # What noise adds is looked at without the whole samples of delays, see `linear.formed_of`.
-    near = earlier(joint, whole_delays(joint, channels.period), channels.period)
-    if near is not joint:
+    whole = whole_delays(any_of(joint), channels.period)
+    near = each(joint, lambda one: earlier(one, whole, channels.period))
+    if whole:
         equations, again = (formed(balance, near, channels, hold), [formed(balance, near, c, hold) for c in copies])
     plain = system.rows(equations)
     noise = np.concatenate([system.rows(a) - plain for a in again])
@@ -203,6 +205,9 @@ def build_system(
 
 def formed(balance: Balance, joint: Any, channels: Channels, hold: float) -> list[Equation]:
     """Form the equations of a joint at every sample."""
+    if isinstance(joint, PerLog):
+        assert channels.log is not None
+        return joined([formed(balance, one, channels, hold) for one in joint.joints], channels.log)
     return balance(joint, true_roles(joint, channels, hold), channels.time, channels.spread)
 
 

@@ -21,6 +21,7 @@ from vsalog.core.errors import SimulationError
 from vsalog.effects.delay import LATEST
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.residuals.channels import Channels, span_of
+from vsalog.residuals.per_log import PerLog, any_of
 from vsalog.residuals.sensing import known, said, true_roles
 from vsalog.residuals.windows_bench import BenchPlayer
 from vsalog.residuals.windows_mechanical import MechanicalPlayer, free_motors, link_told, movable, remembers
@@ -96,6 +97,7 @@ def player_of(joint: Any, channels: Channels) -> Player:
     SimulationError
         The joint cannot be simulated, or nothing drives it.
     """
+    joint = any_of(joint)
     if isinstance(joint, PneumaticJoint):
         return PneumaticPlayer(joint, channels)
     if isinstance(joint, RigidJoint):
@@ -243,6 +245,8 @@ def shoot(joint: Any, windows: Windows, states: Array) -> Shot:
     SimulationError
         The motion leaves what the model describes.
     """
+    if isinstance(joint, PerLog):
+        return _each_log(joint, windows, states)
     channels, player = windows.channels, player_of(joint, windows.channels)
     errors = {role: np.full(len(channels), np.nan) for role in windows.roles}
     ends = np.full_like(states, np.nan)
@@ -253,6 +257,19 @@ def shoot(joint: Any, windows: Windows, states: Array) -> Shot:
         for role in windows.roles:
             errors[role][part] = channels.raw[role][part] - said(joint, role, truth, time)
     return Shot(states, errors, ends)
+
+
+def _each_log(joint: PerLog, windows: Windows, states: Array) -> Shot:
+    """Simulate each log's windows with the joint as it is there."""
+    log = windows.channels.log
+    assert log is not None
+    errors = {role: np.full(len(windows.channels), np.nan) for role in windows.roles}
+    shot = Shot(states.copy(), errors, np.full_like(states, np.nan))
+    for k, one in enumerate(joint.joints):
+        own = np.flatnonzero(log[windows.spans[:, 0]] == k)
+        if own.size:
+            shot = _merged(windows, shot, own, shoot(one, windows.part(own), states[own]))
+    return shot
 
 
 def begun(

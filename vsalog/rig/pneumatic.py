@@ -296,6 +296,7 @@ class PneumaticJoint(Base, frozen=True, tag="pneumatic", tag_field="kind"):
     seesaw: Seesaw
     friction: JointFriction | None = None
     signals: PneumaticSignals = PneumaticSignals()
+    differs: tuple[str, ...] = ()
     run: tuple[Run, ...] = ()
 
 

@@ -144,6 +144,7 @@ class RigidJoint(Base, frozen=True, tag="rigid", tag_field="kind"):
     drive: PositionServo | None = None
     link: Link | None = None
     signals: SingleSignals = SingleSignals()
+    differs: tuple[str, ...] = ()
 
 
 class ElasticJoint(Base, frozen=True, tag="elastic", tag_field="kind"):
@@ -158,6 +159,7 @@ class ElasticJoint(Base, frozen=True, tag="elastic", tag_field="kind"):
     link: Link | None = None
     basis: Basis = Basis()
     signals: SingleSignals = SingleSignals()
+    differs: tuple[str, ...] = ()
     run: tuple[Run, ...] = ()
 
 
@@ -175,6 +177,7 @@ class SerialJoint(Base, frozen=True, tag="serial", tag_field="kind"):
     link: Link | None = None
     basis: Basis = Basis()
     signals: SerialSignals = SerialSignals()
+    differs: tuple[str, ...] = ()
     run: tuple[Run, ...] = ()
 
 
@@ -188,6 +191,7 @@ class AntagonisticJoint(Base, frozen=True, tag="antagonistic", tag_field="kind")
     link: Link | None = None
     basis: Basis = Basis()
     signals: AntagonisticSignals = AntagonisticSignals()
+    differs: tuple[str, ...] = ()
     run: tuple[Run, ...] = ()
 
 

@@ -106,6 +106,7 @@ class Site:
     given : is no cause but a part of the joint that the rig leaves open, and in every set
     added : shape (1 + K, R, m, parameters), what the averaged equations and their noisy copies have beside the rig's, in
         proportion to the parameters, where no rig has it: an unknown function
+    log : which of how many logs it is of, where it may differ from one to another
     """
 
     cause: str
@@ -120,6 +121,7 @@ class Site:
     members: tuple[Site, ...] = ()
     given: bool = False
     added: Array | None = None
+    log: tuple[int, int] | None = None
 
     @property
     def named(self) -> bool:
@@ -137,8 +139,8 @@ class Site:
 
     @property
     def key(self) -> tuple[str, str]:
-        """Cause and part."""
-        return self.cause, self.part
+        """Cause and part, and the log where it is of one."""
+        return self.cause, self.part if self.log is None else f"{self.part} of log {self.log[0]}"
 
     @property
     def start(self) -> tuple[float, ...]:
@@ -175,6 +177,8 @@ class Setting:
     torques : suffix → τ_T, shape (N,)
     equations : names of those that can be formed
     fitted : transmission whose spring was fitted to the log → the role that the torque at rest was taken for the offset of
+    logs : how many logs are looked at together
+    differs : causes that may differ from log to log
     """
 
     joint: Any
@@ -185,6 +189,8 @@ class Setting:
     torques: Mapping[str, Array] = field(default_factory=dict)
     equations: tuple[str, ...] = ()
     fitted: Mapping[str, str] = field(default_factory=dict)
+    logs: int = 1
+    differs: frozenset[str] = frozenset()
 
     def torque_size(self, role: str | None = None) -> float:
         """Return the size of a torque role's changes, or of all torques [N·m]."""
