@@ -324,6 +324,7 @@ def stage_about(
     fit: tuple[tuple[Site, Array], ...],
     blocks: Integers,
     hold: float,
+    also: Placed = (),
 ) -> Stage:
     """Linearise the equations about a set of causes, under its own noise and model error.
 
@@ -335,8 +336,9 @@ def stage_about(
     fit : the set
     blocks : shape (R,), the block of each row
     hold : how long after its stamp a motor torque acts on average [s]
+    also : causes whose effect the searches for shapes begin in, beside what the set leaves
     """
-    linear, own = _equations_about(problem, system, sites, fit, hold)
+    linear, own = equations_about(problem, system, sites, fit, hold, also)
     return _stage(linear, own, blocks)
 
 
@@ -344,17 +346,23 @@ def _rig_stage(
     problem: Problem, system: System, sites: Sequence[Site], blocks: Integers, hold: float
 ) -> tuple[Stage, float]:
     """Linearise the equations about the rig as it stands; return the p-value of that, too."""
-    linear, own = _equations_about(problem, system, sites, (), hold)
+    linear, own = equations_about(problem, system, sites, (), hold)
     stage = _stage(linear, own, blocks)
     return stage, p_value(linear, stage.weights.system, _everything(linear), blocks)
 
 
-def _equations_about(
-    problem: Problem, system: System, sites: Sequence[Site], fit: tuple[tuple[Site, Array], ...], hold: float
+def equations_about(
+    problem: Problem,
+    system: System,
+    sites: Sequence[Site],
+    fit: tuple[tuple[Site, Array], ...],
+    hold: float,
+    also: Placed = (),
 ) -> tuple[Linear, System]:
+    """Return the equations, linearised about a set of causes, and the system with the noise as the set has it."""
     there = placed(problem.joint, fit)
     own = build_system(there, system.channels, system.balance, hold, system.copies).on_rows_of(system)
-    left = remainder(own, there)
+    left = remainder(own, placed(there, also))
     variants = variants_of(sites, problem.setting, left, fit, problem.stated)
     return linearised(own, problem.joint, fit, variants), own
 
