@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice, product
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +30,6 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 # Cause and part.
 Key = tuple[str, str]
-# Combinations of shapes of several causes that are compared with one [1].
-MOST_SHAPES = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,6 +281,11 @@ class Structure:
         """Tell whether that set can do more than the cause: then being less simple is all that rules it out."""
         return sum(_numbers(s) for s, _ in rival.fit) > _numbers(one.site)
 
+    def nested(self, rival: Rival, one: Isolation) -> bool:
+        """Tell whether a cause can do whatever each of the set of a rival does, on every motion."""
+        keys = [site.key for site, _ in rival.fit]
+        return all(_covered(spaces, key, [one.site.key]) for spaces in self.motions for key in keys)
+
     def open(self, one: Isolation) -> list[Rival]:
         """Return the rivals of a cause that a motion may tell from it."""
         return [r for r in one.rivals if r.site.named and not self.covers(r, one)]
@@ -298,7 +301,7 @@ def _covered(spaces: Mapping[Key, Sequence[Array]], key: Key, others: Sequence[K
     if not own or not all(k in spaces for k in others):
         return False
     first = min(own, key=lambda U: U.shape[1])
-    for choice in islice(product(*(spaces[k] for k in others)), MOST_SHAPES):
+    for choice in product(*(spaces[k] for k in others)):
         U, sizes, _ = np.linalg.svd(np.concatenate(choice, axis=1), full_matrices=False)
         B = U[:, sizes > EXACT]
         left = min(left, float(np.linalg.norm(first - B @ (B.T @ first), 2)))

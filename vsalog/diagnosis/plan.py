@@ -453,14 +453,17 @@ def splits(confused: Confused, found: Iterable[Isolation], structure: Structure,
 def _questions(subject: Subject, found: Sequence[Isolation], classes: Sequence[Confused]) -> Questions:
     """Return what a motion is asked: to tell pairs of causes apart that some motion may, or else to show what does not show."""
     system, joint = subject.system, subject.joint
-    pairs = dict[frozenset[Key], tuple[Isolation, Rival]]()
+    pairs = dict[frozenset[Key], tuple[Isolation, Rival, bool]]()
     for one, structure in ((cause, c.structure) for c in classes for cause in c.causes):
-        for rival in structure.open(one):
-            if not rival.site.transient:
-                pairs.setdefault(frozenset((one.site.key, rival.site.key)), (one, rival))
+        lasting = [r for r in structure.open(one) if not r.site.transient]
+        if lasting:
+            # What tells a cause from its nearest rival mostly tells it from the others: they are looked at afterwards.
+            rival = max(lasting, key=lambda r: r.probability)
+            pair = frozenset((one.site.key, rival.site.key))
+            pairs.setdefault(pair, (one, rival, structure.nested(rival, one)))
     # Each cause is played once, however many it is confused with.
-    ones = {one.site.key: Hypothesis(one.site, one.fit) for one, _ in pairs.values()}
-    asked = [_question(system, joint, ones[one.site.key], rival) for one, rival in pairs.values()]
+    ones = {one.site.key: Hypothesis(one.site, one.fit) for one, *_ in pairs.values()}
+    asked = [_question(system, joint, ones[one.site.key], rival, nested) for one, rival, nested in pairs.values()]
     if asked:
         return Questions(tuple(asked), True)
     nothing = Hypothesis(None, ())
@@ -471,10 +474,10 @@ def _questions(subject: Subject, found: Sequence[Isolation], classes: Sequence[C
     return Questions(tuple(asked), False)
 
 
-def _question(system: System, joint: Any, one: Hypothesis, rival: Rival) -> Question:
+def _question(system: System, joint: Any, one: Hypothesis, rival: Rival, nested: bool) -> Question:
     other = Hypothesis(rival.site, rival.fit)
     apart = one.residual(system, joint) - other.residual(system, joint)
-    return Question(one, other, float(np.sqrt(float(apart @ apart) / max(system.count, 1))))
+    return Question(one, other, float(np.sqrt(float(apart @ apart) / max(system.count, 1))), nested=nested)
 
 
 def _shortest(

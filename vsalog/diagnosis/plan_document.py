@@ -6,7 +6,6 @@ from typing import Literal
 
 import msgspec
 
-VERSION = 1
 SCHEMA = ("Plan", "vsalog plan", "What 'vsalog plan' predicts and proposes.")
 
 Kind = Literal["confused", "equal", "richer"]
@@ -147,7 +146,7 @@ class JointPlan(_Part, frozen=True):
     no_motion: str
 
 
-class Plan(_Part, frozen=True):
+class Plan(_Part, frozen=True, kw_only=True):
     """A whole plan.
 
     Attributes
@@ -159,7 +158,7 @@ class Plan(_Part, frozen=True):
     joints : what is planned for each
     """
 
-    version: int
+    version: int = 1
     vsalog: str
     rig: str
     scenario: str

@@ -231,7 +231,7 @@ class Bench:
         out = np.full(len(questions.asked), np.inf)
         for i, question in enumerate(questions.asked):
             ways = [(question.one, question.other), (question.other, question.one)]
-            for own, other in ways if both else ways[:1]:
+            for own, other in ways if both and not question.nested else ways[:1]:
                 if id(own) not in systems:
                     systems[id(own)] = self.played(placed(plain, own.fit), file)
                 out[i] = min(out[i], separation(systems[id(own)], plain, own, other))

@@ -70,12 +70,14 @@ class Question:
     one, other : the hypotheses; `other` is nothing where causes that the log could not show are in question
     now : D of this log, see `suggest`
     size : of the cause in question, what people are told, and its unit; none for causes that are confused
+    nested : whether `one` can do whatever `other` does: only a machine with `one` in it can tell them apart
     """
 
     one: Hypothesis
     other: Hypothesis
     now: float
     size: tuple[float, str] | None = None
+    nested: bool = False
 
 
 @dataclass(frozen=True, slots=True)

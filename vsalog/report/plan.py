@@ -11,7 +11,7 @@ from vsalog.core.significance import SIGNIFICANCE
 from vsalog.diagnosis import plan_document as document
 from vsalog.diagnosis.isolability import Isolation, Rival
 from vsalog.diagnosis.plan import Confused, JointPlan, Options, Outcome, plan
-from vsalog.diagnosis.plan_document import VERSION, Plan
+from vsalog.diagnosis.plan_document import Plan
 from vsalog.diagnosis.suggest import Suggestion
 from vsalog.report.document import Block, Document, Facts, Section, Table, Words
 from vsalog.report.experiment import scenario_text, swings
@@ -64,7 +64,6 @@ def write_plan(
 def planned(outcome: Outcome) -> Plan:
     """Return a plan as its document says it."""
     return Plan(
-        version=VERSION,
         vsalog=__version__,
         rig=outcome.rig.to_toml(),
         scenario=outcome.scenario,
