@@ -19,11 +19,31 @@ from scipy.special import ndtr
 
 from vsalog.core.significance import INTERVAL, SIGNIFICANCE
 from vsalog.diagnosis.causes.base import Site
-from vsalog.diagnosis.linear import Placed, Variant, whitened_columns, with_unknowns
+from vsalog.diagnosis.discrepancy import Weights, left_out, weighted_by
+from vsalog.diagnosis.linear import (
+    Linear,
+    Placed,
+    Variant,
+    candidates_of,
+    linearised,
+    placed,
+    variants_of,
+    whitened_columns,
+    with_unknowns,
+)
 from vsalog.diagnosis.posterior import ITERATIONS, Problem
-from vsalog.diagnosis.selection import APART, SETTLED, Stage, blocks_of, equations_about, sites_of, stage_about
+from vsalog.diagnosis.selection import (
+    APART,
+    SETTLED,
+    blocks_of,
+    equations_about,
+    everything,
+    remainder,
+    sites_of,
+    stage_about,
+)
 from vsalog.diagnosis.smooth import smooth_sites
-from vsalog.diagnosis.subsets import Candidates, Ranked, best_sets, without
+from vsalog.diagnosis.subsets import Candidates, Ranked, without
 from vsalog.residuals.system import EXACT, System
 
 Array = NDArray[np.float64]
@@ -104,9 +124,8 @@ def isolations(problem: Problem, system: System, only: Collection[tuple[str, str
     """
     if not system.count:
         return []
-    race = Race(problem, system, tuple(_hypotheses(problem, system)))
-    plain = race.stage()
-    assumed = [v for v in _assumed(plain.unknowns.variants) if only is None or v.site.key in only]
+    race = race_of(problem, system)
+    assumed = [v for v in _assumed(race.linear.variants) if only is None or v.site.key in only]
     return [race.isolation(v) for v in assumed]
 
 
@@ -142,22 +161,40 @@ class Race:
     problem : the rig's joint
     system : of the motion, with nothing wrong
     sites : of all that competes
+    linear : the equations about the rig
+    weights : of noise and model error
     """
 
     problem: Problem
     system: System
     sites: tuple[Site, ...]
+    linear: Linear
+    weights: Weights
 
-    def stage(self, fit: tuple[tuple[Site, Array], ...] = (), also: Placed = ()) -> Stage:
-        """Linearise the equations; the searches for shapes begin in the effect of causes that are there."""
-        return stage_about(self.problem, self.system, self.sites, fit, blocks_of(self.system), self.system.hold, also)
+    def beside(self, there: Placed) -> tuple[tuple[Variant, ...], Candidates]:
+        """Return what competes where a cause is there, with the shapes too that searches begin with in its effect."""
+        joint, plain = self.problem.joint, self.linear
+        left = remainder(self.system, placed(joint, there))
+        shaped = [s for s in self.sites if s.starts is not None]
+        known = {_shape(v) for v in plain.variants}
+        variants = variants_of(shaped, self.problem.setting, left, (), self.problem.stated)
+        new = [v for v in variants if _shape(v) not in known]
+        linear = _joined(plain, linearised(self.system, joint, (), new)) if new else plain
+        return linear.variants, candidates_of(linear, self.weights.system)
+
+    def about(self, fit: tuple[tuple[Site, Array], ...]) -> tuple[tuple[Variant, ...], Candidates]:
+        """Return what competes, linearised about a set of causes."""
+        stage = stage_about(self.problem, self.system, self.sites, fit, blocks_of(self.system), self.system.hold)
+        return stage.unknowns.variants, stage.candidates
 
     def isolation(self, assumed: Variant) -> Isolation:
         """Return how well a cause is isolated."""
         site = assumed.site
         ((_, values),) = with_unknowns([assumed], tolerated(assumed))
-        expected = self._expected(self.stage(also=((site, values),)), assumed)
-        best = best_sets(expected.c, [expected.alone])[0]
+        expected = _expected(*self.beside(((site, values),)), assumed)
+        # The cause itself is the best set, or near it: there is no need to search from everything, as in a log.
+        alone = Ranked(expected.alone, expected.c.scored(expected.alone))
+        best = without(expected.c, alone, np.zeros(len(expected.variants), dtype=np.bool_))
         inside = [expected.variants[g].site for g in np.flatnonzero(best.chosen)]
         if any(s.key == site.key for s in inside):
             seen, rivals = self._class_of(expected, assumed, best, [site])
@@ -167,16 +204,6 @@ class Race:
         there = [Rival(s, -odds, expected.confused(-odds, best.chosen), expected.fit(best.chosen)) for s in inside]
         seen, rivals = self._class_of(expected, assumed, best, [site, *inside])
         return Isolation(site, values, seen, (*there, *rivals))
-
-    def _expected(self, stage: Stage, assumed: Variant) -> Expected:
-        """Return the model in which the scores are what a cause is expected to make."""
-        variants = stage.unknowns.variants
-        own = [g for g, v in enumerate(variants) if v.site.key == assumed.site.key and v.base.size == assumed.base.size]
-        group = min(own, key=lambda g: float(np.sum(np.square(variants[g].base - assumed.base))))
-        c, strengths = stage.candidates, tolerated(variants[group])
-        score = c.information[:, c.first[group] : c.first[group + 1]] @ strengths
-        there = score[c.first[group] : c.first[group + 1]]
-        return Expected(replace(c, score=score), variants, group, 0.5 * float(there @ strengths))
 
     def _class_of(
         self, expected: Expected, assumed: Variant, best: Ranked, known: list[Site]
@@ -206,7 +233,7 @@ class Race:
             shaped = any(p.shape for s, _ in fit for p in s.parameters)
             if not shaped or probability >= 0.5:
                 break
-            there = self._expected(self.stage(tuple(fit)), assumed)
+            there = _expected(*self.about(tuple(fit)), assumed)
             inside = np.array([v.inside for v in there.variants], dtype=np.bool_)
             sharper = there.c.scored(inside) - there.c.scored(there.alone)
             if sharper > odds - SETTLED:
@@ -252,6 +279,40 @@ class Expected:
         x = self.c.solution(chosen)
         misfit = self.deviance - float(x @ self.c.score) + 0.5 * float(x @ self.c.information @ x)
         return float(ndtr((APART - odds) / np.sqrt(max(2.0 * misfit, 1e-12))))
+
+
+def _expected(variants: tuple[Variant, ...], c: Candidates, assumed: Variant) -> Expected:
+    """Return the model in which the scores are what a cause is expected to make."""
+    own = [g for g, v in enumerate(variants) if v.site.key == assumed.site.key and v.base.size == assumed.base.size]
+    group = min(own, key=lambda g: float(np.sum(np.square(variants[g].base - assumed.base))))
+    strengths = tolerated(variants[group])
+    score = c.information[:, c.first[group] : c.first[group + 1]] @ strengths
+    there = score[c.first[group] : c.first[group + 1]]
+    return Expected(replace(c, score=score), variants, group, 0.5 * float(there @ strengths))
+
+
+def race_of(problem: Problem, system: System) -> Race:
+    """Linearise the equations of a motion about the rig in the numbers of all that may compete for its log."""
+    sites = _hypotheses(problem, system)
+    linear, own = equations_about(problem, system, sites, (), system.hold)
+    weights = weighted_by(own, left_out(linear, own, everything(linear), blocks_of(system)))
+    return Race(problem, own, tuple(sites), linear, weights)
+
+
+def _shape(variant: Variant) -> tuple[Key, int, bytes]:
+    return variant.site.key, variant.base.size, variant.base.tobytes()
+
+
+def _joined(one: Linear, other: Linear) -> Linear:
+    """Return two linear models of the same equations, about the same fit, as one."""
+    return replace(
+        one,
+        variants=(*one.variants, *other.variants),
+        first=np.concatenate([one.first, one.first[-1] + other.first[1:]]),
+        now=np.concatenate([one.now, other.now]),
+        columns=np.concatenate([one.columns, other.columns], axis=-1),
+        noise_columns=np.concatenate([one.noise_columns, other.noise_columns], axis=-1),
+    )
 
 
 @dataclass(frozen=True, slots=True)

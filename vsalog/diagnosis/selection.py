@@ -324,7 +324,6 @@ def stage_about(
     fit: tuple[tuple[Site, Array], ...],
     blocks: Integers,
     hold: float,
-    also: Placed = (),
 ) -> Stage:
     """Linearise the equations about a set of causes, under its own noise and model error.
 
@@ -336,9 +335,8 @@ def stage_about(
     fit : the set
     blocks : shape (R,), the block of each row
     hold : how long after its stamp a motor torque acts on average [s]
-    also : causes whose effect the searches for shapes begin in, beside what the set leaves
     """
-    linear, own = equations_about(problem, system, sites, fit, hold, also)
+    linear, own = equations_about(problem, system, sites, fit, hold)
     return _stage(linear, own, blocks)
 
 
@@ -348,31 +346,26 @@ def _rig_stage(
     """Linearise the equations about the rig as it stands; return the p-value of that, too."""
     linear, own = equations_about(problem, system, sites, (), hold)
     stage = _stage(linear, own, blocks)
-    return stage, p_value(linear, stage.weights.system, _everything(linear), blocks)
+    return stage, p_value(linear, stage.weights.system, everything(linear), blocks)
 
 
 def equations_about(
-    problem: Problem,
-    system: System,
-    sites: Sequence[Site],
-    fit: tuple[tuple[Site, Array], ...],
-    hold: float,
-    also: Placed = (),
+    problem: Problem, system: System, sites: Sequence[Site], fit: tuple[tuple[Site, Array], ...], hold: float
 ) -> tuple[Linear, System]:
     """Return the equations, linearised about a set of causes, and the system with the noise as the set has it."""
     there = placed(problem.joint, fit)
     own = build_system(there, system.channels, system.balance, hold, system.copies).on_rows_of(system)
-    left = remainder(own, placed(there, also))
+    left = remainder(own, there)
     variants = variants_of(sites, problem.setting, left, fit, problem.stated)
     return linearised(own, problem.joint, fit, variants), own
 
 
 def _stage(linear: Linear, system: System, blocks: Integers) -> Stage:
-    weights = weighted_by(system, left_out(linear, system, _everything(linear), blocks))
+    weights = weighted_by(system, left_out(linear, system, everything(linear), blocks))
     return Stage(system, weights, linear.unknowns, candidates_of(linear, weights.system))
 
 
-def _everything(linear: Linear) -> Flags:
+def everything(linear: Linear) -> Flags:
     """Return the unknowns of all causes that can stand together: those of the fit, and all others that begin with no shape.
 
     Of unknown functions there are too many: what all of them predict in a block that they have not seen is mostly noise.
