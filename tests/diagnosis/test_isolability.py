@@ -72,8 +72,16 @@ def test_an_inertia_and_a_torque_constant_alone_in_an_equation_are_one_whatever_
 def test_a_weight_that_is_known_tells_an_inertia_from_a_torque_constant():
     weighted = subject(BARE + LINK + "gravity_torque = 2.0\n")
     found = isolations(weighted.problem, weighted.system)
+    assert all(i.visible for i in found if i.site.cause in ("link.inertia", CONSTANT))
     assert CONSTANT not in class_of(found, "link.inertia")
     assert "link.inertia" not in class_of(found, CONSTANT)
+
+
+def test_a_cause_is_as_large_as_the_tolerance_that_the_rig_states():
+    stated = subject(BARE + LINK + 'gravity_torque = "2 N*m ± 5 %"\n')
+    (one,) = isolations(stated.problem, stated.system, {("link.gravity", "link")})
+    assert one.values == pytest.approx([2.1], rel=1e-3)
+    assert one.absent() == {"torque": (2.0, "N*m")}
 
 
 def test_a_torque_sensor_between_motor_and_link_tells_them_apart():
