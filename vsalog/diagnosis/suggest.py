@@ -37,7 +37,7 @@ from vsalog.residuals.kinds import balance_for
 from vsalog.residuals.sensing import bare
 from vsalog.residuals.system import System, build_system
 from vsalog.rig import Rig
-from vsalog.rig.schema import Payload, PneumaticJoint, RigFile, RigidJoint
+from vsalog.rig.schema import Payload, PneumaticJoint, RigFile
 from vsalog.simulation.scenario import Scenario
 from vsalog.simulation.scenario_schema import ScenarioFile
 from vsalog.simulation.simulate import simulate
@@ -77,9 +77,7 @@ def suggest(rig: Rig, found: Sequence[JointDiagnosis], progress: Progress = lamb
     VsalogError
         Nothing can be proposed: the joint cannot be simulated, or the log shows no motion that could be repeated.
     """
-    open_ones = [(one, questions_of(one)) for one in found if not isinstance(one.joint, RigidJoint)]
-    if not open_ones:
-        raise DiagnosisError(f"joint '{found[0].name}': scenarios drive joints with transmissions or muscles only")
+    open_ones = [(one, questions_of(one)) for one in found]
     one, questions = next((o for o in open_ones if o[1].confused), open_ones[0])
     if not questions.asked:
         raise DiagnosisError(f"joint '{one.name}': there is nothing that another experiment could tell")
