@@ -4,6 +4,7 @@ from pathlib import Path
 
 from vsalog.core.document_schema import schema_text
 from vsalog.diagnosis import document as diagnosis
+from vsalog.diagnosis import plan_document as plan
 from vsalog.identification import document as identification
 from vsalog.validation import document as report
 
@@ -12,7 +13,8 @@ HERE = Path(__file__).parent
 
 def main() -> None:
     """Write them."""
-    for name, module in (("diagnosis", diagnosis), ("identification", identification), ("report", report)):
+    documents = {"diagnosis": diagnosis, "identification": identification, "plan": plan, "report": report}
+    for name, module in documents.items():
         (HERE / f"{name}.schema.json").write_text(schema_text(module), encoding="utf-8")
 
 

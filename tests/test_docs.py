@@ -68,6 +68,11 @@ def test_the_tables_of_batteries_are_those_that_are_kept():
     assert (ROOT / "docs" / "diagnosis.md").read_text(encoding="utf-8") == made, "run: python -m docs.make_battery"
 
 
+def test_the_table_of_plans_is_what_is_kept():
+    made = runpy.run_path(str(ROOT / "docs" / "make_plan.py"))["page"]()
+    assert (ROOT / "docs" / "plan.md").read_text(encoding="utf-8") == made, "run: python -m docs.make_plan --causes 0"
+
+
 def test_every_finding_is_documented():
     made = runpy.run_path(str(ROOT / "docs" / "make_findings.py"))["reference"]()
     assert (ROOT / "docs" / "findings.md").read_text(encoding="utf-8") == made, "run: python docs/make_findings.py"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rigid_machine import RIGID
 from scipy.optimize import least_squares
 from written_out import ELASTIC, Truth, elastic, sensed, write_csv
 
@@ -295,3 +296,13 @@ def test_how_far_two_hypotheses_are_apart_is_what_the_best_fit_of_the_other_leav
     squares = separation(curve, joint, own, other) ** 2 * Curve.count
     # A fit ends where a step gains less than 1e-8 of what is left.
     assert squares == pytest.approx(2.0 * left.cost - float(noise @ noise), abs=1e-7 * left.cost)
+
+
+def test_an_experiment_is_proposed_for_a_rigid_joint_too(tmp_path, run):
+    (tmp_path / "rig.toml").write_text(RIGID, encoding="utf-8")
+    (tmp_path / "poor.toml").write_text(TO_AND_FRO, encoding="utf-8")
+    actual = ("--actual", "joint.arm.link.inertia=0.08")
+    run("simulate", "rig.toml", "--scenario", "poor.toml", *actual, "-o", "poor.csv")
+    found = run("diagnose", "poor.csv", "--rig", "rig.toml", "--suggest", "--json")
+    assert FILE in found["next_experiment"]
+    run("simulate", "rig.toml", "--scenario", FILE, *actual, "-o", "next.mcap")

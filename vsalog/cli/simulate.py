@@ -9,24 +9,9 @@ from click import get_current_context
 from click.core import ParameterSource
 
 from vsalog.cli.pairs import pairs
+from vsalog.cli.quantity import positive
 
-
-def _seconds(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:
-    from vsalog.core.errors import UnitError
-    from vsalog.core.units import parse_quantity
-
-    if value is None:
-        return None
-    try:
-        number = float(value)
-    except ValueError:
-        try:
-            number = parse_quantity(value, "s")
-        except UnitError as error:
-            raise click.BadParameter(str(error), context, parameter) from None
-    if not 0.0 < number < float("inf"):
-        raise click.BadParameter(f"'{value}' is not a time longer than zero", context, parameter)
-    return number
+_seconds = positive("s", "a time longer than zero")
 
 
 @click.command(short_help="Play a rig and write what its sensors record, as a log of any format.")

@@ -30,9 +30,12 @@ def document_schema(module: ModuleType) -> dict[str, Any]:
 
     Parameters
     ----------
-    module : that holds the document's structures, their `VERSION`, and the outermost one with title and description as `SCHEMA`
+    module : that holds the document's structures, and the outermost one with title and description as `SCHEMA`; their version is
+        its `VERSION`, or the outermost one's own default
     """
     root, title, description = module.SCHEMA
+    defaults = {f.name: f.default for f in msgspec.structs.fields(getattr(module, root))}
+    version = module.VERSION if hasattr(module, "VERSION") else defaults["version"]
     schema: dict[str, Any] = msgspec.json.schema(getattr(module, root))
     definitions: dict[str, Any] = schema["$defs"]
     for name, definition in definitions.items():
@@ -43,7 +46,7 @@ def document_schema(module: ModuleType) -> dict[str, Any]:
     return {
         **definitions.pop(root),
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": f"{title}, version {module.VERSION}",
+        "title": f"{title}, version {version}",
         "description": description,
         "$defs": definitions,
     }

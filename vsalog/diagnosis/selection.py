@@ -347,7 +347,7 @@ def stage_about(
     blocks : shape (R,), the block of each row
     hold : how long after its stamp a motor torque acts on average [s]
     """
-    linear, own = _equations_about(problem, system, sites, fit, hold)
+    linear, own = equations_about(problem, system, sites, fit, hold)
     return _stage(linear, own, blocks)
 
 
@@ -355,14 +355,15 @@ def _rig_stage(
     problem: Problem, system: System, sites: Sequence[Site], blocks: Integers, hold: float
 ) -> tuple[Stage, float]:
     """Linearise the equations about the rig as it stands; return the p-value of that, too."""
-    linear, own = _equations_about(problem, system, sites, (), hold)
+    linear, own = equations_about(problem, system, sites, (), hold)
     stage = _stage(linear, own, blocks)
-    return stage, p_value(linear, stage.weights.system, _everything(linear), blocks)
+    return stage, p_value(linear, stage.weights.system, everything(linear), blocks)
 
 
-def _equations_about(
+def equations_about(
     problem: Problem, system: System, sites: Sequence[Site], fit: tuple[tuple[Site, Array], ...], hold: float
 ) -> tuple[Linear, System]:
+    """Return the equations, linearised about a set of causes, and the system with the noise as the set has it."""
     there = placed(problem.joint, fit)
     own = build_system(there, system.channels, system.balance, hold, system.copies).on_rows_of(system)
     left = remainder(own, there)
@@ -371,11 +372,11 @@ def _equations_about(
 
 
 def _stage(linear: Linear, system: System, blocks: Integers) -> Stage:
-    weights = weighted_by(system, left_out(linear, system, _everything(linear), blocks))
+    weights = weighted_by(system, left_out(linear, system, everything(linear), blocks))
     return Stage(system, weights, linear.unknowns, candidates_of(linear, weights.system))
 
 
-def _everything(linear: Linear) -> Flags:
+def everything(linear: Linear) -> Flags:
     """Return the unknowns of all causes that can stand together: those of the fit, and all others that begin with no shape.
 
     Of unknown functions there are too many: what all of them predict in a block that they have not seen is mostly noise.

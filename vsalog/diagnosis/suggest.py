@@ -26,7 +26,7 @@ from vsalog.core.errors import DiagnosisError, VsalogError
 from vsalog.diagnosis.experiment_design import DESIGN
 from vsalog.diagnosis.joint import JointDiagnosis, Progress
 from vsalog.diagnosis.linear import placed
-from vsalog.diagnosis.posterior import ITERATIONS
+from vsalog.diagnosis.posterior import ITERATIONS, Problem
 from vsalog.diagnosis.subsets import BEST
 from vsalog.diagnosis.suggest_candidates import Candidate, Played, candidates
 from vsalog.diagnosis.suggest_questions import Hypothesis, Questions, ordinary_causes, questions_of, shown
@@ -37,7 +37,7 @@ from vsalog.residuals.kinds import balance_for
 from vsalog.residuals.sensing import bare
 from vsalog.residuals.system import System, build_system
 from vsalog.rig import Rig
-from vsalog.rig.schema import Payload, PneumaticJoint, RigFile, RigidJoint
+from vsalog.rig.schema import Payload, PneumaticJoint, RigFile
 from vsalog.simulation.scenario import Scenario
 from vsalog.simulation.scenario_schema import ScenarioFile
 from vsalog.simulation.simulate import simulate
@@ -77,16 +77,34 @@ def suggest(rig: Rig, found: Sequence[JointDiagnosis], progress: Progress = lamb
     VsalogError
         Nothing can be proposed: the joint cannot be simulated, or the log shows no motion that could be repeated.
     """
-    open_ones = [(one, questions_of(one)) for one in found if not isinstance(one.joint, RigidJoint)]
-    if not open_ones:
-        raise DiagnosisError(f"joint '{found[0].name}': scenarios drive joints with transmissions or muscles only")
+    open_ones = [(one, questions_of(one)) for one in found]
     one, questions = next((o for o in open_ones if o[1].confused), open_ones[0])
     if not questions.asked:
         raise DiagnosisError(f"joint '{one.name}': there is nothing that another experiment could tell")
-    channels = one.system.channels.whole or one.system.channels
-    bench = Bench(rig, one, seen_in(one.extended, one.system), max(channels.period, DESIGN.shortest_period))
+    subject = Subject(one.name, one.joint, one.extended, one.system, one.selection.problem)
+    bench = Bench(rig, subject, seen_in(one.extended, one.system))
     progress(f"joint {one.name}: looking for the experiment that would tell most")
     return Suggestion(one.name, bench.best(questions), questions, len(rig.joints) > 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """A joint that an experiment is looked for.
+
+    Attributes
+    ----------
+    name : of the joint
+    joint : as the rig has it, on the joint's side
+    extended : with what is known to be wrong
+    system : of a log of it, or of a motion that was simulated
+    problem : what its causes are sought with
+    """
+
+    name: str
+    joint: Any
+    extended: Any
+    system: System
+    problem: Problem
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,15 +114,19 @@ class Bench:
     Attributes
     ----------
     rig : as it stands
-    found : about the joint
-    seen : what its log shows it to bear
-    period : sample time [s]
+    subject : the joint
+    seen : what it bears
     """
 
     rig: Rig
-    found: JointDiagnosis
+    subject: Subject
     seen: Seen
-    period: float
+
+    @property
+    def period(self) -> float:
+        """Sample time [s]."""
+        channels = self.subject.system.channels
+        return max((channels.whole or channels).period, DESIGN.shortest_period)
 
     def best(self, questions: Questions) -> Played:
         """Return the candidate that separates best.
@@ -114,7 +136,7 @@ class Bench:
         VsalogError
             None can be played.
         """
-        plain = self.found.joint
+        plain = self.subject.joint
         played = self._first_look(plain, None, questions)
         if questions.confused:
             played = self._both_ways(plain, played, questions)
@@ -133,9 +155,9 @@ class Bench:
     def _first_look(self, plain: Any, payload: Payload | None, questions: Questions) -> list[Played]:
         """Play every candidate with the first hypothesis of each question."""
         whole = self.rig.file
-        file = with_fields(whole, joint={**whole.joint, self.found.name: self.found.extended})
+        file = with_fields(whole, joint={**whole.joint, self.subject.name: self.subject.extended})
         played, why = list[Played](), None
-        for candidate in candidates(self.found.name, self.found.extended, file, self.seen, self.period):
+        for candidate in candidates(self.subject.name, self.subject.extended, file, self.seen, self.period):
             try:
                 one = self._tried(plain, candidate, payload, questions, False)
             except VsalogError as error:
@@ -145,7 +167,7 @@ class Bench:
                 played.append(one)
         if not played:
             raise why or DiagnosisError(
-                f"joint '{self.found.name}': no experiment stays within the positions, speeds and torques that this log shows"
+                f"joint '{self.subject.name}': no experiment stays within the positions, speeds and torques that this log shows"
             )
         return played
 
@@ -169,10 +191,10 @@ class Bench:
     def _shown(self, plain: Any, file: ScenarioFile, truth: Hypothesis) -> float:
         """Return how far causes of an ordinary size move the equations of an experiment, on the geometric mean."""
         try:
-            system = self._played(placed(plain, truth.fit), file)
+            system = self.played(placed(plain, truth.fit), file)
         except Left:
             return 0.0
-        others = ordinary_causes(self.found, truth)
+        others = ordinary_causes(self.subject.problem, truth)
         return float(np.mean([np.log(max(shown(system, plain, o, truth), 1e-6)) for o, _ in others])) if others else 0.0
 
     def _tried(
@@ -201,21 +223,21 @@ class Bench:
         """
         if not questions.confused:
             nothing = questions.asked[0].other
-            system = self._played(placed(plain, nothing.fit), file)
+            system = self.played(placed(plain, nothing.fit), file)
             return np.array([shown(system, plain, q.one, nothing) for q in questions.asked])
         systems = dict[int, System]()
         out = np.full(len(questions.asked), np.inf)
         for i, question in enumerate(questions.asked):
             ways = [(question.one, question.other), (question.other, question.one)]
-            for own, other in ways if both else ways[:1]:
+            for own, other in ways if both and not question.nested else ways[:1]:
                 if id(own) not in systems:
-                    systems[id(own)] = self._played(placed(plain, own.fit), file)
+                    systems[id(own)] = self.played(placed(plain, own.fit), file)
                 out[i] = min(out[i], separation(systems[id(own)], plain, own, other))
         return out
 
-    def _played(self, joint: Any, file: ScenarioFile) -> System:
+    def played(self, joint: Any, file: ScenarioFile) -> System:
         """Play a scenario with a joint and form its equations; `Left` where the motion leaves what was seen."""
-        log, name, rig = self.found.system.channels, self.found.name, self._with(joint)
+        log, name, rig = self.subject.system.channels, self.subject.name, self._with(joint)
         own = with_fields(file, joint={n: d for n, d in file.joint.items() if n in rig.joint})
         inputs = Scenario(own).inputs(rig)
         experiment = simulate(rig, inputs, file.duration, period=file.period, ideal=True)
@@ -230,7 +252,7 @@ class Bench:
 
     def _with(self, joint: Any) -> RigFile:
         """Return the rig with the joint in it; joints that do not move with it are left out."""
-        file, name = self.rig.file, self.found.name
+        file, name = self.rig.file, self.subject.name
         chained = [] if file.chain is None else [link.joint for link in file.chain.link]
         joints = {n: j for n, j in file.joint.items() if n == name or (name in chained and n in chained)}
         return with_fields(file, joint={**joints, name: joint}, chain=file.chain if name in chained else None)

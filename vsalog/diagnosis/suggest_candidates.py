@@ -24,7 +24,8 @@ from vsalog.rig.schema import (
     SerialJoint,
     UnknownTransmission,
 )
-from vsalog.simulation.scenario_generic import generic
+from vsalog.simulation.machine import drive_of
+from vsalog.simulation.scenario_generic import generic, servos
 from vsalog.simulation.scenario_schema import Constant, Drives, Parts, ScenarioFile, ServoDrive, Sine, Steps, Trapezoid
 
 Array = NDArray[np.float64]
@@ -202,18 +203,23 @@ def _scenario(
     plain = generic("servo", rig, period)
     joints = {other: _held(drives, rig.joint[other]) for other, drives in plain.joint.items() if other != name}
     top = fastest(joint)
+    own = dict(servos(name, joint, rig, 0, period)) if isinstance(joint, RigidJoint) else {}
     drives = dict[str, Any]()
     for key, one in seen.driven.items():
-        base = getattr(plain.joint[name], key)
+        if key == "motor_servo" and drive_of(joint) is not None:
+            # Its drive has a loop of its own.
+            drives["commanded_position"] = _reference(key, one, joint, wave, second, share, top)
+            continue
+        base = own.get(key) or getattr(plain.joint[name], key)
         if isinstance(joint, PneumaticJoint):
             drives[key] = _valve(key, one, wave, second, share, top)
             continue
         parts = _reference(key, one, joint, wave, second, share, top)
         limit = seen.torques.get(key.replace("servo", "torque"))
         drives[key] = replace(base, reference=parts, limit=_round(limit, down=True) if limit else None)
-    joints = {n: (Drives(**drives) if n == name else joints[n]) for n in plain.joint}
+    joints = {n: (Drives(**drives) if n == name else joints[n]) for n in dict.fromkeys((*plain.joint, name))}
     return ScenarioFile(
-        name="next", description="proposed by vsalog diagnose", duration=DESIGN.duration, period=period, joint=joints
+        name="next", description="proposed by vsalog", duration=DESIGN.duration, period=period, joint=joints
     )
 
 

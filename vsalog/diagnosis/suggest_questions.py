@@ -15,6 +15,7 @@ from vsalog.diagnosis.experiment_design import DESIGN
 from vsalog.diagnosis.found import loss_of
 from vsalog.diagnosis.joint import JointDiagnosis
 from vsalog.diagnosis.linear import Placed, clash, placed
+from vsalog.diagnosis.posterior import Problem
 from vsalog.diagnosis.priors import deviation_of
 from vsalog.diagnosis.unknown_spring import TAKEN_UP
 from vsalog.residuals.system import System
@@ -69,12 +70,14 @@ class Question:
     one, other : the hypotheses; `other` is nothing where causes that the log could not show are in question
     now : D of this log, see `suggest`
     size : of the cause in question, what people are told, and its unit; none for causes that are confused
+    nested : whether `one` can do whatever `other` does: only a machine with `one` in it can tell them apart
     """
 
     one: Hypothesis
     other: Hypothesis
     now: float
     size: tuple[float, str] | None = None
+    nested: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,18 +120,18 @@ def _hidden(found: JointDiagnosis) -> tuple[Question, ...]:
     system, joint, nothing = found.system, found.joint, Hypothesis(None, found.selection.posterior.fit)
     asked = [
         Question(one, nothing, shown(system, joint, one, nothing), size)
-        for one, size in ordinary_causes(found, nothing)
+        for one, size in ordinary_causes(found.selection.problem, nothing)
     ]
     return tuple(sorted(asked, key=lambda q: q.now)[: DESIGN.most_hypotheses])
 
 
-def ordinary_causes(found: JointDiagnosis, present: Hypothesis) -> list[tuple[Hypothesis, tuple[float, str]]]:
+def ordinary_causes(problem: Problem, present: Hypothesis) -> list[tuple[Hypothesis, tuple[float, str]]]:
     """Return the causes of one number, each as large as one prior deviation, with that size and its unit.
 
     They are in addition to the causes that are present.
     """
     out = []
-    setting, stated = found.selection.problem.setting, found.selection.problem.stated
+    setting, stated = problem.setting, problem.stated
     # What a spring that is fitted again takes up shows in no experiment.
     for cause in (c for c in catalogue().values() if not (setting.fitted and c.name in TAKEN_UP)):
         for site in cause.sites(setting):

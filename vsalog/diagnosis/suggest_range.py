@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from vsalog.residuals.kinds import motion_for
 from vsalog.residuals.sensing import VALVES, motors_of, torque_role, true_roles
 from vsalog.residuals.system import System
 from vsalog.rig.schema import PneumaticJoint
+from vsalog.simulation.machine import drive_of
 
 Array = NDArray[np.float64]
 
@@ -28,12 +29,14 @@ class Range:
     low, high : least and greatest value, SI
     rate : largest rate but for a few, SI per second
     curvature : largest change of the rate but for a few, SI per second²
+    limited : whether the rate is a limit, which not even a few samples may exceed
     """
 
     low: float
     high: float
     rate: float
     curvature: float = np.inf
+    limited: bool = False
 
     @property
     def half(self) -> float:
@@ -46,7 +49,38 @@ class Range:
         swing = off / ((1.0 + DESIGN.slack) * self.half) if self.half else np.inf if off > 0.0 else 0.0
         if rates is None or not self.rate:
             return swing
-        return max(swing, float(np.quantile(np.abs(rates), DESIGN.range_share)) / ((1.0 + DESIGN.slack) * self.rate))
+        share = 1.0 if self.limited else DESIGN.range_share
+        return max(swing, float(np.quantile(np.abs(rates), share)) / ((1.0 + DESIGN.slack) * self.rate))
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a joint may be asked for; none where nothing is stated.
+
+    Attributes
+    ----------
+    torque : of each motor, as the joint feels it [N·m]
+    speed : of motors and link, on the joint's side [rad/s]
+    angle : of motors and link, to either side of the rig's zero [rad]
+    """
+
+    torque: float | None = None
+    speed: float | None = None
+    angle: float | None = None
+
+    def of(self, joint: Any) -> Limits:
+        """Return the limits with those that a joint's drive has where none are stated."""
+        drive = drive_of(joint) if not isinstance(joint, PneumaticJoint) else None
+        if drive is None:
+            return self
+        return replace(self, torque=self.torque or drive.torque_limit, speed=self.speed or drive.speed_limit)
+
+    def on(self, one: Range) -> Range:
+        """Return the interval of an angle that a joint may use; what was seen of it where there is no limit."""
+        exact = 1.0 / (1.0 + DESIGN.slack)
+        if self.angle is not None:
+            one = replace(one, low=-exact * self.angle, high=exact * self.angle)
+        return one if self.speed is None else replace(one, rate=exact * self.speed, curvature=np.inf, limited=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +115,20 @@ class Seen:
             if role in truth and most:
                 shares.append(float(np.max(np.abs(truth[role]))) / ((1.0 + DESIGN.slack) * most))
         return max(shares)
+
+    def within(self, limits: Limits) -> Seen:
+        """Return it with limits in the place of what was seen.
+
+        Springs bear what they were seen to bear, or whatever a torque that is stated makes of them.
+        """
+        driven = {key: limits.on(one) if key.startswith("motor") else one for key, one in self.driven.items()}
+        moved = {name: limits.on(one) if name == "link_position" else one for name, one in self.moved.items()}
+        torques = dict(self.torques)
+        if limits.torque is not None:
+            exact = limits.torque / (1.0 + DESIGN.slack)
+            torques |= {role: exact for role in torques if role.startswith("motor")}
+            moved = {name: one for name, one in moved.items() if not name.startswith("deflection")}
+        return Seen(driven, torques, moved)
 
 
 def seen_in(joint: Any, system: System) -> Seen:

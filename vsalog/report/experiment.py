@@ -121,13 +121,20 @@ def _times(d: float) -> str:
     return f"{d:.2g} times" if d >= 0.01 else "less than 0.01 times"
 
 
-def scenario_text(proposed: Suggestion) -> str:
-    """Return the scenario as TOML, with a heading that says what it is for; names must not end the comment."""
+def scenario_text(proposed: Suggestion, by: str = "vsalog diagnose --suggest", now: str = "in the log") -> str:
+    """Return the scenario as TOML, with a heading that says what it is for; names must not end the comment.
+
+    Parameters
+    ----------
+    proposed : the experiment
+    by : the command that proposes it
+    now : where the hypotheses are as far apart as they are now, in words
+    """
     import tomli_w
 
     best, questions, joint = proposed.best, proposed.questions, proposed.joint
     lines = [
-        f"Proposed by vsalog diagnose --suggest for joint {shown(joint)}: {best.candidate.words}.",
+        f"Proposed by {by} for joint {shown(joint)}: {best.candidate.words}.",
         "All numbers are SI.",
     ]
     for question, there in zip(questions.asked, best.separations, strict=True):
@@ -135,7 +142,7 @@ def scenario_text(proposed: Suggestion) -> str:
             what = f"{_name(question, 'one', questions)} against {_name(question, 'other', questions)}: apart by"
         else:
             what = f"{_name(question, 'one', questions)} of {_size(*question.size)}: shows as"
-        lines.append(f"{what} {_times(question.now)} the noise of an average in the log, {_times(float(there))} here.")
+        lines.append(f"{what} {_times(question.now)} the noise of an average {now}, {_times(float(there))} here.")
     payload = best.payload
     if payload is not None:
         key = f"joint.{shown(joint)}.link.payload"

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from math import asin, pi, sqrt
 
 import numpy as np
+from msgspec.structs import replace
 
 from vsalog.core.errors import SimulationError, did_you_mean
 from vsalog.mechanics import flexibility_torque, stiffness
@@ -146,7 +147,7 @@ def generic(kind: str, rig: RigFile, period: float = 1e-3) -> ScenarioFile:
         if isinstance(joint, SerialJoint) and joint.secondary_motor is not None and joint.lever is not None:
             drives["secondary_servo"] = _lever_servo(joint.secondary_motor, joint.lever)
         if kind == "servo" and not isinstance(joint, PneumaticJoint) and drive_of(joint) is None:
-            drives.update(_servos(name, joint, rig, place, period))
+            drives.update(servos(name, joint, rig, place, period))
         else:
             drives.update(
                 {d.key: _with_centre(d, _PARTS.get(kind, _sines)(d)) for d in _driven(name, joint, rig, place)}
@@ -297,9 +298,22 @@ def _top_frequency(name: str, joint: Joint, rig: RigFile) -> float:
     return max(min(EXCITATION.frequency, EXCITATION.resonance * sqrt(max(sum(at), 0.0) / inertia) / (2.0 * pi)), 0.2)
 
 
-def _servos(name: str, joint: Joint, rig: RigFile, place: int, period: float) -> Iterator[tuple[str, ServoDrive]]:
+def servos(name: str, joint: Joint, rig: RigFile, place: int, period: float) -> Iterator[tuple[str, ServoDrive]]:
+    """Yield a position loop for each motor of a joint, sized to the rig.
+
+    Parameters
+    ----------
+    name, joint, rig : of the machine
+    place : counts all drives of the rig, so that each gets a frequency of its own
+    period : sample time, which bounds the gains [s]
+    """
     inertia, _, gravity = _load(name, joint, rig)
     motors = _motors(joint)
+    if isinstance(joint, RigidJoint):
+        # Motor and link are one body, which no spring bounds.
+        motor = joint.motor.reflected
+        motors = [("", replace(motor, inertia=(motor.inertia or 0.0) + inertia), UnknownTransmission())]
+        inertia = 0.0
     frequency = EXCITATION.swinging * (1.0 + 0.37 * (place % 8))
     # What gravity pulls with at the end of a swing has to go through the springs, in addition to what the swing itself takes.
     borne = 0.5 * sum(_spring_torque(transmission, joint) for _, _, transmission in motors)
