@@ -8,7 +8,7 @@ import msgspec
 
 from vsalog.core.finding import Finding
 
-VERSION = 3
+VERSION = 2
 SCHEMA = ("Diagnosis", "vsalog diagnosis", "What 'vsalog diagnose' found.")
 
 Verdict = Literal["consistent", "consistent as far as checked", "explained", "partly explained", "unexplained"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,6 @@ from vsalog.diagnosis.joint import JointDiagnosis
 from vsalog.diagnosis.posterior import most_probable
 
 Array = NDArray[np.float64]
-
-DAY = 86400.0
 
 
 def trends_of(found: JointDiagnosis, logs: Sequence[str], begins: Sequence[float | None]) -> list[Trend]:
@@ -84,7 +82,7 @@ def _rate(values: Array, spread: Array, begins: Sequence[float | None]) -> tuple
     dated = [i for i, b in enumerate(begins) if b is not None]
     if len(dated) < 3 or len({begins[i] for i in dated}) < 3:
         return None
-    days = np.array([float(begins[i]) / DAY for i in dated])  # type: ignore[arg-type]
+    days = np.array([float(begins[i]) / timedelta(days=1).total_seconds() for i in dated])  # type: ignore[arg-type]
     days -= days.mean()
     y, sigma = values[dated], np.maximum(spread[dated], np.finfo(np.float64).tiny)
     A = np.stack([np.ones_like(days), days], axis=1) / sigma[:, None]
