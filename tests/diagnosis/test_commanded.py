@@ -109,6 +109,7 @@ def found_in(path, elastic=False):
     return found, {c.cause: c for c in found.causes if c.material}
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     ("hidden", "names", "number", "value", "within"),
     [
@@ -137,6 +138,7 @@ def test_a_rig_that_is_right_is_consistent(tmp_path):
     assert not causes
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     ("hidden", "name", "number", "value"),
     [
