@@ -3,6 +3,8 @@
 The machines are integrated here, by equations of their own.
 """
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -157,3 +159,19 @@ def test_two_joints_that_differ_by_a_common_factor_are_the_same(tmp_path):
     found, causes = found_in(log_of(tmp_path / "log.csv", factor))
     assert found.verdict == "consistent"
     assert not causes
+
+
+def test_a_real_servo_is_found_to_plan_its_motion():
+    """An SO-101 arm and a rig that was never fitted: the limit that is found is the servo's register, 254 · 100 steps/s²."""
+    folder = Path(__file__).parents[2] / "sample_logs" / "so101_servo"
+    found = diagnose(
+        folder / "rotation_chirp_sweep.csv",
+        folder / "rotation_multisine.csv",
+        Options(rig=folder / "first_guess.rig.toml"),
+    ).diagnosis
+    causes = {c.cause: c for c in found.causes if c.material}
+    register = 254 * 100 * 2 * np.pi / 4096
+    assert causes["drive.acceleration_limit"].parameters["limit"].value == pytest.approx(register, rel=0.1)
+    assert found.verdict == "partly explained"
+    (gain,) = found.gain.signals
+    assert gain.ci95[0] > 0.3

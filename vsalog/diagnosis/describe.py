@@ -67,7 +67,7 @@ def causes_of(
         known, absent = cause.determined(), {n: a for n, (a, _) in cause.absent().items()}
         numbers = {
             # A number that is the same without the cause is a shape, which the rig does not have.
-            n: Number(value=v, std=s, unit=u, determined=known[n], rig=None if absent[n] == v else absent[n])
+            n: Number(value=v, std=s, unit=u, determined=known[n], rig=None if absent[n] in (v, np.inf) else absent[n])
             for n, (v, s, u) in cause.numbers().items()
         }
         out.append(

@@ -83,8 +83,8 @@ class Posterior:
         return frozenset(site.key for site, _ in self.fit)
 
 
-def most_probable(problem: Problem, weights: Weights, start: Placed) -> Posterior:
-    """Fit a set of causes from values to begin with.
+def most_probable(problem: Problem, weights: Weights, start: Placed, steps: int = ITERATIONS) -> Posterior:
+    """Fit a set of causes from values to begin with, in so many steps at most; with none it stays there.
 
     The score is ½ (deviance + δᵀ Λ δ) + ½ log det(I + Λ⁻¹ A) − ½ log det Λ + Σ price, δ in units of the prior deviations and Λ of
     `subsets`.
@@ -95,7 +95,7 @@ def most_probable(problem: Problem, weights: Weights, start: Placed) -> Posterio
     linear = _about(problem, system, fit, here)
     candidates = candidates_of(linear, system)
     now, damping, fresh = weights.deviance(here) + _surprise(linear.now), 0.0, True
-    for _ in range(ITERATIONS if fit else 0):
+    for _ in range(steps if fit else 0):
         H = np.diag(precisions(linear.now)) + candidates.information
         before, moved = now, False
         for _ in range(ITERATIONS if fresh else 1):

@@ -86,8 +86,9 @@ def refined(selection: Selection, windows: Windows) -> Selection:
             other, there, changes = _fitted(other, windows)
         except SimulationError:
             break
-        # What takes away a part of an error only may be anything.
-        if not there.is_linear or np.max(_squares(there, windows)) > WITHIN or _at_bounds(other):
+        # What takes away a part of an error only may be anything, where windows are short enough for much to look alike.
+        most = float(np.max(_squares(shot, windows))) if loop else WITHIN
+        if not there.is_linear or np.max(_squares(there, windows)) > most or _at_bounds(other):
             break
         best, shot, J = other, there, changes
     return replace(best, choices=_as_seen(best, windows, J)) if best.posterior.fit else best
@@ -132,7 +133,10 @@ def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Ar
     shot = begun(placed(joint, fit), windows)
     if not fit or not shot.is_linear:
         return selection, shot, np.zeros((len(windows.spans), 0, 0))
-    prior = _prior(posterior, is_commanded(joint, windows.channels.raw))
+    loop = is_commanded(joint, windows.channels.raw)
+    prior = _prior(posterior, loop)
+    # Equations say how far the values are from their own; the rig, how far they are from its own.
+    now = posterior.linear.now if loop else np.zeros(prior.shape[0])
     away, information, columns = np.zeros(prior.shape[0]), np.zeros_like(prior), np.zeros(0)
     for _ in range(ITERATIONS):
         weights = weights_of(shot, windows)
@@ -142,13 +146,17 @@ def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Ar
         J = (columns * weights[:, None]).reshape(-1, columns.shape[-1])
         r = (projected(bases, in_windows(shot, windows)) * weights).ravel()
         information = J.T @ J
-        step = np.linalg.solve(prior + information, -J.T @ r - prior @ away)
-        before, moved, after = _misfit(shot, windows, weights) + float(away @ prior @ away), False, np.inf
+        step = np.linalg.solve(prior + information, -J.T @ r - prior @ (now + away))
+        before, moved, after = (
+            _misfit(shot, windows, weights) + float((now + away) @ prior @ (now + away)),
+            False,
+            np.inf,
+        )
         for _ in range(ITERATIONS):
             trial = with_unknowns(posterior.linear.variants, posterior.linear.now + away + step)
             try:
                 there = begun(placed(joint, trial), windows, near=shot, slopes=slopes)
-                after = _misfit(there, windows, weights) + float((away + step) @ prior @ (away + step))
+                after = _misfit(there, windows, weights) + float((now + away + step) @ prior @ (now + away + step))
             except SimulationError:
                 after = np.inf
             if after < before:
@@ -203,7 +211,8 @@ def _searched(selection: Selection, windows: Windows, shot: Shot, equations: boo
     found = best_sets(both, [now])[0]
     if found.score > both.scored(now) - APART:
         return None
-    posterior = fitted(problem, stage, begun_by(stage.unknowns, both, found.chosen))
+    start = begun_by(stage.unknowns, both, found.chosen)
+    posterior = fitted(problem, stage, start) if equations else most_probable(problem, stage.weights, start, steps=0)
     stage = stage_about(problem, stage.system, sites, posterior.fit, blocks, stage.system.hold)
     choices = choices_of(problem, stage, both, Ranked(found.chosen, found.score), variants, posterior)
     return replace(selection, stage=stage, posterior=posterior, choices=tuple(choices))

@@ -60,7 +60,7 @@ class _Limit(Cause):
         return with_part(joint, "drive", **{self.key: 1.0 / float(values[0]) if values[0] > 0.0 else None})
 
     def _told(self, values: Sequence[float]) -> dict[str, tuple[float, str]]:
-        return {"limit": (1.0 / max(float(values[0]), 1e-12), self.unit)}
+        return {"limit": (1.0 / float(values[0]) if values[0] > 0.0 else float("inf"), self.unit)}
 
 
 class DriveAccelerationLimit(_Limit):
