@@ -151,7 +151,7 @@ class TableFolderReader:
         for one in self._tables:
             for alike in (frozenset(one.channels), _NUMBER.sub("", one.stem)):
                 first = first_of.setdefault(alike, one)
-                if first is not one and not recorded_together(self._begin(first), self._begin(one)):
+                if first is not one and not recorded_together(first.reader.first_stamps(), one.reader.first_stamps()):
                     raise ReadError(
                         f"is a folder of tables with the same columns, or called alike ({printable(first.path.name)},"
                         f" {printable(one.path.name)}), and their times do not show that they were recorded together;"
@@ -159,15 +159,10 @@ class TableFolderReader:
                         self.path,
                     )
 
-    def _begin(self, one: _Table) -> Stamps:
-        """Return the first stamps of a table [ns]; none where it has no clock."""
-        clocks = next((block.clocks for block in self._open(one.path, {}).heads()), {})
-        return clocks.get("column", np.empty(0, np.int64))
-
     @property
     def surely_one(self) -> bool:
         """Whether all clocks show that the tables, two at least, were recorded together."""
-        begins = [self._begin(one) for one in self._tables if one.reader.has_clock]
+        begins = [one.reader.first_stamps() for one in self._tables if one.reader.has_clock]
         return len(begins) > 1 and all(recorded_together(begins[0], other) for other in begins[1:])
 
     def _agree_on_units(self) -> None:

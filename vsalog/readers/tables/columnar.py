@@ -21,7 +21,7 @@ from vsalog.readers.tables.long_tables import Speakers, find_speakers
 from vsalog.readers.tables.row_times import RowTimes, row_clock
 from vsalog.readers.tables.sections import find_sections, group_by_blanks
 from vsalog.readers.tables.slots import Slots
-from vsalog.readers.tables.time_columns import ClockPlan, looks_like_clock, runs_backwards
+from vsalog.readers.tables.time_columns import ClockPlan, looks_like_clock, nanoseconds, runs_backwards
 from vsalog.readers.tables.time_numbers import floats
 from vsalog.readers.tables.time_units import COUNTED, epoch_unit, stated_unit
 
@@ -153,6 +153,14 @@ class ColumnarReader(ABC):
     def has_clock(self) -> bool:
         """Whether columns tell the time."""
         return bool(self._plan.clocks)
+
+    def first_stamps(self) -> Stamps:
+        """Return the times of the first rows [ns], shape (n,); none where there is no clock."""
+        clock = self._plan.clocks.get("column")
+        if clock is None:
+            return np.empty(0, np.int64)
+        stamps, good = nanoseconds([self._sample[i] for i in clock.columns], clock.form)
+        return stamps[good]
 
     def clock_by_steps(self) -> CountedClock | None:
         """Return the clock where it counts from some start in a unit that its steps told; None where it does not."""
