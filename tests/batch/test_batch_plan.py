@@ -174,6 +174,7 @@ def test_folders_of_tables(tmp_path, monkeypatch):
     split_log(tmp_path / "logs" / "even", late=False)
     for k in range(2):
         make_log(tmp_path / "logs" / "runs" / f"exp{k}.csv", rows=200)
+    make_log(tmp_path / "logs" / "single" / "a.csv", rows=200)
     for name in ("LICENSE", "README.txt"):
         (tmp_path / "logs" / name).write_text("Made by hand.\nNo warranty.\n")
     plan = make_plan(["logs/*"], "out")
@@ -183,9 +184,9 @@ def test_folders_of_tables(tmp_path, monkeypatch):
     assert {log.name: log.size for log in plan.logs}["late"] == size
     apart = ["even/link.csv", "even/motor.csv"]
     runs = ["runs/exp0.csv", "runs/exp1.csv"]
-    assert names("logs") == [*apart, "late", *runs]
-    assert names("logs/**") == [*apart, "late", *runs]
-    assert names("logs/*/*.csv") == [*apart, "late/link.csv", "late/motor.csv", *runs]
+    assert names("logs") == [*apart, "late", *runs, "single/a.csv"]
+    assert names("logs/**") == [*apart, "late", *runs, "single/a.csv"]
+    assert names("logs/*/*.csv") == [*apart, "late/link.csv", "late/motor.csv", *runs, "single/a.csv"]
     assert names("logs/late") == ["late"]
     assert names("logs/even") == ["link.csv", "motor.csv"]
     with pytest.raises(BatchError, match="matches no log"):

@@ -1,5 +1,8 @@
 """Folders of tables that were recorded together."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -7,9 +10,12 @@ import pytest
 from command_line import vsalog_run
 
 from vsalog.core.errors import ReadError
+from vsalog.effects.drive import PositionServo
 from vsalog.readers import open_reader, read
 from vsalog.readers.sampling import read_sample
 from vsalog.rig.guess import guess_roles
+from vsalog.rig.load import Rig
+from vsalog.rig.schema import RigidJoint
 
 T = np.arange(400) * 0.02
 NAMES = ["Rotation", "Pitch", "Wrist_Roll"]
@@ -213,3 +219,34 @@ def test_commands_take_a_folder(folder):
     assert done.returncode == 0, done.stderr
     for joint in NAMES:
         assert f"{joint}: driven by commanded_position" in done.stdout + done.stderr
+
+
+def test_a_real_arm_becomes_six_joints(tmp_path):
+    """The files of an SO-101 as its program wrote them: a rig whose joints are simulated."""
+    arm = ["Rotation", "Pitch", "Elbow", "Wrist_Pitch", "Wrist_Roll", "Jaw"]
+    log = Path(__file__).parents[2] / "sample_logs" / "so101_servo" / "multisine"
+    done = vsalog_run("init", log, "-o", "rig.toml", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "vsalog identify multisine" in done.stderr  # no stiffness is estimated of joints with one encoder
+    rig = Rig.load(tmp_path / "rig.toml")
+    assert list(rig.joints) == arm
+    for name, joint in rig.joints.items():
+        assert isinstance(joint, RigidJoint)
+        assert isinstance(joint.drive, PositionServo)
+        assert joint.signals.commanded_position == f"control.positions[{name}]"
+        assert joint.signals.link_position == f"state_motor.positions[{name}]"
+        assert joint.signals.motor_torque == f"state_motor.torques[{name}]"
+    done = vsalog_run("simulate", "rig.toml", "--replay", log, "-o", "r.mcap", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert list(json.loads(done.stdout)["joints"]) == arm
+
+
+def test_a_real_arm_is_on_one_clock():
+    """Whole numbers of its stamps in the text: microseconds, 40 s of them from the program's start."""
+    recording = read(Path(__file__).parents[2] / "sample_logs" / "so101_servo" / "chirp_sweep")
+    control, state = (
+        recording.channels[name].stamps for name in ("control.positions[Jaw]", "state_motor.torques[Jaw]")
+    )
+    assert np.array_equal(control, state)
+    assert control.size == 1994
+    assert 80.0 <= control[0] * 1e-9 < control[-1] * 1e-9 < 120.0

@@ -201,10 +201,10 @@ def _table_folders(system: Any, files: Iterable[str], matches: Callable[[str], b
             tables.setdefault(path.rpartition("/")[0], []).append(path)
     found = set()
     for folder, own in tables.items():
-        if matches is None or matches(folder):
+        if len(own) > 1 and (matches is None or matches(folder)):
             meant = matches is not None and not any(map(matches, own))
             with suppress(ReadError):
-                reader = open_reader(folder) if meant or len(own) > 1 else None
+                reader = open_reader(folder)
                 if isinstance(reader, TableFolderReader) and (meant or reader.surely_one):
                     found.add(folder)
     return found
