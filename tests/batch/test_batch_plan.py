@@ -4,6 +4,7 @@ import io
 import os
 import sys
 
+import numpy as np
 import pytest
 from batch_bench import make_log
 
@@ -152,3 +153,50 @@ def test_names_of_any_bytes(tree):
     assert len({log.name for log in logs}) == len(odd)
     for log in logs:
         log.name.encode("utf-8")  # text
+
+
+def split_log(folder, late=True):
+    """Write a log as two tables in a folder, of one computer's clock: its steps are late now and then, if so said."""
+    make_log(folder / "whole.csv", rows=200)
+    head, *rows = [line.split(",") for line in (folder / "whole.csv").read_text().splitlines()]
+    delay = np.cumsum(np.random.default_rng(0).integers(0, 9, len(rows))) * late
+    rows = [[f"{float(t) + 1e-5 * d:.5f}", *cells] for (t, *cells), d in zip(rows, delay, strict=True)]
+    (folder / "whole.csv").unlink()
+    for name, columns in (("motor", [0, 1]), ("link", [0, 2, 3])):
+        text = "\n".join(",".join(row[i] for i in columns) for row in [head, *rows])
+        (folder / f"{name}.csv").write_text(text + "\n")
+
+
+def test_folders_of_tables(tmp_path, monkeypatch):
+    """A folder that a pattern means is one log; where tables in it may be meant, too, if their clocks show it."""
+    monkeypatch.chdir(tmp_path)
+    split_log(tmp_path / "logs" / "late")
+    split_log(tmp_path / "logs" / "even", late=False)
+    for k in range(2):
+        make_log(tmp_path / "logs" / "runs" / f"exp{k}.csv", rows=200)
+    make_log(tmp_path / "logs" / "single" / "a.csv", rows=200)
+    for name in ("LICENSE", "README.txt"):
+        (tmp_path / "logs" / name).write_text("Made by hand.\nNo warranty.\n")
+    plan = make_plan(["logs/*"], "out")
+    assert [log.name for log in plan.logs] == ["even", "late"]
+    assert "LICENSE" in " ".join(plan.notes)
+    size = sum(path.stat().st_size for path in (tmp_path / "logs" / "late").iterdir())
+    assert {log.name: log.size for log in plan.logs}["late"] == size
+    apart = ["even/link.csv", "even/motor.csv"]
+    runs = ["runs/exp0.csv", "runs/exp1.csv"]
+    assert names("logs") == [*apart, "late", *runs, "single/a.csv"]
+    assert names("logs/**") == [*apart, "late", *runs, "single/a.csv"]
+    assert names("logs/*/*.csv") == [*apart, "late/link.csv", "late/motor.csv", *runs, "single/a.csv"]
+    assert names("logs/late") == ["late"]
+    assert names("logs/even") == ["link.csv", "motor.csv"]
+    with pytest.raises(BatchError, match="matches no log"):
+        make_plan(["logs/run*"], "out")
+
+
+def test_text_that_a_pattern_names_is_a_log(tmp_path, monkeypatch):
+    """So that it fails where it cannot be read."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "exp1.txt").write_text("Made by hand.\nNo warranty.\n")
+    assert names("*.txt") == ["exp1.txt"]
+    with pytest.raises(BatchError, match="matches no log"):
+        make_plan(["*"], "out")

@@ -165,8 +165,8 @@ def test_a_real_servo_is_found_to_plan_its_motion():
     """An SO-101 arm and a rig that was never fitted: the limit that is found is the servo's register, 254 · 100 steps/s²."""
     folder = Path(__file__).parents[2] / "sample_logs" / "so101_servo"
     found = diagnose(
-        folder / "rotation_chirp_sweep.csv",
-        folder / "rotation_multisine.csv",
+        folder / "chirp_sweep",
+        folder / "multisine",
         Options(rig=folder / "first_guess.rig.toml"),
     ).diagnosis
     causes = {c.cause: c for c in found.causes if c.material}

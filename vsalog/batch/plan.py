@@ -8,6 +8,7 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -17,7 +18,12 @@ from fsspec.utils import glob_translate
 from vsalog.batch.names import readable, shown, told_apart
 from vsalog.batch.records import Log
 from vsalog.batch.storage import address, explained, file_system, is_local
-from vsalog.core.errors import BatchError
+from vsalog.core.errors import BatchError, ReadError
+from vsalog.core.printable import plural
+from vsalog.readers import open_reader
+from vsalog.readers.sniff import sniff
+from vsalog.readers.table_folder import ENDINGS as TABLES
+from vsalog.readers.table_folder import TableFolderReader
 
 BAG = "metadata.yaml"
 # What a folder is searched for; a pattern may match anything.
@@ -62,8 +68,12 @@ def make_plan(asked: Sequence[str], out: str) -> Plan:
     sizes: dict[str, int] = {}
     roots, notes, named = [], [], set()
     for word, (_, path) in zip(words, placed, strict=True):
-        found, root = _found(system, path, word)
+        found, root, prose = _found(system, path, word)
         sizes |= found
+        if prose:
+            notes.append(
+                f"left out: {plural(len(prose), 'file')} of text that hold no table, such as {shown(prose[0])}"
+            )
         roots.append(root)
         named |= {path} & set(found)
     paths, left_out = _outside(system, sizes, named, out)
@@ -94,28 +104,34 @@ def _listed(text: str) -> list[str]:
     return [os.fsdecode(part) for part in parts if part.strip()]
 
 
-def _found(system: Any, path: str, word: str) -> tuple[dict[str, int], str]:
-    """Return path → size [bytes] of the logs that a word means, and the folder that their names begin below."""
+def _found(system: Any, path: str, word: str) -> tuple[dict[str, int], str, list[str]]:
+    """Return path → size [bytes] of the logs that a word means, the folder that their names begin below, and the names of files
+    that a pattern matches although they are no logs.
+    """
     with explained(shown(word), "looked at"):
         kind = _kind(system, path)
+        prose: list[str] = []
         if kind == "file":
-            return {path: int(system.info(path)["size"] or 0)}, path.rpartition("/")[0]
+            return {path: int(system.info(path)["size"] or 0)}, path.rpartition("/")[0], prose
         if kind == "directory":
-            logs = _logs(_below(system, path, None))
+            logs = _logs(system, _below(system, path, None))
             top = path.rpartition("/")[0] if path in logs else path
         elif glob.has_magic(word):
             fixed, rest = _parts(word)
             top, matches = file_system(fixed)[1], re.compile(glob_translate(rest)).match
             # One deeper than what is meant, to see which folders are bags.
             there = _below(system, top, None if "**" in rest else rest.count("/") + 2)
-            logs = _logs(there, lambda path: matches(path.removeprefix(top).lstrip("/")) is not None)
+            logs = _logs(system, there, lambda path: matches(path.removeprefix(top).lstrip("/")) is not None)
+            if is_local(system) and not rest.rpartition("/")[2].strip("*"):  # a pattern that names no ending
+                prose = [path for path in logs if not path.lower().endswith(ENDINGS) and _is_prose(path)]
+            logs = {path: size for path, size in logs.items() if path not in prose}
         else:
             raise BatchError(f"{shown(word)}: {'is no file' if kind else 'there is no such file'}")
     if not logs and kind:
         raise BatchError(f"{shown(word)}: there is no log in this folder (endings: {', '.join(ENDINGS)})")
     if not logs:
         raise BatchError(f"'{shown(word)}' matches no log")
-    return logs, top
+    return logs, top, [path.rpartition("/")[2] for path in prose]
 
 
 def _kind(system: Any, path: str) -> str:
@@ -156,11 +172,12 @@ def _below(system: Any, top: str, depth: int | None) -> dict[str, int]:
     return files
 
 
-def _logs(files: Mapping[str, int], matches: Callable[[str], bool] | None = None) -> dict[str, int]:
-    """Choose what of a folder's files a pattern means, or the folder itself: logs, and bags, which are folders, as a whole."""
+def _logs(system: Any, files: Mapping[str, int], matches: Callable[[str], bool] | None = None) -> dict[str, int]:
+    """Choose what of a folder's files a pattern means, or the folder itself: logs, and folders that are one log as a whole."""
     bags = {path.rpartition("/")[0] for path in files if path.endswith(f"/{BAG}")}
     if matches is not None:
         bags = {bag for bag in bags if matches(bag)}
+    bags |= _table_folders(system, files, matches) - bags
     chosen: Counter[str] = Counter()
     for path, size in files.items():
         bag = [above for above in map(str, PurePosixPath(path).parents) if above in bags]
@@ -170,6 +187,38 @@ def _logs(files: Mapping[str, int], matches: Callable[[str], bool] | None = None
         elif name.endswith(ENDINGS) if matches is None else matches(path) and not name.endswith(BESIDE):
             chosen[path] = size
     return dict(chosen)
+
+
+def _table_folders(system: Any, files: Iterable[str], matches: Callable[[str], bool] | None) -> set[str]:
+    """Return the folders whose tables are one recording.
+
+    A pattern that matches a folder and no table in it means the folder. Else the tables' clocks have to show that they were
+    recorded together, since each of them may be meant.
+    """
+    tables: dict[str, list[str]] = {}
+    for path in files if is_local(system) else ():
+        if path.lower().endswith(TABLES):
+            tables.setdefault(path.rpartition("/")[0], []).append(path)
+    found = set()
+    for folder, own in tables.items():
+        if len(own) > 1 and (matches is None or matches(folder)):
+            meant = matches is not None and not any(map(matches, own))
+            with suppress(ReadError):
+                reader = open_reader(folder)
+                if isinstance(reader, TableFolderReader) and (meant or reader.surely_one):
+                    found.add(folder)
+    return found
+
+
+def _is_prose(path: str) -> bool:
+    """Tell whether a file is text, and no table."""
+    with suppress(ReadError):  # what is of no known format may be a log that is damaged
+        if sniff(Path(path)) == "table":
+            try:
+                open_reader(path)
+            except ReadError:
+                return True
+    return False
 
 
 def _place(system: Any, path: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import pyarrow as pa
 
@@ -37,6 +38,8 @@ class ParquetReader(ColumnarReader):
         The file.
     rate : float or None
         Samples per second [Hz], for a file without a time column.
+    units : mapping of str to str
+        Units of columns for which the file states none.
 
     Raises
     ------
@@ -46,8 +49,8 @@ class ParquetReader(ColumnarReader):
 
     format = "parquet"
 
-    def __init__(self, path: Path, rate: float | None) -> None:
-        super().__init__(path, rate)
+    def __init__(self, path: Path, rate: float | None, units: Mapping[str, str] = MappingProxyType({})) -> None:
+        super().__init__(path, rate, units)
         try:
             rows = ParquetRows(path)
         except (pa.ArrowException, OSError, UnicodeError) as error:  # a column's name may have become no text
@@ -64,7 +67,8 @@ class ParquetReader(ColumnarReader):
                 for (name, _), field in zip(pairs, schema, strict=True)
             ]
         )
-        self._units = [_unit(schema.field(i)) or unit for i, (_, unit) in enumerate(pairs)]
+        stated_units = [_unit(schema.field(i)) or unit for i, (_, unit) in enumerate(pairs)]
+        self._units = self._with_given(self._names, stated_units)
         sample = self._rows.sample()
         count = next((len(cells) for cells in sample if cells is not None), 0)
         self._sample = [pa.nulls(count, f.type) if one is None else one for one, f in zip(sample, schema, strict=True)]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
+from types import MappingProxyType
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding
@@ -23,6 +24,7 @@ from vsalog.readers.rosbag1 import Rosbag1Container
 from vsalog.readers.rosbag2 import bag_file, bag_folder, counted
 from vsalog.readers.sniff import sniff
 from vsalog.readers.table_folder import TableFolderReader
+from vsalog.readers.tables.columnar import ColumnarReader
 from vsalog.readers.tables.reader import TableReader
 from vsalog.readers.time_window import Window, cut
 
@@ -48,15 +50,30 @@ def open_reader(path: str | PathLike[str], rate: float | None = None) -> Reader:
     if rate is not None and not 0 < rate < float("inf"):
         raise ReadError(f"the sample rate has to be positive, not {rate} Hz")
     kind = sniff(path)
-    if kind == "table":
-        return TableReader(path, rate)
-    if kind == "parquet":
-        return ParquetReader(path, rate)
+    if kind in ("table", "parquet"):
+        return _open_table(path, kind, rate)
     if kind == "matlab":
         return MatlabReader(path, rate)
     if kind == "table-folder":
-        return TableFolderReader(path, lambda file: open_reader(file, rate))
+        return TableFolderReader(path, lambda file, units: _open_table(file, sniff(file), rate, units))
     return message_reader(open_container(path, kind), rate)
+
+
+def _open_table(
+    path: Path, kind: str, rate: float | None, units: Mapping[str, str] = MappingProxyType({})
+) -> ColumnarReader:
+    """Open a table; `units` are those of columns whose headers state none.
+
+    Raises
+    ------
+    ReadError
+        It cannot be opened, or is no table.
+    """
+    if kind == "table":
+        return TableReader(path, rate, units=units)
+    if kind == "parquet":
+        return ParquetReader(path, rate, units)
+    raise ReadError("is no table", path)
 
 
 def message_reader(container: Container, rate: float | None) -> BagReader:

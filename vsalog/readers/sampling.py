@@ -149,8 +149,10 @@ def cut_folder(source: Path, target: Path, budget: int) -> Sample | None:
     target.mkdir()
     for path in files:
         small, share = target / path.name, max(budget * path.stat().st_size // whole, 1)
-        kind = sniff(path)
-        cut = CUTTERS[kind](path, small, share) if kind in CUTTERS and share > GLANCE_BYTES else None
+        try:
+            cut = CUTTERS[sniff(path)](path, small, share) if share > GLANCE_BYTES else None
+        except (ReadError, KeyError):  # the reader says what is wrong with it
+            cut = None
         if cut is None:
             shutil.copyfile(path, small)
             cut = Sample(small.stat().st_size, 1)

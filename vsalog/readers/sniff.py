@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from vsalog.core.errors import ReadError
+from vsalog.core.printable import printable
 from vsalog.readers.limits import GLANCE_BYTES, MOST_DAMAGED
 from vsalog.readers.matlab_variables import is_v4
 from vsalog.readers.rosbag2 import is_bag_folder
@@ -34,6 +35,7 @@ _FOREIGN = (
     (b"rosbag2_bagfile_information:", "describes a ROS 2 bag, but holds no data; name the folder it is in"),
     (b"<?xml", "is an XML document"),
 )
+_FIRST_BYTES = max(len(magic) for magic, _ in _MAGIC)
 _BOMS = (b"\xff\xfe", b"\xfe\xff", b"\xef\xbb\xbf")
 
 
@@ -69,12 +71,25 @@ def _sniff_folder(path: Path) -> str:
     if is_bag_folder(path):
         return "rosbag2-folder"
     if tables_in(path):
+        others = sorted(printable(file.name) for file in path.iterdir() if file.is_file() and _is_log(file))
+        if others:
+            raise ReadError(f"is a folder of several logs; name one of the files in it, such as {others[0]}", path)
         return "table-folder"
     raise ReadError(
         "is a folder, but no ROS 2 bag: it has neither a metadata.yaml nor MCAP or SQLite files, nor are there tables in it;"
         " name one of the files in it",
         path,
     )
+
+
+def _is_log(path: Path) -> bool:
+    """Tell whether a file is surely a log of its own, and no table."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(_FIRST_BYTES)
+    except OSError:
+        return False
+    return any(head.startswith(magic) for magic, kind in _MAGIC if kind != "parquet")
 
 
 def _sniff_head(path: Path, head: bytes) -> str:

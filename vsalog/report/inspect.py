@@ -190,7 +190,8 @@ def init_document(guess: Guess, log: str, written: Path | None) -> Document:
     items: list[Block] = [*guessed_joints(guess.joints), *map(_finding, guess.findings)]
     if written is not None:
         file = printable(str(written))
-        items.append(Words(f"{file} written; look it over, then run 'vsalog estimate {printable(log)} --rig {file}'"))
+        command = "identify" if guess.joints and all(joint.is_driven for joint in guess.joints) else "estimate"
+        items.append(Words(f"{file} written; look it over, then run 'vsalog {command} {printable(log)} --rig {file}'"))
     return Document(f"A rig for {log}", "Guesses", tuple(items))
 
 

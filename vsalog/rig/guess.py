@@ -15,7 +15,7 @@ import numpy as np
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Recording
 from vsalog.rig.guess_joint import guess_joint
-from vsalog.rig.guess_names import meaning_of
+from vsalog.rig.guess_names import meaning_of, words_of
 from vsalog.rig.guess_runs import RunGroup, find_runs
 from vsalog.rig.guess_types import Candidate, Guess, JointGuess, RunGuess
 
@@ -145,7 +145,7 @@ def _named(groups: dict[str, list[Candidate]]) -> dict[str, list[Candidate]]:
     for key, group in groups.items():
         labels = {c.meaning.label for c in group}
         label = labels.pop() if len(labels) == 1 else ""
-        is_whole = label and not any(c.meaning.part for c in group)
+        is_whole = label and ("_".join(words_of(label)) == key or not any(c.meaning.part for c in group))
         name = label if is_whole else key or "joint"
         while name in named:
             name += "_"

@@ -11,6 +11,7 @@ from msgspec import Struct
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Channel
 from vsalog.rig.guess_names import Meaning
+from vsalog.rig.roles import COMMANDS
 
 Kind = Literal["rigid", "elastic", "serial", "antagonistic"]
 
@@ -78,6 +79,11 @@ class JointGuess(Struct, frozen=True):
     runs: tuple[RunGuess, ...] = ()
     findings: tuple[Finding, ...] = ()
     not_needed: tuple[str, ...] = ()
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether a drive with a command moves it, and nothing tells a deflection."""
+        return self.kind == "rigid" and any(role in self.roles for role in COMMANDS)
 
 
 class Guess(Struct, frozen=True):

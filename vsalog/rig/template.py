@@ -16,7 +16,6 @@ from vsalog.core.units import shown
 from vsalog.rig.checks import RUN
 from vsalog.rig.guess_types import Guess, JointGuess, RoleGuess
 from vsalog.rig.load import Rig
-from vsalog.rig.roles import COMMANDS
 from vsalog.rig.schema import Joint, Signal
 
 COLUMN = 48
@@ -121,7 +120,7 @@ def _joint(name: str, joint: JointGuess) -> Iterator[str]:
         yield from _lever(path)
     if joint.kind != "rigid":
         yield from _basis(path)
-    elif any(role in joint.roles for role in COMMANDS):
+    elif joint.is_driven:
         yield from _servo(path)
     yield f"[{path}.signals]"
     for role, guess in joint.roles.items():

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,9 @@ from vsalog.readers.tables.long_tables import Speakers, find_speakers
 from vsalog.readers.tables.row_times import RowTimes, row_clock
 from vsalog.readers.tables.sections import find_sections, group_by_blanks
 from vsalog.readers.tables.slots import Slots
-from vsalog.readers.tables.time_columns import ClockPlan, looks_like_clock, runs_backwards
+from vsalog.readers.tables.time_columns import ClockPlan, looks_like_clock, nanoseconds, runs_backwards
+from vsalog.readers.tables.time_numbers import floats
+from vsalog.readers.tables.time_units import COUNTED, epoch_unit, stated_unit
 
 
 class Batch(NamedTuple):
@@ -46,6 +49,14 @@ class Batch(NamedTuple):
         return [self.cells[i] for i in columns]
 
 
+class CountedClock(NamedTuple):
+    """A clock's name, its unit, and how far its numbers usually are apart."""
+
+    name: str
+    unit: str
+    step: float
+
+
 class ColumnarReader(ABC):
     """Reads a table, whatever it is stored as; see `vsalog.readers.base.Reader`.
 
@@ -57,13 +68,15 @@ class ColumnarReader(ABC):
         The file.
     rate : float or None
         Samples per second [Hz], for a table without a time column.
+    units : mapping of str to str
+        Units of columns whose headers state none.
     """
 
     format: str
     rig_text: str | None = None
 
-    def __init__(self, path: Path, rate: float | None) -> None:
-        self.path, self.rate = path, rate
+    def __init__(self, path: Path, rate: float | None, units: Mapping[str, str] = MappingProxyType({})) -> None:
+        self.path, self.rate, self._given_units = path, rate, units
         self.findings = Findings()
         self.unread: dict[str, str] = {}
         self._names: Sequence[str] = ()
@@ -88,6 +101,10 @@ class ColumnarReader(ABC):
     @abstractmethod
     def _where(self, row: int) -> str:
         """Return where one of the first rows stands in the file, in words."""
+
+    def _with_given(self, names: Sequence[str], units: Sequence[str | None]) -> list[str | None]:
+        """Return the columns' units, those that were given where the file states none."""
+        return [unit or self._given_units.get(name) for name, unit in zip(names, units, strict=True)]
 
     def _interpret(
         self,
@@ -131,6 +148,35 @@ class ColumnarReader(ABC):
             named[self.path.stem] = groups[0]
             self._sparse, self._apart = {*named} - {self.path.stem}, len(groups) - 1
             self._streams = {i: stream for stream, group in named.items() for i in group}
+
+    @property
+    def has_clock(self) -> bool:
+        """Whether columns tell the time."""
+        return bool(self._plan.clocks)
+
+    def first_stamps(self) -> Stamps:
+        """Return the times of the first rows [ns], shape (n,); none where there is no clock."""
+        clock = self._plan.clocks.get("column")
+        if clock is None:
+            return np.empty(0, np.int64)
+        stamps, good = nanoseconds([self._sample[i] for i in clock.columns], clock.form)
+        return stamps[good]
+
+    def clock_by_steps(self) -> CountedClock | None:
+        """Return the clock where it counts from some start in a unit that its steps told; None where it does not."""
+        clock = self._plan.clocks.get("column")
+        if clock is None or len(clock.columns) > 1 or clock.form not in COUNTED:
+            return None
+        (i,) = clock.columns
+        cells = self._sample[i]
+        if pa.types.is_temporal(cells.type) or stated_unit(self._names[i], self._units[i]) is not None:
+            return None
+        values = floats(cells)
+        values = values[np.isfinite(values)]
+        steps = np.diff(np.unique(values))
+        if not steps.size or epoch_unit(float(np.median(np.abs(values)))) == clock.form:
+            return None
+        return CountedClock(self._names[i], clock.form, float(np.median(steps)))
 
     def catalogue(self) -> Catalogue:
         """Return the columns; those whose first cells are all text are listed as unread."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -34,6 +35,8 @@ class TableReader(ColumnarReader):
         Samples per second [Hz], for a table without a time column.
     thorough : bool
         Read all of a column where its first rows leave open what it says.
+    units : mapping of str to str
+        Units of columns whose headers state none.
 
     Raises
     ------
@@ -43,12 +46,18 @@ class TableReader(ColumnarReader):
 
     format = "csv"
 
-    def __init__(self, path: Path, rate: float | None, thorough: bool = True) -> None:
-        super().__init__(path, rate)
+    def __init__(
+        self,
+        path: Path,
+        rate: float | None,
+        thorough: bool = True,
+        units: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
+        super().__init__(path, rate, units)
         self._compressed = False
         self._thorough = thorough
         self._dialect = self._detect()
-        self._names, self._units = self._dialect.names, self._dialect.units
+        self._names, self._units = self._dialect.names, self._with_given(self._dialect.names, self._dialect.units)
         self._sample = _sample_columns(self._dialect)
         counts = [numbers_and_words(column) for column in self._sample]
         self._kinds = {i: pa.float64() for i, (good, words) in enumerate(counts) if good > words}
@@ -129,11 +138,6 @@ class TableReader(ColumnarReader):
                 f"has {len(dialect.names)} columns; more than {MAX_FIELDS} are no log of a machine", self.path
             )
         return dialect
-
-    @property
-    def has_clock(self) -> bool:
-        """Whether columns tell the time."""
-        return bool(self._plan.clocks)
 
     @property
     def dialect(self) -> Dialect:

@@ -64,6 +64,8 @@ def stated_unit(name: str, unit: str | None) -> str | None:
 
 _WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+COUNTED = frozenset(_SECONDS)
+"""Units in which a clock counts from some start."""
 USUAL_STEP, LONGEST_STEP = 0.5, 10.0
 """Samples of a log are so far apart at most [s]: of nearly all, and of one whose clock is called no date."""
 QUICK_STEP = 0.15
