@@ -1,0 +1,141 @@
+"""A joint's roles through one filter: value, rate and acceleration of each at the same instants.
+
+A linear equation with constant coefficients that holds for channels holds for channels that passed through one filter, so that the
+filter's width is no part of what is compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from vsalog.core.precision import ROUNDING
+from vsalog.core.resolution import noise_of, sensor_noise
+from vsalog.core.signals import JointSignals
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Integers = NDArray[np.int64]
+
+ROWS = 3000
+"""Instants [1] at which a joint's equations are held against its channels: a fit to them takes a millisecond."""
+
+WIDEST = 1 / 200
+"""Widest filter, one standard deviation, as part of the log [1]: hundreds of independent rows are left."""
+
+NOISE_SHARE = 0.01
+"""Part [1] of an acceleration's mean square that the encoder's noise makes at most, where a filter is wide enough for it."""
+
+REACH = 4.0
+"""Standard deviations of a Gaussian [1] beyond which it is cut off: 6e-5 of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Roles of a joint through a Gaussian filter.
+
+    Attributes
+    ----------
+    period : of the samples [s]
+    values : role → value, rate and acceleration, shape (3, N); what the filter reached across a gap is not `known`
+    known : role → shape (N,)
+    noise : role → what the filter makes of as much white noise as its sensor has, shape (3, N)
+    rows : instants at which equations are formed, shape (R,), ascending; all lie so far inside that they may be moved
+    reach : samples by which they may be moved
+    width : standard deviation of the filter [samples]
+    """
+
+    period: float
+    values: Mapping[str, Array]
+    known: Mapping[str, Flags]
+    noise: Mapping[str, Array]
+    rows: Integers
+    reach: int
+    width: float
+
+
+def motion_of(signals: JointSignals, longest_delay: float) -> Motion | None:
+    """Pass a joint's moving roles through the narrowest filter that leaves encoders' noise out of accelerations.
+
+    Parameters
+    ----------
+    signals : of the joint
+    longest_delay : by which rows may be moved [s]
+
+    Returns
+    -------
+    None where the log is too short.
+    """
+    moving = {role: x for role, x in signals.roles.items() if np.nanmax(x) > np.nanmin(x)}
+    count = len(signals)
+    widest = WIDEST * count
+    reach = int(min(longest_delay / signals.period, count / 8))
+    if widest < 2.0 or not moving:
+        return None
+    positions = [role for role in moving if "position" in role or role.startswith("deflection")]
+    noises = {role: noise_of(moving[role], signals.resolution.get(role, 0.0)) or 0.0 for role in positions}
+    width = 2.0
+    while width < widest and any(_is_noisy(moving[role], noises[role], width) for role in positions):
+        width *= 1.5
+    gap = signals.starts.copy()
+    gap[0] = False
+    passed = {role: _passed(x, gap, min(width, widest), signals.period) for role, x in moving.items()}
+    edge = int(REACH * min(width, widest)) + 1 + reach
+    rows = np.unique(np.linspace(edge, count - 1 - edge, ROWS).astype(np.int64)) if count > 2 * edge + ROWS // 10 else None
+    if rows is None:
+        return None
+    values, known = {role: p[0] for role, p in passed.items()}, {role: p[1] for role, p in passed.items()}
+    # Any noise does; always the same makes findings repeatable.
+    draw = np.random.default_rng(0)
+    noise = {
+        role: _passed(sensor_noise(x, signals.resolution.get(role, 0.0), ROUNDING) * draw.standard_normal(count), gap, min(width, widest), signals.period)[0]
+        for role, x in moving.items()
+    }
+    return Motion(signals.period, values, known, noise, rows, reach, min(width, widest))
+
+
+def _is_noisy(x: Array, noise: float, width: float) -> bool:
+    """Tell whether noise makes more than a small part of a filtered signal's second differences."""
+    if noise == 0.0:
+        return False
+    kernel = _kernels(width)[2]
+    known = x[np.isfinite(x)]
+    bent = _convolved(known, kernel)[kernel.size : -kernel.size]
+    return bent.size == 0 or noise**2 * float(kernel @ kernel) > NOISE_SHARE * float(np.mean(bent**2))
+
+
+def _passed(x: Array, gap: Flags, width: float, period: float) -> tuple[Array, Flags]:
+    missing = ~np.isfinite(x)
+    filled = np.where(missing, 0.0, x)
+    mean = float(filled[~missing].mean())
+    filled[missing] = mean
+    bad = (missing | gap).astype(np.float64)
+    kernels = _kernels(width)
+    touched = _convolved(bad, np.ones(kernels[0].size)) > 0.5 if bad.any() else np.zeros(x.size, dtype=np.bool_)
+    parts = [_convolved(filled - mean, kernel) / period**order for order, kernel in enumerate(kernels)]
+    parts[0] += mean
+    return np.array(parts), ~touched
+
+
+def _kernels(width: float) -> tuple[Array, Array, Array]:
+    """Return a sampled Gaussian and its first two derivatives, to be convolved with, exact for parabolas."""
+    k = np.arange(-int(REACH * width) - 1, int(REACH * width) + 2, dtype=np.float64)
+    g = np.exp(-0.5 * (k / width) ** 2)
+    g /= g.sum()
+    first = -k * g
+    first /= -float(first @ k)
+    second = (k**2 - float(k**2 @ g)) * g
+    second /= 0.5 * float(second @ k**2)
+    return g, first, second
+
+
+def _convolved(x: Array, kernel: Array) -> Array:
+    """Return the convolution with a kernel of odd length, as long as the signal."""
+    size = fft.next_fast_len(x.size + kernel.size - 1, real=True)
+    whole = fft.irfft(fft.rfft(x, size) * fft.rfft(kernel, size), size)
+    begin = kernel.size // 2
+    return np.asarray(whole[begin : begin + x.size])
