@@ -39,10 +39,10 @@ LONGEST_DELAY = 0.25
 TIMED = ("spring", "motor", "body")
 """Equations that hold at every instant; a link is late behind its motor by its inertia."""
 
-LEFT = 0.25
+LEFT = 0.5
 """Part of the squares [1] that an equation leaves, once a fault is undone that is reported: the fault was most of what was wrong."""
 
-HOLDS = 0.3
+HOLDS = 0.5
 """Part of a target's squares [1] that an equation leaves at most, once a fault is undone: one that does not hold tells nothing."""
 
 BLOCKS = 16
@@ -62,6 +62,9 @@ SCALE = 2.0
 
 UNIT_TOLERANCE = 0.02
 """Part [1] by which a factor differs from a unit's at most: what filters and encoders' steps make of a slope."""
+
+STARTS = (0.3, 0.5, 0.7)
+"""Parts of the time [1] that a magnitude may have been negative, from which its signs are looked for."""
 
 TINY = 1e-300
 DEBUG = False
@@ -157,7 +160,8 @@ class _Search:
         self.block = np.arange(rows.size) * BLOCKS // max(rows.size, 1)
         self.middle = 0.5 * float(rows[0] + rows[-1]) if rows.size else 0.0
         self.equations = names_of(motion.values) if rows.size > 10 * BLOCKS else ()
-        self.read = {e: self._equation(e, ()).roles for e in self.equations}
+        self.at = {role: values[:, rows] for role, values in motion.values.items()}
+        self.read = {e: equation(e, self.at).roles for e in self.equations}
         self.kept: dict[tuple[object, ...], Array] = {}
 
     def faults(self) -> list[Found]:
@@ -173,6 +177,8 @@ class _Search:
         now = self._trial(self.undone, self.equations)
         floor = {e: self._noise(e) for e in self.equations}
         wrong = {e for e in self.equations if now.squares[e].sum() > floor[e] / LEFT}
+        if DEBUG:
+            print("     now", {e: (float(now.squares[e].sum()), floor[e]) for e in self.equations})
         if not wrong:
             return None
         tried: list[tuple[float, Fault, Trial]] = []
@@ -232,7 +238,7 @@ class _Search:
                 # τ_m = s (B θ̈ + … − τ_e): the sensor's torque becomes a column.
                 rest = eq.y - eq.scale
                 _, x = residual_of(eq.scale, eq.free, np.column_stack((eq.positive, -rest)))
-                slope = float(x[-1])
+                slope = float(x[-1]) or self._by_grid(role)
             elif kind == "pair" and role == "motor_position":
                 q = eq.scale
                 theta = q - eq.y
@@ -245,6 +251,13 @@ class _Search:
                 continue
             if slope > 0.0 and abs(math.log(slope)) > math.log(SCALE):
                 yield self._refined(role, slope)
+
+    def _by_grid(self, role: str) -> float:
+        """Return the power of two by which a torque is multiplied that explains the channels best."""
+        one = Fault("scale", (role,))
+        touched, now = self._touched(one), self._trial(self.undone, self.equations)
+        powers = [2.0**k for k in range(-10, 11)]
+        return max(powers, key=lambda s: self._trial((*self.undone, replace(one, factor=s)), touched).better(now))
 
     def _refined(self, role: str, slope: float) -> Fault:
         """Return the factor near one that explains the channels best, as a unit where it is one's."""
@@ -273,8 +286,7 @@ class _Search:
             if eq.target != role:
                 continue
             size, rest = np.abs(eq.scale), eq.y - eq.scale
-            for column in (rest, *eq.positive.T[:: max(1, eq.positive.shape[1] // 6)], *eq.positive.T[-3:]):
-                signs = np.sign(column - np.median(column)) if np.ptp(column) else np.ones(size.size)
+            for signs in self._beginnings(eq, rest):
                 for _ in range(10):
                     y = signs * size + rest
                     left, _ = residual_of(y, eq.free, eq.positive)
@@ -288,6 +300,15 @@ class _Search:
         if best is not None and 0.0 < np.mean(best > 0.0) < 1.0:
             self.signs[role] = best
             yield Fault("unsigned", (role,))
+
+    def _beginnings(self, eq: Equation, rest: Array) -> Iterator[Array]:
+        """Yield signs that a magnitude may have lost: those of what it may be made of."""
+        ahead = [rest, *eq.positive.T[-3:], *(self._values(r, self.undone)[0] for r in sorted(eq.roles - {eq.target}))]
+        if {"link_position", "motor_position"} <= eq.roles:
+            ahead.append(self._values("link_position", self.undone)[0] - self._values("motor_position", self.undone)[0])
+        for column in ahead:
+            for share in STARTS:
+                yield np.where(column >= np.quantile(column, share), 1.0, -1.0)
 
     def _late(self, role: str, wrong: set[str], now: Trial) -> Iterator[Fault]:
         """Yield by how much a role is late if it is, and how fast it becomes later."""
@@ -345,7 +366,7 @@ class _Search:
         return Trial(squares)
 
     def _equation(self, name: str, faults: tuple[Fault, ...]) -> Equation:
-        eq = equation(name, {role: self._values(role, faults) for role in self.motion.values})
+        eq = equation(name, {role: self._values(role, faults) for role in self.read[name]})
         if any(f.kind == "gravity" and set(f.roles) & eq.roles for f in faults):
             q = self._values("link_position", faults)[0]
             eq = replace(eq, free=np.column_stack((eq.free, np.sin(q), np.cos(q))))
@@ -365,6 +386,9 @@ class _Search:
             elif source in fault.roles:
                 factor, delay, rate = factor * fault.factor, delay + fault.delay, rate + fault.rate
                 signs = self.signs[source] if fault.kind == "unsigned" else signs
+        if not (delay or rate or noisy):
+            values = self.at[source] / factor
+            return np.asarray(values if signs is None else values * signs)
         period = self.signals.period
         shift = np.round((delay + rate * (self.rows - self.middle) * period) / period).astype(np.int64)
         at = self.rows + np.clip(shift, -self.motion.reach, self.motion.reach)
@@ -377,7 +401,7 @@ class _Search:
         """Return what the sensors' white noise makes of what an equation leaves, over the target's squares."""
         eq = self._equation(name, self.undone)
         _, x = residual_of(eq.y, eq.free, eq.positive)
-        noisy = equation(name, {role: self._values(role, self.undone, noisy=True) for role in self.motion.values}, eq.knots)
+        noisy = equation(name, {role: self._values(role, self.undone, noisy=True) for role in self.read[name]}, eq.knots)
         more = noisy.y - eq.y - (noisy.positive - eq.positive) @ x
         recorded = self._recorded(eq.target, self.undone)
         return float(np.sum((more - more.mean()) ** 2) / max(float(np.sum((recorded - recorded.mean()) ** 2)), TINY))

@@ -23,7 +23,7 @@ from vsalog.core.dependence import hats
 
 Array = NDArray[np.float64]
 
-INTERVALS = 8
+INTERVALS = 16
 """Intervals of a deflection [1] in each of which a spring has one stiffness."""
 
 SETPOINT_KNOTS = 5

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from vsalog.core.precision import ROUNDING
-from vsalog.core.resolution import noise_of, sensor_noise
+from vsalog.core.resolution import ROUNDED, noise_of, sensor_noise
 from vsalog.core.signals import JointSignals
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-ROWS = 3000
+ROWS = 2000
 """Instants [1] at which a joint's equations are held against its channels: a fit to them takes a millisecond."""
 
 WIDEST = 1 / 200
@@ -43,7 +43,7 @@ class Motion:
     period : of the samples [s]
     values : role → value, rate and acceleration, shape (3, N); what the filter reached across a gap is not `known`
     known : role → shape (N,)
-    noise : role → what the filter makes of as much white noise as its sensor has, shape (3, N)
+    noise : role → what the filter makes of as much noise and of such steps as its sensor has, shape (3, N)
     rows : instants at which equations are formed, shape (R,), ascending; all lie so far inside that they may be moved
     reach : samples by which they may be moved
     width : standard deviation of the filter [samples]
@@ -89,12 +89,10 @@ def motion_of(signals: JointSignals, longest_delay: float) -> Motion | None:
     if rows is None:
         return None
     values, known = {role: p[0] for role, p in passed.items()}, {role: p[1] for role, p in passed.items()}
-    # Any noise does; always the same makes findings repeatable.
-    draw = np.random.default_rng(0)
-    noise = {
-        role: _passed(sensor_noise(x, signals.resolution.get(role, 0.0), ROUNDING) * draw.standard_normal(count), gap, min(width, widest), signals.period)[0]
-        for role, x in moving.items()
-    }
+    noise = {}
+    for role, x in moving.items():
+        again = _read_again(x, values[role][0], signals.resolution.get(role, 0.0))
+        noise[role] = _passed(again - values[role][0], gap, min(width, widest), signals.period)[0]
     return Motion(signals.period, values, known, noise, rows, reach, min(width, widest))
 
 
@@ -106,6 +104,16 @@ def _is_noisy(x: Array, noise: float, width: float) -> bool:
     known = x[np.isfinite(x)]
     bent = _convolved(known, kernel)[kernel.size : -kernel.size]
     return bent.size == 0 or noise**2 * float(kernel @ kernel) > NOISE_SHARE * float(np.mean(bent**2))
+
+
+def _read_again(recorded: Array, smooth: Array, step: float) -> Array:
+    """Return what a sensor of the same step and noise would read of the smooth signal, its steps at other places."""
+    # Any noise does; always the same makes findings repeatable.
+    draw = np.random.default_rng(0)
+    total = sensor_noise(recorded, 0.0, ROUNDING)
+    white = float(np.sqrt(max(total**2 - (step * ROUNDED) ** 2, 0.0))) if step else total
+    read = smooth + white * draw.standard_normal(smooth.size)
+    return np.asarray(step * np.round(read / step + 0.5) - 0.5 * step if step else read)
 
 
 def _passed(x: Array, gap: Flags, width: float, period: float) -> tuple[Array, Flags]:

@@ -1,0 +1,148 @@
+"""Faults of a recording: what was done to channels between a sensor and the log, as findings.
+
+`fault_search.py` looks for them in what channels of a joint have to do with one another. Of a sound recording one joint in a
+thousand (`FALSE_ALARM`) has a finding by chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+
+from vsalog.binding.joint import bind, offered_roles
+from vsalog.checks.check import Context, OfSignals
+from vsalog.checks.fault_search import LEFT, Fault, Found, faults_of
+from vsalog.core.errors import BindingError
+from vsalog.core.finding import Evidence, Finding, Text
+from vsalog.core.finding_texts import add_texts
+from vsalog.core.look import of_signals
+from vsalog.core.signals import JointSignals
+from vsalog.core.significance import FALSE_ALARM
+
+READ = ("motor_position", "link_position", "deflection", "motor_torque", "torque_sensor", "setpoint")
+"""Roles, without their numbers, that the equations read."""
+
+CODES = {
+    "sign": "signal.sign",
+    "unit": "signal.unit",
+    "scale": "signal.scale",
+    "late": "signal.late",
+    "drift": "signal.clock_rate",
+    "exchanged": "signal.exchanged",
+    "unsigned": "torque.unsigned",
+    "gravity": "torque.without_gravity",
+}
+
+
+class RecordingFaults:
+    """Holds a joint's channels against one another; one sound joint in a thousand has a finding (`FALSE_ALARM`)."""
+
+    name = "recording_faults"
+    supersedes: Mapping[str, Collection[str]] = {
+        "signal.sign": ("encoder.sign",),
+        "signal.unit": ("encoder.deflection_unit", "encoder.unit", "encoder.zero"),
+        "signal.scale": ("encoder.deflection_unit", "encoder.unit", "encoder.zero"),
+    }
+
+    def start(self, context: Context) -> OfSignals:
+        """Look, at roles that the estimator does not read too where they are recorded."""
+        return OfSignals(tuple(findings_of(_with_others(context))))
+
+
+def read_roles(roles: Collection[str]) -> list[str]:
+    """Return those of a joint's roles that the equations read."""
+    return [role for role in roles if role.removesuffix("_1").removesuffix("_2") in READ]
+
+
+def findings_of(signals: JointSignals, unknown_scale: Collection[str] = ()) -> Iterator[Finding]:
+    """Yield the faults of a joint's channels.
+
+    Parameters
+    ----------
+    signals : of the joint
+    unknown_scale : roles whose unit is none of a torque's, such as a current without its constant
+    """
+    for found in faults_of(signals, unknown_scale):
+        yield _finding(signals, found)
+
+
+def _with_others(context: Context) -> JointSignals:
+    """Return the signals with the roles that the estimator does not read; a long log's without."""
+    offered = offered_roles(context.joint)
+    recorded = [
+        role
+        for role in read_roles(offered)
+        if (channel := offered[role].channel) is None or all(channel in one.channels for one in context.recordings)
+    ]
+    if context.signals.in_file or set(recorded) <= set(context.look.roles):
+        return context.look
+    try:
+        return of_signals(bind(context.recordings, context.look.joint, context.joint, recorded, context.setpoints))
+    except BindingError:
+        return context.look  # what cannot be bound is said by those who need it
+
+
+def _finding(signals: JointSignals, found: Found) -> Finding:
+    fault = found.fault
+    roles = dict.fromkeys((*fault.roles, *(role for one in found.instead if one.kind == fault.kind for role in one.roles)))
+    value, limit, unit = _measured(signals, fault)
+    evidence: Evidence = {"factor": fault.factor, "p_value": found.p_value, "left": found.left}
+    return Finding(
+        code=CODES[fault.kind],
+        joint=signals.joint,
+        part=(" and " if fault.kind == "exchanged" else " or ").join(roles),
+        value=found.left if value is None else value,
+        limit=LEFT if value is None else limit,
+        unit=unit,
+        evidence=evidence,
+    )
+
+
+def _measured(signals: JointSignals, fault: Fault) -> tuple[float | None, float | None, str]:
+    """Return what a fault is measured by, what it has to exceed at least, and the unit of both; None for the part left."""
+    if fault.kind == "late":
+        return fault.delay, signals.period, "s"
+    if fault.kind == "drift":
+        return 1e6 * fault.rate, 1e6 * signals.period / float(signals.time[-1] - signals.time[0]), "ppm"
+    return None, None, ""
+
+
+TEXTS = {
+    "signal.sign": Text(
+        "{part} counts the other way round: turned, the joint's equations leave {left:.1%} of what they leave now.",
+        "Say 'sign = -1' of it in the rig.",
+    ),
+    "signal.unit": Text(
+        "{part} is {factor:.4g} times what the other channels say, as in another unit: so divided, the joint's equations leave"
+        " {left:.1%} of what they leave now.",
+        "Give its unit in the rig: \"deg\" instead of \"rad\", \"N*mm\" instead of \"N*m\".",
+    ),
+    "signal.scale": Text(
+        "{part} is {factor:.4g} times what the other channels say: so divided, the joint's equations leave {left:.1%} of what they"
+        " leave now. A position is before the gear then, or in encoder counts; a torque is before the gear, or is a current.",
+        "Say 'side = \"rotor\"' of it in the rig with the motor's gear_ratio, or 'unit = \"A\"' with its torque_constant.",
+    ),
+    "signal.late": Text(
+        "{part} is {value:.3g} s later than the other channels (below 0: earlier): moved, the joint's equations leave {left:.1%}"
+        " of what they leave now.",
+        "Give it as 'delay' of the role in the rig, or stamp samples where they are taken.",
+    ),
+    "signal.clock_rate": Text(
+        "{part} becomes later by {value:.4g} µs a second: it is on another clock than the other channels.",
+        "Stamp all channels with one clock; --time log may do.",
+    ),
+    "signal.exchanged": Text(
+        "{part} are exchanged: taken for one another, the joint's equations leave {left:.1%} of what they leave now.",
+        "Exchange their channels in the rig.",
+    ),
+    "torque.unsigned": Text(
+        "{part} is a magnitude: it is never negative, and with the sign that motion and load give it the joint's equations leave"
+        " {left:.1%} of what they leave now. What an estimate makes of it is wrong wherever the torque reverses.",
+        "Record the signed value; leave the channel out of the rig where there is none.",
+    ),
+    "torque.without_gravity": Text(
+        "gravity was taken out of {part}: with a gravity torque added, the joint's equations leave {left:.1%} of what they leave"
+        " now.",
+        "Record the torque as it is measured, or take gravity out of the other one too.",
+    ),
+}  # fmt: skip
+add_texts(TEXTS)
