@@ -161,7 +161,7 @@ class _Search:
         self.middle = 0.5 * float(rows[0] + rows[-1]) if rows.size else 0.0
         self.equations = names_of(motion.values) if rows.size > 10 * BLOCKS else ()
         self.at = {role: values[:, rows] for role, values in motion.values.items()}
-        self.read = {e: equation(e, self.at).roles for e in self.equations}
+        self.read = {e: equation(e, self.at, None, unknown_scale).roles for e in self.equations}
         self.kept: dict[tuple[object, ...], Array] = {}
 
     def faults(self) -> list[Found]:
@@ -219,7 +219,7 @@ class _Search:
             if "torque" in role:
                 if self._one_sided(role):
                     yield from self._unsigned(role)
-                if "link_position" in self.motion.values:
+                if "link_position" in self.motion.values and not self.unknown_scale:
                     yield Fault("gravity", (role,))
         for a, b in combinations(roles, 2):
             if ("torque" in a) == ("torque" in b):
@@ -234,7 +234,7 @@ class _Search:
             eq = self._equation(e, self.undone)
             if role not in eq.roles or kind == "body":
                 continue
-            if kind == "motor" and role == eq.target and any("torque_sensor" in r for r in eq.roles):
+            if kind == "motor" and role == eq.target and not self.unknown_scale and any("torque_sensor" in r for r in eq.roles):
                 # τ_m = s (B θ̈ + … − τ_e): the sensor's torque becomes a column.
                 rest = eq.y - eq.scale
                 _, x = residual_of(eq.scale, eq.free, np.column_stack((eq.positive, -rest)))
@@ -247,6 +247,11 @@ class _Search:
                 q, theta = (self._values(r, self.undone) for r in ("link_position", role))
                 _, x = _line(eq.y, np.column_stack((np.ones(q.shape[1]), q[0], theta[0], q[1], theta[1])))
                 slope = -float(x[1] / x[2]) if x[2] else 0.0
+            elif kind == "spring" and role == "link_position" and "pair " not in self.equations:
+                theta = self._values(next(r for r in eq.roles if r.startswith("motor_position")), self.undone)
+                q = self._values(role, self.undone)
+                _, x = _line(eq.y, np.column_stack((np.ones(q.shape[1]), q[0], theta[0], q[1], theta[1])))
+                slope = -float(x[2] / x[1]) if x[1] else 0.0
             else:
                 continue
             if slope > 0.0 and abs(math.log(slope)) > math.log(SCALE):
@@ -268,7 +273,7 @@ class _Search:
             fault = replace(one, factor=slope * math.exp(exponent))
             return -self._trial((*self.undone, fault), touched).better(now)
 
-        factor = slope * math.exp(_least(worse, 0.25, 0.05, UNIT_TOLERANCE / 20))
+        factor = slope * math.exp(_least(worse, 0.25, 0.05, UNIT_TOLERANCE / 20) or 0.0)
         for unit in UNIT_FACTORS["torque" if "torque" in role else "position"]:
             if abs(factor / unit - 1.0) < UNIT_TOLERANCE and role not in self.unknown_scale:
                 return Fault("unit", (role,), factor=unit)
@@ -328,15 +333,18 @@ class _Search:
         fine = self.signals.period / 4
         seed, seed_rate = self._apart(role)
         delay = _least(lambda d: worse(d, 0.0), longest, LONGEST_DELAY / 10, fine, seed)
-        if abs(delay) >= self.signals.period:
+        if delay is not None and abs(delay) >= self.signals.period:
             yield replace(one, delay=delay)
+        rate: float | None = 0.0
+        delay = delay or 0.0
         if (end := worse(seed, seed_rate)) < worse(delay, 0.0) and end < math.inf:
             delay, rate = seed, seed_rate
-        else:
-            rate = 0.0
         for _ in range(2):
-            rate = _least(lambda r: worse(delay, r), (longest - abs(delay)) / half, LONGEST_DELAY / 10 / half, fine / half, rate)
-            delay = _least(lambda d: worse(d, rate), longest, LONGEST_DELAY / 10, fine, delay)
+            widest = (longest - abs(delay)) / half
+            rate = _least(lambda r: worse(delay, r), widest, LONGEST_DELAY / 10 / half, fine / half, rate)
+            if rate is None:
+                return
+            delay = _least(lambda d: worse(d, rate), longest, LONGEST_DELAY / 10, fine, delay) or delay
         if abs(rate) * half >= self.signals.period:
             yield Fault("drift", (role,), delay=delay, rate=rate)
 
@@ -366,7 +374,7 @@ class _Search:
         return Trial(squares)
 
     def _equation(self, name: str, faults: tuple[Fault, ...]) -> Equation:
-        eq = equation(name, {role: self._values(role, faults) for role in self.read[name]})
+        eq = equation(name, {role: self._values(role, faults) for role in self.read[name]}, None, self.unknown_scale)
         if any(f.kind == "gravity" and set(f.roles) & eq.roles for f in faults):
             q = self._values("link_position", faults)[0]
             eq = replace(eq, free=np.column_stack((eq.free, np.sin(q), np.cos(q))))
@@ -401,7 +409,7 @@ class _Search:
         """Return what the sensors' white noise makes of what an equation leaves, over the target's squares."""
         eq = self._equation(name, self.undone)
         _, x = residual_of(eq.y, eq.free, eq.positive)
-        noisy = equation(name, {role: self._values(role, self.undone, noisy=True) for role in self.read[name]}, eq.knots)
+        noisy = equation(name, {role: self._values(role, self.undone, noisy=True) for role in self.read[name]}, eq.knots, self.unknown_scale)
         more = noisy.y - eq.y - (noisy.positive - eq.positive) @ x
         recorded = self._recorded(eq.target, self.undone)
         return float(np.sum((more - more.mean()) ** 2) / max(float(np.sum((recorded - recorded.mean()) ** 2)), TINY))
@@ -412,12 +420,20 @@ def _line(y: Array, columns: Array) -> tuple[Array, Array]:
     return y - columns @ x, x
 
 
-def _least(f: Callable[[float], float], longest: float, step: float, finest: float, seed: float = 0.0) -> float:
-    """Return where a function is least between −longest and longest: on a grid, near a seed, then by halving the step."""
+def _least(
+    f: Callable[[float], float], longest: float, step: float, finest: float, seed: float = 0.0
+) -> float | None:
+    """Return where a function is least between −longest and longest: on a grid, near a seed, then by halving the step.
+
+    None where it is nowhere below its value at 0 by more than `AS_LIKELY`.
+    """
     count = max(1, int(longest / step))
     near = [seed + k * finest * 4**m for k in (-1, 0, 1) for m in range(4) if abs(seed) < longest]
-    best = min((*(k * step for k in range(-count, count + 1)), *near), key=f)
-    value = f(best)
+    values = {x: f(x) for x in (*(k * step for k in range(-count, count + 1)), *near)}
+    best = min(values, key=values.__getitem__)
+    value = values[best]
+    if value > f(0.0) - AS_LIKELY:
+        return None
     while step > finest:
         step *= 0.5
         for trial in (best - step, best + step):

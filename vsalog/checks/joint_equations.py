@@ -13,8 +13,8 @@ sign, a wrong unit, a delay, a magnitude and an exchanged channel.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +65,9 @@ def names_of(roles: Rows) -> tuple[str, ...]:
     return tuple(equation for equation, needed in _needs(roles) if needed <= set(roles))
 
 
-def equation(name: str, roles: Rows, knots: Array | None = None) -> Equation:
+def equation(
+    name: str, roles: Rows, knots: Array | None = None, unknown_scale: Collection[str] = ()
+) -> Equation:
     """Return an equation.
 
     Parameters
@@ -73,10 +75,15 @@ def equation(name: str, roles: Rows, knots: Array | None = None) -> Equation:
     name : one of `names_of`
     roles : role → value, rate and acceleration at R instants, shape (3, R)
     knots : deflections between which a spring has one stiffness; quantiles of the deflection where absent
+    unknown_scale : roles in a unit that is none of a torque's: a motor's torque among them is any multiple of the sensor's
     """
     kind, _, suffix = name.partition(" ")
     build = {"spring": _spring, "motor": _motor, "body": _body, "pair": _pair}[kind]
-    return build(name, roles, suffix, knots)
+    found = build(name, roles, suffix, knots)
+    if kind == "motor" and found.target in unknown_scale:
+        rest = found.y - found.scale
+        return replace(found, y=found.scale, positive=np.column_stack((found.positive, -rest)))
+    return found
 
 
 def _needs(roles: Rows) -> Iterator[tuple[str, frozenset[str]]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 
 from vsalog.binding.joint import bind, offered_roles
+from vsalog.checks.channel import channel_findings
 from vsalog.checks.check import Context, OfSignals
 from vsalog.checks.fault_search import LEFT, Fault, Found, faults_of
 from vsalog.core.errors import BindingError
@@ -45,7 +46,8 @@ class RecordingFaults:
 
     def start(self, context: Context) -> OfSignals:
         """Look, at roles that the estimator does not read too where they are recorded."""
-        return OfSignals(tuple(findings_of(_with_others(context))))
+        alone = channel_findings(context.recordings, context.look.joint, context.joint)
+        return OfSignals((*alone, *findings_of(_with_others(context))))
 
 
 def read_roles(roles: Collection[str]) -> list[str]:

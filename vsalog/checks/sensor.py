@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsalog.checks.samples import FEWEST_LEVELS, SAME_MOTION, is_fine, is_noisy, levels, runs, unlikely_run
 from vsalog.core.finding import Finding, Text
@@ -14,6 +15,13 @@ from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 
 SAMPLES_PER_VALUE = 3
 """Samples of the log per value from which on a slower sensor is late enough to bias a stiffness."""
+KINK = 2.7
+"""Times as far away as halfway back that a signal was which is cut off at an end of its range [1], at most: in between the two of an
+even speed and the four of an even deceleration."""
+KINK_STEPS = 32
+"""Steps of the sensor [1] over which a speed shows."""
+FEWEST_KINKS = 4
+"""Times that a signal comes to an end of its range, or leaves it, at full speed [1]: a single stop is a collision."""
 MEASURED = ("torque_sensor", "link_position", "motor_position", "deflection")
 
 
@@ -22,6 +30,7 @@ def passing(signals: JointSignals) -> Iterator[Finding]:
     for role in signals.roles:
         if role.startswith((*MEASURED, "pressure")) and is_fine(signals, role):
             yield from _saturated(signals, role)
+            yield from _clipped(signals, role)
         if role.startswith((*MEASURED, "motor_torque")):
             yield from _repeated(signals, role)
 
@@ -47,6 +56,58 @@ def _saturated(signals: JointSignals, role: str) -> Iterator[Finding]:
                 limit=NEGLIGIBLE_SHARE,
                 evidence={"end": end, "at": extreme, "begin": float(signals.time[first[np.argmax(long)]])},
             )
+
+
+def _clipped(signals: JointSignals, role: str) -> Iterator[Finding]:
+    """Yield an end of the range that a signal without noise reaches at full speed, and more than once.
+
+    What turns or comes to rest gets slower before: over twice the way back in time it was four times as far away, and never as
+    little as `KINK` times; what is cut off, twice.
+    """
+    x = signals.roles[role]
+    finite = x[np.isfinite(x)]
+    if is_noisy(x, np.isfinite(x)):
+        return
+    step = max(signals.resolution.get(role, 0.0), float(np.ptp(finite)) * NEGLIGIBLE_SHARE)
+    for end, extreme in (("highest", float(finite.max())), ("lowest", float(finite.min()))):
+        first, after = runs(x == extreme)
+        long = after - first >= SAMPLES_PER_VALUE
+        way = np.abs(x - extreme)
+        # A rest at either end of the log begins or ends nowhere.
+        edges = [(b, -1) for b in first[long] if b > 0] + [(a - 1, 1) for a in after[long] if a < x.size]
+        length = dict(zip(first.tolist(), (after - first).tolist(), strict=True)) | dict(
+            zip((after - 1).tolist(), (after - first).tolist(), strict=True)
+        )
+        kinks = [at for at, ahead in edges if _kinked(way, int(at), ahead, KINK_STEPS * step, length[int(at)])]
+        cut = int((after - first)[long].sum())
+        if len(kinks) >= FEWEST_KINKS and 2 * len(kinks) >= len(edges):
+            yield Finding(
+                code="sensor.clipped",
+                joint=signals.joint,
+                part=role,
+                value=cut / finite.size,
+                limit=0.0,
+                evidence={"end": end, "at": extreme, "begin": float(signals.time[first[np.argmax(long)]])},
+            )
+
+
+def _kinked(way: NDArray[np.float64], at: int, ahead: int, enough: float, length: int) -> bool:
+    """Tell whether a signal leaves an end of its range, or comes there, without getting slower.
+
+    Parameters
+    ----------
+    way : shape (N,), from that end
+    at, ahead : the sample there next to the others, and in which direction these are
+    enough : way at which steps do not matter
+    length : samples that it stays there; a parabola's top is within a step for less time than it takes to go `enough`
+    """
+    side = way[at::ahead][: way.size]
+    far = np.flatnonzero(~(side < enough))
+    if not far.size or far[0] > length or not np.isfinite(side[: far[0] + 1]).all():
+        return False
+    half = 0.5 * far[0]
+    near = 0.5 * (side[int(np.floor(half))] + side[int(np.ceil(half))])
+    return bool(side[far[0]] < KINK * near)
 
 
 def _repeated(signals: JointSignals, role: str) -> Iterator[Finding]:
@@ -76,6 +137,11 @@ TEXTS = {
         "{part} rests at its {end} value {at:.6g} for {value:.1%} of the samples (first at {begin:.4g} s) and moves noisily"
         " elsewhere: it is saturated.",
         "The stiffness is wrong wherever it is; choose a larger range, or leave these stretches out (--start, --end).",
+    ),
+    "sensor.clipped": Text(
+        "{part} reaches its {end} value {at:.6g} at full speed, stays there, and leaves it at full speed (first at {begin:.4g} s,"
+        " {value:.1%} of the samples): it was clipped, or the joint ran into a stop.",
+        "Leave these stretches out (--start, --end), or choose a larger range.",
     ),
     "sensor.repeated": Text(
         "{part} changes at every {value:.0f}th sample only, {rate:.4g} times a second: where it is a slower sensor's, repeated,"
