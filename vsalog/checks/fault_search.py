@@ -141,6 +141,43 @@ def faults_of(signals: JointSignals, unknown_scale: Collection[str] = ()) -> lis
     return _Search(signals, frozenset(unknown_scale)).faults()
 
 
+def exchanged_between(joints: Mapping[str, JointSignals]) -> tuple[tuple[str, str], Found] | None:
+    """Return the two joints of which channels of one role were taken for one another, and which role; None for none.
+
+    Parameters
+    ----------
+    joints : of one log, by name, on one grid
+    """
+    searches = {name: _Search(signals, frozenset()) for name, signals in joints.items()}
+    wrong = [name for name, search in searches.items() if search.equations and search.wrong()]
+    tried: list[tuple[float, float, float, tuple[str, str], str]] = []
+    for a, b in combinations(wrong, 2):
+        one, other = joints[a], joints[b]
+        if len(one) != len(other):
+            continue
+        for role in sorted((set(one.roles) & set(other.roles)) - {"setpoint"}):
+            swapped = (
+                replace(one, roles={**one.roles, role: other.roles[role]}),
+                replace(other, roles={**other.roles, role: one.roles[role]}),
+            )
+            ratios, block, left = [], np.zeros(BLOCKS), 0.0
+            for before, signals in zip((searches[a], searches[b]), swapped, strict=True):
+                now, then = before.now(), _Search(signals, frozenset()).now()
+                touched = [e for e in then.squares if role in before.read[e]] if then.squares.keys() == now.squares.keys() else []
+                now, then = (Trial({e: t.squares[e] for e in touched}) for t in (now, then))
+                ratios.append(then.better(now))
+                block += then.block_ratios(now)
+                shares = [float(then.squares[e].sum() / now.squares[e].sum()) for e in touched if then.squares[e].sum() <= HOLDS]
+                left = max(left, min(shares, default=1.0))
+            tried.append((sum(ratios), mean_above_zero(block), left, (a, b), role))
+    if not tried:
+        return None
+    ratio, p, left, names, role = max(tried)
+    if ratio <= 0.0 or len(tried) * p > FALSE_ALARM or left > LEFT:
+        return None
+    return names, Found(Fault("exchanged", (role,)), (), min(1.0, len(tried) * p), left)
+
+
 class _Search:
     """The channels of a joint, and the faults that are undone."""
 
@@ -148,6 +185,7 @@ class _Search:
         self.signals, self.unknown_scale = signals, unknown_scale
         self.undone: tuple[Fault, ...] = ()
         self.signs: dict[str, Array] = {}
+        self.equations: tuple[str, ...] = ()
         motion = motion_of(signals, LONGEST_DELAY)
         if motion is None:
             return
@@ -166,19 +204,26 @@ class _Search:
 
     def faults(self) -> list[Found]:
         found: list[Found] = []
-        if not getattr(self, "equations", ()):
+        if not self.equations:
             return found
         while len(found) < MOST_FAULTS and (one := self._likeliest()) is not None:
             found.append(one)
             self.undone = (*self.undone, one.fault)
         return found
 
+    def now(self) -> Trial:
+        """Return what the equations leave of the channels, with what was found undone."""
+        return self._trial(self.undone, self.equations)
+
+    def wrong(self) -> set[str]:
+        """Return the equations that leave more than noise, by so much that a fault may be found in it."""
+        now = self.now()
+        return {e for e in self.equations if now.squares[e].sum() > self._noise(e) / LEFT}
+
     def _likeliest(self) -> Found | None:
-        now = self._trial(self.undone, self.equations)
-        floor = {e: self._noise(e) for e in self.equations}
-        wrong = {e for e in self.equations if now.squares[e].sum() > floor[e] / LEFT}
+        now, wrong = self.now(), self.wrong()
         if DEBUG:
-            print("     now", {e: (float(now.squares[e].sum()), floor[e]) for e in self.equations})
+            print("     now", {e: (float(now.squares[e].sum()), self._noise(e)) for e in self.equations})
         if not wrong:
             return None
         tried: list[tuple[float, Fault, Trial]] = []

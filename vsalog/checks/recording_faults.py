@@ -7,11 +7,12 @@ thousand (`FALSE_ALARM`) has a finding by chance.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
 
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.checks.channel import channel_findings
 from vsalog.checks.check import Context, OfSignals
-from vsalog.checks.fault_search import LEFT, Fault, Found, faults_of
+from vsalog.checks.fault_search import LEFT, Fault, Found, exchanged_between, faults_of
 from vsalog.core.errors import BindingError
 from vsalog.core.finding import Evidence, Finding, Text
 from vsalog.core.finding_texts import add_texts
@@ -65,6 +66,28 @@ def findings_of(signals: JointSignals, unknown_scale: Collection[str] = ()) -> I
     """
     for found in faults_of(signals, unknown_scale):
         yield _finding(signals, found)
+
+
+def exchanged_joints(joints: Mapping[str, JointSignals]) -> tuple[Finding | None, Mapping[str, JointSignals]]:
+    """Return that channels of two joints are exchanged, and the joints with these put right; None where they are not.
+
+    Parameters
+    ----------
+    joints : of one log, by name
+    """
+    found = exchanged_between(joints)
+    if found is None:
+        return None, joints
+    (a, b), what = found
+    role = what.fault.roles[0]
+    evidence: Evidence = {"joint": a, "other": b, "p_value": what.p_value, "left": what.left}
+    finding = Finding(code="signal.joints_exchanged", part=role, value=what.left, limit=LEFT, evidence=evidence)
+    one, other = joints[a], joints[b]
+    right = {
+        a: replace(one, roles={**one.roles, role: other.roles[role]}),
+        b: replace(other, roles={**other.roles, role: one.roles[role]}),
+    }
+    return finding, {**joints, **right}
 
 
 def _with_others(context: Context) -> JointSignals:
@@ -134,6 +157,11 @@ TEXTS = {
     ),
     "signal.exchanged": Text(
         "{part} are exchanged: taken for one another, the joint's equations leave {left:.1%} of what they leave now.",
+        "Exchange their channels in the rig.",
+    ),
+    "signal.joints_exchanged": Text(
+        "{part} of {joint} and of {other} are exchanged: taken for one another, the joints' equations leave {left:.1%} of what they"
+        " leave now.",
         "Exchange their channels in the rig.",
     ),
     "torque.unsigned": Text(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 
 from msgspec.structs import replace
 
@@ -12,7 +13,7 @@ from vsalog.binding.joint import bind, offered_roles, wanted_channels
 from vsalog.checks import sensor
 from vsalog.checks.channel import channel_findings
 from vsalog.checks.check import without_superseded
-from vsalog.checks.recording_faults import RecordingFaults, findings_of, read_roles
+from vsalog.checks.recording_faults import RecordingFaults, exchanged_joints, findings_of, read_roles
 from vsalog.checks.signals import signal_findings
 from vsalog.core.errors import VsalogError
 from vsalog.core.finding import Finding
@@ -35,30 +36,31 @@ def joint_faults(recording: Recording, guess: Guess) -> Iterator[Finding]:
         joints = Rig.from_toml(rig_template(recording, guess), "the guessed rig").joints
     except VsalogError:
         return
-    for name, joint in joints.items():
-        currents = [role for role, signal in offered_roles(joint).items() if signal.unit == "A"]
-        plain = _as_recorded(joint)
-        roles = [role for role in read_roles(offered_roles(plain)) if _is_recorded(recording, plain, role)]
-        if not roles:
-            continue
-        try:
-            signals = bind([recording], name, plain, roles, acting=False)
-        except VsalogError:
-            continue  # what cannot be bound is said by those who need it
-        yield from _of(recording, name, plain, signals, currents)
+    bound: dict[str, JointSignals] = {}
+    plain = {name: _as_recorded(joint) for name, joint in joints.items()}
+    for name, joint in plain.items():
+        roles = [role for role in read_roles(offered_roles(joint)) if _is_recorded(recording, joint, role)]
+        # What cannot be bound is said by those who need it.
+        with suppress(VsalogError):
+            if roles:
+                bound[name] = bind([recording], name, joint, roles, acting=False)
+    exchanged, put_right = exchanged_joints(bound) if len(bound) > 1 else (None, bound)
+    if exchanged is not None:
+        yield exchanged
+    for name, signals in bound.items():
+        yield from _alone(recording, name, plain[name], signals, put_right[name])
 
 
-def _of(
-    recording: Recording, name: str, joint: Joint, signals: JointSignals, currents: list[str]
+def _alone(
+    recording: Recording, name: str, joint: Joint, signals: JointSignals, put_right: JointSignals
 ) -> Iterator[Finding]:
+    """Yield what is wrong with one joint's channels; `put_right` are its signals with those of another joint where they belong."""
+    currents = [role for role, signal in offered_roles(joint).items() if signal.unit == "A"]
     found = [finding for finding in signals.findings if finding.code in BOUND]
     found += channel_findings([recording], name, joint)
-    found += sensor.passing(signals) if _is_rigid(joint) else signal_findings(device_of(name, joint), signals)
-    yield from without_superseded((*found, *findings_of(signals, currents)), RecordingFaults.supersedes)
-
-
-def _is_rigid(joint: Joint) -> bool:
-    return isinstance(joint, RigidJoint)
+    rigid = isinstance(joint, RigidJoint)
+    found += sensor.passing(signals) if rigid else signal_findings(device_of(name, joint), put_right)
+    yield from without_superseded((*found, *findings_of(put_right, currents)), RecordingFaults.supersedes)
 
 
 def _as_recorded(joint: Joint) -> Joint:
