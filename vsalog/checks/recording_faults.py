@@ -35,6 +35,9 @@ CODES = {
 }
 
 
+FOLLOWING = ("signal.late", "signal.clock_rate", "signal.exchanged", "torque.without_gravity")
+
+
 class RecordingFaults:
     """Holds a joint's channels against one another; one sound joint in a thousand has a finding (`FALSE_ALARM`)."""
 
@@ -43,6 +46,8 @@ class RecordingFaults:
         "signal.sign": ("encoder.sign",),
         "signal.unit": ("encoder.deflection_unit", "encoder.unit", "encoder.zero"),
         "signal.scale": ("encoder.deflection_unit", "encoder.unit", "encoder.zero"),
+        # Channels that were cut off or stood still for a while fit others less well, whatever is undone.
+        **dict.fromkeys(("sensor.clipped", "sensor.saturated", "sensor.stuck", "encoder.stuck", "torque.stuck"), FOLLOWING),
     }
 
     def start(self, context: Context) -> OfSignals:

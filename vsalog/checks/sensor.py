@@ -10,14 +10,15 @@ from numpy.typing import NDArray
 from vsalog.checks.samples import FEWEST_LEVELS, SAME_MOTION, is_fine, is_noisy, levels, runs, unlikely_run
 from vsalog.core.finding import Finding, Text
 from vsalog.core.finding_texts import add_texts
+from vsalog.core.precision import ROUNDING
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 
 SAMPLES_PER_VALUE = 3
 """Samples of the log per value from which on a slower sensor is late enough to bias a stiffness."""
-KINK = 2.7
-"""Times as far away as halfway back that a signal was which is cut off at an end of its range [1], at most: in between the two of an
-even speed and the four of an even deceleration."""
+KINK = 1.8
+"""Way in the farther half of a stretch next to an end of a signal's range over that in the nearer half [1], at most, where it is cut
+off there: one of an even speed, three of an even deceleration, and in between the middle of their logarithms."""
 KINK_STEPS = 32
 """Steps of the sensor [1] over which a speed shows."""
 FEWEST_KINKS = 4
@@ -28,7 +29,7 @@ MEASURED = ("torque_sensor", "link_position", "motor_position", "deflection")
 def passing(signals: JointSignals) -> Iterator[Finding]:
     """Yield what may befall a sensor for a while."""
     for role in signals.roles:
-        if role.startswith((*MEASURED, "pressure")) and is_fine(signals, role):
+        if role.startswith((*MEASURED, "pressure", "motor_torque")) and is_fine(signals, role):
             yield from _saturated(signals, role)
             yield from _clipped(signals, role)
         if role.startswith((*MEASURED, "motor_torque")):
@@ -61,14 +62,13 @@ def _saturated(signals: JointSignals, role: str) -> Iterator[Finding]:
 def _clipped(signals: JointSignals, role: str) -> Iterator[Finding]:
     """Yield an end of the range that a signal without noise reaches at full speed, and more than once.
 
-    What turns or comes to rest gets slower before: over twice the way back in time it was four times as far away, and never as
-    little as `KINK` times; what is cut off, twice.
+    What turns or comes to rest gets slower before; what is cut off does not.
     """
     x = signals.roles[role]
     finite = x[np.isfinite(x)]
     if is_noisy(x, np.isfinite(x)):
         return
-    step = max(signals.resolution.get(role, 0.0), float(np.ptp(finite)) * NEGLIGIBLE_SHARE)
+    step = max(signals.resolution.get(role, 0.0), float(np.ptp(finite)) * ROUNDING)
     for end, extreme in (("highest", float(finite.max())), ("lowest", float(finite.min()))):
         first, after = runs(x == extreme)
         long = after - first >= SAMPLES_PER_VALUE
@@ -101,13 +101,16 @@ def _kinked(way: NDArray[np.float64], at: int, ahead: int, enough: float, length
     enough : way at which steps do not matter
     length : samples that it stays there; a parabola's top is within a step for less time than it takes to go `enough`
     """
-    side = way[at::ahead][: way.size]
-    far = np.flatnonzero(~(side < enough))
-    if not far.size or far[0] > length or not np.isfinite(side[: far[0] + 1]).all():
+    # The sample next to the end is anywhere between it and one step of the motion away.
+    side = (way[at + ahead :: ahead] if at + ahead >= 0 else way[:0])[: 2 * length]
+    far = np.flatnonzero(~(side - side[:1] < enough))
+    if not far.size or far[0] > length:
         return False
-    half = 0.5 * far[0]
-    near = 0.5 * (side[int(np.floor(half))] + side[int(np.ceil(half))])
-    return bool(side[far[0]] < KINK * near)
+    half = max(1, -(-int(far[0]) // 2))
+    if 2 * half >= side.size or not np.isfinite(side[: 2 * half + 1]).all():
+        return False
+    near, beyond = side[half] - side[0], side[2 * half] - side[half]
+    return bool(near > 0.0 and beyond < KINK * near)
 
 
 def _repeated(signals: JointSignals, role: str) -> Iterator[Finding]:
