@@ -47,7 +47,7 @@ NAMES = {
     "exchanged": {"signal.exchanged", "signal.joints_exchanged"},
     "computed": {"torque.computed"},
     "clipped": {"sensor.clipped", "sensor.saturated"},
-    "stuck": {"sensor.stuck", "encoder.stuck", "torque.stuck", "torque.stuck_while_moving"},
+    "stuck": {"sensor.stuck", "sensor.frozen", "encoder.stuck", "torque.stuck", "torque.stuck_while_moving"},
     "wrapped": {"encoder.wrapped"},
 }
 ALONE = {"encoder counts", "held", "interpolated", "computed", "clipped", "stuck", "wrapped"}
@@ -60,7 +60,9 @@ def simulated(preset: str, motion: str, seed: int, folder: Path, more: tuple[str
     log = folder / f"{preset}-{motion}-{seed}.mcap"
     if not log.exists():
         command = [sys.executable, "-m", "vsalog", "simulate", preset, "-o", str(log), "--seed", str(seed), *more]
-        if subprocess.run(command + ([] if motion == "own" else ["--scenario", motion]), capture_output=True).returncode:
+        if subprocess.run(
+            command + ([] if motion == "own" else ["--scenario", motion]), capture_output=True
+        ).returncode:
             return None
     return read_sample(log, "auto", None)[0]
 
@@ -92,7 +94,12 @@ def faults(args: argparse.Namespace, folder: Path) -> bool:
                 if sound is None:
                     continue
                 guess = guess_roles(sound)
-                roles = {j.name: {r: g.channel for r, g in j.roles.items() if np.isfinite(sound.channels[g.channel].values).all()} for j in guess.joints}
+                roles = {
+                    j.name: {
+                        r: g.channel for r, g in j.roles.items() if np.isfinite(sound.channels[g.channel].values).all()
+                    }
+                    for j in guess.joints
+                }
                 for one in injected(sound, roles, np.random.default_rng(seed)):
                     if args.kinds and one.kind not in args.kinds.split(","):
                         continue
@@ -105,7 +112,10 @@ def faults(args: argparse.Namespace, folder: Path) -> bool:
                     counts[one.kind] += 1
                     if not NAMES[one.kind] & set(codes):
                         missed[one.kind] += 1
-                        print(f"missed: {preset} {motion} {seed}: {one.kind} in {one.joint} {one.role}: {', '.join(codes) or 'nothing'}", flush=True)
+                        print(
+                            f"missed: {preset} {motion} {seed}: {one.kind} in {one.joint} {one.role}: {', '.join(codes) or 'nothing'}",
+                            flush=True,
+                        )
     for kind in NAMES:
         print(f"{kind:25} {counts[kind] - missed[kind]:5} of {counts[kind]:5} named; {unseen[kind]} cannot be noticed")
     total, named = counts.total(), counts.total() - missed.total()

@@ -49,7 +49,7 @@ def injected(recording: Recording, roles: Roles, rng: np.random.Generator) -> It
             if not np.isfinite(x).all() or np.ptp(x) == 0.0:
                 continue
             torque = "torque" in role
-            for kind, values in (_torque(x, _link(recording, channels), rng) if torque else _position(x, rng)):
+            for kind, values in _torque(x, _link(recording, channels), rng) if torque else _position(x, rng):
                 yield Injected(kind, joint, role, with_values(recording, name, values))
             for kind, values in _any(x, rng):
                 yield Injected(kind, joint, role, with_values(recording, name, values))
@@ -92,7 +92,9 @@ def _any(x: Array, rng: np.random.Generator) -> Iterator[tuple[str, Array]]:
     late = int(rng.integers(20, 61) * x.size // 20_000) or 1  # 20 to 60 ms of logs of 20 s
     yield "late", np.concatenate((np.full(late, x[0]), x[:-late]))
     n = int(rng.integers(5, 12))
-    yield "held", np.repeat(x[::n], n)[: x.size]
+    # A coarse encoder that turns slowly stays as long at a value anyway.
+    if float(np.mean(np.abs(np.diff(x[::n])) >= 2.0 * _step(x))) > 0.95:
+        yield "held", np.repeat(x[::n], n)[: x.size]
     at = np.arange(x.size)
     yield "interpolated", np.interp(at, at[::n], x[::n])
     low, high = np.quantile(x, (0.15, 0.85))
@@ -101,6 +103,12 @@ def _any(x: Array, rng: np.random.Generator) -> Iterator[tuple[str, Array]]:
     begin = _busiest(x, length)
     stuck[begin : begin + length] = x[begin]
     yield "stuck", stuck
+
+
+def _step(x: Array) -> float:
+    """Return the least difference of values that a signal takes."""
+    steps = np.diff(np.unique(x))
+    return float(steps[steps > 1e-9 * np.ptp(x)].min())
 
 
 def _busiest(x: Array, length: int) -> int:
@@ -117,7 +125,9 @@ def _computed(
         sensor, motor = channels.get(f"torque_sensor{suffix}"), channels.get(f"motor_position{suffix}")
         if sensor is not None and motor is not None and "link_position" in channels:
             phi = recording.channels[channels["link_position"]].values - recording.channels[motor].values
-            yield Injected("computed", joint, f"torque_sensor{suffix}", with_values(recording, sensor, rng.uniform(5, 50) * phi))
+            yield Injected(
+                "computed", joint, f"torque_sensor{suffix}", with_values(recording, sensor, rng.uniform(5, 50) * phi)
+            )
 
 
 def with_values(recording: Recording, name: str, values: Array) -> Recording:

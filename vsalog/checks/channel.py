@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,24 +27,39 @@ from vsalog.rig.schema import Joint
 
 Array = NDArray[np.float64]
 
-MEASURED = ("motor_position", "link_position", "deflection", "motor_torque", "torque_sensor", "link_acceleration", "pressure")
+MEASURED = (
+    "motor_position",
+    "link_position",
+    "deflection",
+    "motor_torque",
+    "torque_sensor",
+    "link_acceleration",
+    "pressure",
+)
 ANGLES = ("motor_position", "link_position")
 
-LONGEST_LINE = 64
-"""Samples [1] per sample of a slower sensor that are looked for."""
 
-FEWEST_KNOTS = 40
-"""Samples of each phase [1] of which a share is taken."""
+class Lines(NamedTuple):
+    """What a signal is like that was interpolated between fewer samples.
 
-STRAIGHT = 1e-3
-"""Part of a signal's usual bend from sample to sample [1] below which three samples lie on a line."""
+    Attributes
+    ----------
+    longest : samples per sample of a slower sensor that are looked for
+    fewest : samples of each phase of which a share is taken
+    straight : part of a signal's usual bend from sample to sample below which three samples lie on a line
+    between, at_knots : parts of the samples that lie on the line between their neighbours at all phases but one, at least, and at that
+        one, at most; phases of a measured signal are alike, and of forty samples that do so with a probability of `between` half
+        or fewer do with one below 1e-15
+    """
 
-STRAIGHT_BETWEEN, STRAIGHT_AT_KNOTS = 0.95, 0.5
-"""Parts of the samples [1] that lie on the line between their neighbours at all phases but one, at least, and at that one, at most.
-Phases of a measured signal are alike: of forty samples that do so with 0.95, twenty do or fewer with a probability below 1e-15."""
+    longest: int = 64
+    fewest: int = 40
+    straight: float = 1e-3
+    between: float = 0.95
+    at_knots: float = 0.5
 
-LEAST_COUNTS = 6.0
-"""Radians [1] of whole numbers that an angle spans at least to be in counts: whole radians are no encoder's."""
+
+LINES = Lines()
 
 
 def channel_findings(recordings: Sequence[Recording], name: str, joint: Joint) -> Iterator[Finding]:
@@ -71,11 +87,12 @@ def channel_findings(recordings: Sequence[Recording], name: str, joint: Joint) -
             if each := samples_per_knot(x):
                 yield about(code="signal.interpolated", value=float(each), limit=1.0)
             if role.startswith(ANGLES):
-                turn = _turn(channel)
+                turn, counts = _turn(channel), np.array_equal(x, np.round(x)) and float(np.ptp(x)) > math.tau
                 if (times := wraps(x, turn)) > 0:
                     yield about(code="encoder.wrapped", severity="info", value=float(times), evidence={"turn": turn})
-                if channel.unit and np.array_equal(x, np.round(x)) and float(np.ptp(x)) > LEAST_COUNTS and turn < LEAST_COUNTS + 1.0:
-                    yield about(code="encoder.counts", value=float(np.ptp(x)), limit=LEAST_COUNTS)
+                # Whole radians are no encoder's; without a unit the guess says so.
+                if channel.unit and counts and turn <= math.tau:
+                    yield about(code="encoder.counts", value=float(np.ptp(x)), limit=math.tau, unit="rad")
 
 
 def samples_per_knot(x: Array) -> int:
@@ -83,20 +100,20 @@ def samples_per_knot(x: Array) -> int:
 
     Those that are interpolated twofold or more have one phase at which the signal bends and others at which it does not.
     """
-    x = x[: LONGEST_LINE * FEWEST_KNOTS * 8]
+    x = x[: 8 * LINES.longest * LINES.fewest]
     bend, steps = np.abs(np.diff(x, 2)), np.diff(x)
     moving = np.flatnonzero((steps[1:] != 0.0) | (steps[:-1] != 0.0))
     bend = bend[moving]
     if not bend.size or float(bend.max()) == 0.0:
         return 0
-    straight = bend <= STRAIGHT * float(np.median(bend[bend > ROUNDING * bend.max()]))
-    for n in range(2, LONGEST_LINE + 1):
+    straight = bend <= LINES.straight * float(np.median(bend[bend > ROUNDING * bend.max()]))
+    for n in range(2, LINES.longest + 1):
         counts = np.bincount(moving % n, minlength=n)
-        if int(counts.min()) < FEWEST_KNOTS:
+        if int(counts.min()) < LINES.fewest:
             break
         shares = np.bincount(moving % n, straight, n) / counts
         knot = int(np.argmin(shares))
-        if shares[knot] <= STRAIGHT_AT_KNOTS and np.delete(shares, knot).min() >= STRAIGHT_BETWEEN:
+        if shares[knot] <= LINES.at_knots and np.delete(shares, knot).min() >= LINES.between:
             return n
     return 0
 
@@ -117,7 +134,7 @@ def _turn(channel: Channel) -> float:
             return math.inf
     x = spread_over(channel.values[np.isfinite(channel.values)])
     span = float(np.ptp(x))
-    if np.array_equal(x, np.round(x)) and span > LEAST_COUNTS:
+    if np.array_equal(x, np.round(x)) and span > math.tau:
         return float(2.0 ** math.ceil(math.log2(span)))
     return math.tau if span <= math.tau * 1.01 else 360.0
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +24,23 @@ from vsalog.core.dependence import hats
 
 Array = NDArray[np.float64]
 
-INTERVALS = 16
-"""Intervals of a deflection [1] in each of which a spring has one stiffness."""
 
-SETPOINT_KNOTS = 5
-"""Set-points [1] between which a spring's torque is interpolated."""
+class Shape(NamedTuple):
+    """How freely a spring and friction are described.
 
-REST_SPEED = 0.05
-"""Part of a speed's root mean square [1] below which the direction of friction is blurred."""
+    Attributes
+    ----------
+    intervals : of a deflection, in each of which a spring has one stiffness
+    setpoints : between which a spring's torque is interpolated
+    rest_speed : part of a speed's root mean square below which the direction of friction is blurred
+    """
+
+    intervals: int = 16
+    setpoints: int = 5
+    rest_speed: float = 0.05
+
+
+SHAPE = Shape()
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +75,7 @@ def names_of(roles: Rows) -> tuple[str, ...]:
     return tuple(equation for equation, needed in _needs(roles) if needed <= set(roles))
 
 
-def equation(
-    name: str, roles: Rows, knots: Array | None = None, unknown_scale: Collection[str] = ()
-) -> Equation:
+def equation(name: str, roles: Rows, knots: Array | None = None, unknown_scale: Collection[str] = ()) -> Equation:
     """Return an equation.
 
     Parameters
@@ -119,12 +127,12 @@ def _spring(name: str, roles: Rows, suffix: str, knots: Array | None) -> Equatio
 def _elastic(roles: Rows, suffix: str, knots: Array | None) -> tuple[Array, Array, Array]:
     """Return the columns of any spring whose torque rises with its deflection, and with the deflection's rate."""
     phi = _deflection(roles, suffix)
-    knots = knots if knots is not None else np.unique(np.quantile(phi[0], np.linspace(0.0, 1.0, INTERVALS + 1)))
+    knots = knots if knots is not None else np.unique(np.quantile(phi[0], np.linspace(0.0, 1.0, SHAPE.intervals + 1)))
     ramps = np.clip(phi[0][:, None] - knots[:-1], 0.0, np.diff(knots))
     if "setpoint" not in roles:
         return np.ones((phi.shape[1], 1)), np.column_stack((ramps, phi[1])), knots
     r = roles["setpoint"][0]
-    places = hats(r, np.linspace(float(r.min()), float(r.max()), SETPOINT_KNOTS))
+    places = hats(r, np.linspace(float(r.min()), float(r.max()), SHAPE.setpoints))
     positive = (places[:, :, None] * ramps[:, None, :]).reshape(r.size, -1)
     return places, np.column_stack((positive, phi[1])), knots
 
@@ -132,7 +140,7 @@ def _elastic(roles: Rows, suffix: str, knots: Array | None) -> tuple[Array, Arra
 def _resistance(position: Array) -> Array:
     """Return the columns of inertia, viscous and dry friction."""
     speed = position[1]
-    rest = REST_SPEED * float(np.sqrt(np.mean(speed**2))) or 1.0
+    rest = SHAPE.rest_speed * float(np.sqrt(np.mean(speed**2))) or 1.0
     return np.column_stack((position[2], speed, np.tanh(speed / rest)))
 
 

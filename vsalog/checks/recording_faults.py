@@ -6,24 +6,25 @@ thousand (`FALSE_ALARM`) has a finding by chance.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 
-from vsalog.binding.joint import bind, offered_roles
+from vsalog.binding.joint import bind, offered_roles, wanted_channels
 from vsalog.checks.channel import channel_findings
 from vsalog.checks.check import Context, OfSignals
-from vsalog.checks.fault_search import LEFT, Fault, Found, exchanged_between, faults_of
-from vsalog.core.errors import BindingError
+from vsalog.checks.fault import RULE, Fault, Found, Kind
+from vsalog.checks.fault_search import exchanged_between, faults_of, with_exchanged
+from vsalog.core.errors import VsalogError
 from vsalog.core.finding import Evidence, Finding, Text
 from vsalog.core.finding_texts import add_texts
-from vsalog.core.look import of_signals
+from vsalog.core.recording import Recording
 from vsalog.core.signals import JointSignals
-from vsalog.core.significance import FALSE_ALARM
+from vsalog.rig.schema import Joint
 
 READ = ("motor_position", "link_position", "deflection", "motor_torque", "torque_sensor", "setpoint")
 """Roles, without their numbers, that the equations read."""
 
-CODES = {
+CODES: Mapping[Kind, str] = {
     "sign": "signal.sign",
     "unit": "signal.unit",
     "scale": "signal.scale",
@@ -35,25 +36,61 @@ CODES = {
 }
 
 
-FOLLOWING = ("signal.late", "signal.clock_rate", "signal.exchanged", "torque.without_gravity")
+FOLLOWING = tuple(CODES.values())
 
 
 class RecordingFaults:
     """Holds a joint's channels against one another; one sound joint in a thousand has a finding (`FALSE_ALARM`)."""
 
     name = "recording_faults"
-    supersedes: Mapping[str, Collection[str]] = {
+    supersedes: Mapping[str, Sequence[str]] = {
         "signal.sign": ("encoder.sign",),
         "signal.unit": ("encoder.deflection_unit", "encoder.unit", "encoder.zero"),
         "signal.scale": ("encoder.deflection_unit", "encoder.unit", "encoder.zero"),
         # Channels that were cut off or stood still for a while fit others less well, whatever is undone.
-        **dict.fromkeys(("sensor.clipped", "sensor.saturated", "sensor.stuck", "encoder.stuck", "torque.stuck"), FOLLOWING),
+        **dict.fromkeys(
+            ("sensor.clipped", "sensor.frozen", "sensor.saturated", "sensor.stuck", "encoder.stuck", "torque.stuck"),
+            FOLLOWING,
+        ),
     }
 
     def start(self, context: Context) -> OfSignals:
         """Look, at roles that the estimator does not read too where they are recorded."""
-        alone = channel_findings(context.recordings, context.look.joint, context.joint)
-        return OfSignals((*alone, *findings_of(_with_others(context))))
+        look = context.look if context.signals.in_file else None
+        return OfSignals(log_findings(context.recordings, context.look.joint, context.joint, context.setpoints, look))
+
+
+def log_findings(
+    recordings: Sequence[Recording],
+    name: str,
+    joint: Joint,
+    setpoints: Sequence[float | None] = (),
+    look: JointSignals | None = None,
+) -> list[Finding]:
+    """Return the faults of a joint's channels, each by itself and together.
+
+    Parameters
+    ----------
+    recordings : with those of the joint's channels that were read
+    name, joint : of the rig
+    setpoints : as for `bind`
+    look : signals to look at instead of all of a log that is too long for memory
+    """
+    found = list(channel_findings(recordings, name, joint))
+    if look is None:
+        offered = offered_roles(joint)
+        roles = [role for role in read_roles(offered) if _recorded(recordings, joint, role)]
+        # What cannot be bound is said by those who need it.
+        with suppress(VsalogError):
+            look = bind(recordings, name, joint, roles, setpoints) if roles else None
+    return found if look is None else [*found, *findings_of(look)]
+
+
+def _recorded(recordings: Sequence[Recording], joint: Joint, role: str) -> bool:
+    """Tell whether recordings have numbers for a role."""
+    names = {(one.path, channel) for one in recordings for channel in wanted_channels(joint, one.path.name, [role])}
+    found = {(one.path, channel.name) for one in recordings for channel in one.channels.values()}
+    return names <= found
 
 
 def read_roles(roles: Collection[str]) -> list[str]:
@@ -86,34 +123,15 @@ def exchanged_joints(joints: Mapping[str, JointSignals]) -> tuple[Finding | None
     (a, b), what = found
     role = what.fault.roles[0]
     evidence: Evidence = {"joint": a, "other": b, "p_value": what.p_value, "left": what.left}
-    finding = Finding(code="signal.joints_exchanged", part=role, value=what.left, limit=LEFT, evidence=evidence)
-    one, other = joints[a], joints[b]
-    right = {
-        a: replace(one, roles={**one.roles, role: other.roles[role]}),
-        b: replace(other, roles={**other.roles, role: one.roles[role]}),
-    }
-    return finding, {**joints, **right}
-
-
-def _with_others(context: Context) -> JointSignals:
-    """Return the signals with the roles that the estimator does not read; a long log's without."""
-    offered = offered_roles(context.joint)
-    recorded = [
-        role
-        for role in read_roles(offered)
-        if (channel := offered[role].channel) is None or all(channel in one.channels for one in context.recordings)
-    ]
-    if context.signals.in_file or set(recorded) <= set(context.look.roles):
-        return context.look
-    try:
-        return of_signals(bind(context.recordings, context.look.joint, context.joint, recorded, context.setpoints))
-    except BindingError:
-        return context.look  # what cannot be bound is said by those who need it
+    finding = Finding(code="signal.joints_exchanged", part=role, value=what.left, limit=RULE.left, evidence=evidence)
+    return finding, with_exchanged(joints, a, b, role)
 
 
 def _finding(signals: JointSignals, found: Found) -> Finding:
     fault = found.fault
-    roles = dict.fromkeys((*fault.roles, *(role for one in found.instead if one.kind == fault.kind for role in one.roles)))
+    roles = dict.fromkeys(
+        (*fault.roles, *(role for one in found.instead if one.kind == fault.kind for role in one.roles))
+    )
     value, limit, unit = _measured(signals, fault)
     evidence: Evidence = {"factor": fault.factor, "p_value": found.p_value, "left": found.left}
     return Finding(
@@ -121,7 +139,7 @@ def _finding(signals: JointSignals, found: Found) -> Finding:
         joint=signals.joint,
         part=(" and " if fault.kind == "exchanged" else " or ").join(roles),
         value=found.left if value is None else value,
-        limit=LEFT if value is None else limit,
+        limit=RULE.left if value is None else limit,
         unit=unit,
         evidence=evidence,
     )

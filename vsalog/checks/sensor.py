@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.checks.samples import FEWEST_LEVELS, SAME_MOTION, is_fine, is_noisy, levels, runs, unlikely_run
-from vsalog.core.finding import Finding, Text
+from vsalog.checks.samples import FEWEST_LEVELS, SAME_MOTION, is_fine, is_noisy, levels, rests, runs, unlikely_run
+from vsalog.core.finding import Evidence, Finding, Text
 from vsalog.core.finding_texts import add_texts
 from vsalog.core.precision import ROUNDING
 from vsalog.core.signals import JointSignals
@@ -16,13 +18,27 @@ from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 
 SAMPLES_PER_VALUE = 3
 """Samples of the log per value from which on a slower sensor is late enough to bias a stiffness."""
-KINK = 1.8
-"""Way in the farther half of a stretch next to an end of a signal's range over that in the nearer half [1], at most, where it is cut
-off there: one of an even speed, three of an even deceleration, and in between the middle of their logarithms."""
-KINK_STEPS = 32
-"""Steps of the sensor [1] over which a speed shows."""
-FEWEST_KINKS = 4
-"""Times that a signal comes to an end of its range, or leaves it, at full speed [1]: a single stop is a collision."""
+
+
+class Cut(NamedTuple):
+    """What a signal without noise is like that was cut off at an end of its range.
+
+    Attributes
+    ----------
+    kink : way in the farther half of a stretch next to that end over that in the nearer half, at most: one of an even speed, three of
+        an even deceleration, and in between the middle of their logarithms
+    steps : of the sensor over which a speed shows
+    fewest : times that it comes to an end, or leaves it, at full speed: a single stop is a collision
+    jump : step of a position behind a rest over the greatest of all others, at least: no drive is so much faster just once
+    """
+
+    kink: float = 1.8
+    steps: float = 32.0
+    fewest: int = 4
+    jump: float = 10.0
+
+
+CUT = Cut()
 MEASURED = ("torque_sensor", "link_position", "motor_position", "deflection")
 
 
@@ -32,6 +48,8 @@ def passing(signals: JointSignals) -> Iterator[Finding]:
         if role.startswith((*MEASURED, "pressure", "motor_torque")) and is_fine(signals, role):
             yield from _saturated(signals, role)
             yield from _clipped(signals, role)
+        if "position" in role or role.startswith("deflection"):
+            yield from _frozen(signals, role)
         if role.startswith((*MEASURED, "motor_torque")):
             yield from _repeated(signals, role)
 
@@ -60,7 +78,7 @@ def _saturated(signals: JointSignals, role: str) -> Iterator[Finding]:
 
 
 def _clipped(signals: JointSignals, role: str) -> Iterator[Finding]:
-    """Yield an end of the range that a signal without noise reaches at full speed, and more than once.
+    """Yield the ends of the range that a signal without noise reaches at full speed, and more than once.
 
     What turns or comes to rest gets slower before; what is cut off does not.
     """
@@ -69,26 +87,43 @@ def _clipped(signals: JointSignals, role: str) -> Iterator[Finding]:
     if is_noisy(x, np.isfinite(x)):
         return
     step = max(signals.resolution.get(role, 0.0), float(np.ptp(finite)) * ROUNDING)
+    kinks, found = 0, list[Finding]()
     for end, extreme in (("highest", float(finite.max())), ("lowest", float(finite.min()))):
         first, after = runs(x == extreme)
         long = after - first >= SAMPLES_PER_VALUE
-        way = np.abs(x - extreme)
-        # A rest at either end of the log begins or ends nowhere.
-        edges = [(b, -1) for b in first[long] if b > 0] + [(a - 1, 1) for a in after[long] if a < x.size]
-        length = dict(zip(first.tolist(), (after - first).tolist(), strict=True)) | dict(
-            zip((after - 1).tolist(), (after - first).tolist(), strict=True)
-        )
-        kinks = [at for at, ahead in edges if _kinked(way, int(at), ahead, KINK_STEPS * step, length[int(at)])]
-        cut = int((after - first)[long].sum())
-        if len(kinks) >= FEWEST_KINKS and 2 * len(kinks) >= len(edges):
-            yield Finding(
-                code="sensor.clipped",
-                joint=signals.joint,
-                part=role,
-                value=cut / finite.size,
-                limit=0.0,
-                evidence={"end": end, "at": extreme, "begin": float(signals.time[first[np.argmax(long)]])},
-            )
+        way, here = np.abs(x - extreme), 0
+        for begin, over in zip(first[long].tolist(), after[long].tolist(), strict=True):
+            # A rest at either end of the log begins or ends nowhere.
+            sides = [(begin, -1)] * (begin > 0) + [(over - 1, 1)] * (over < x.size)
+            here += sum(_kinked(way, at, ahead, CUT.steps * step, over - begin) for at, ahead in sides)
+        kinks += here
+        if here:
+            share, begin = float((after - first)[long].sum()) / finite.size, float(signals.time[first[np.argmax(long)]])
+            evidence: Evidence = {"end": end, "at": extreme, "begin": begin}
+            found.append(Finding(code="sensor.clipped", joint=signals.joint, part=role, value=share, evidence=evidence))
+    if kinks >= CUT.fewest:
+        yield from found
+
+
+def _frozen(signals: JointSignals, role: str) -> Iterator[Finding]:
+    """Yield a position that stands still and then jumps, much farther than from any other sample to the next."""
+    x = signals.roles[role]
+    found, _ = rests(signals, x)
+    steps = np.abs(np.diff(x, append=np.nan))
+    ends = np.array(
+        [one.stop - 1 for one in found if one.stop < x.size and not signals.starts[one.stop]], dtype=np.int64
+    )
+    others = steps.copy()
+    others[ends] = np.nan
+    if not ends.size or not np.isfinite(others).any():
+        return
+    usual, jump = float(np.nanmax(others)), float(np.nanmax(steps[ends], initial=0.0))
+    if jump > CUT.jump * usual:
+        last = int(ends[np.nanargmax(steps[ends])])
+        begin = next(one.start for one in found if one.stop - 1 == last)
+        evidence: Evidence = {"begin": float(signals.time[begin]), "end": float(signals.time[last])}
+        about = partial(Finding, joint=signals.joint, part=role, unit="rad")
+        yield about(code="sensor.frozen", value=jump, limit=CUT.jump * usual, evidence=evidence)
 
 
 def _kinked(way: NDArray[np.float64], at: int, ahead: int, enough: float, length: int) -> bool:
@@ -110,7 +145,7 @@ def _kinked(way: NDArray[np.float64], at: int, ahead: int, enough: float, length
     if 2 * half >= side.size or not np.isfinite(side[: 2 * half + 1]).all():
         return False
     near, beyond = side[half] - side[0], side[2 * half] - side[half]
-    return bool(near > 0.0 and beyond < KINK * near)
+    return bool(near > 0.0 and beyond < CUT.kink * near)
 
 
 def _repeated(signals: JointSignals, role: str) -> Iterator[Finding]:
@@ -145,6 +180,11 @@ TEXTS = {
         "{part} reaches its {end} value {at:.6g} at full speed, stays there, and leaves it at full speed (first at {begin:.4g} s,"
         " {value:.1%} of the samples): it was clipped, or the joint ran into a stop.",
         "Leave these stretches out (--start, --end), or choose a larger range.",
+    ),
+    "sensor.frozen": Text(
+        "{part} does not change from {begin:.4g} s to {end:.4g} s and then jumps by {value:.3g} rad, where no other step is farther"
+        " than a tenth of that: it was stuck.",
+        "Leave that stretch out (--start, --end).",
     ),
     "sensor.repeated": Text(
         "{part} changes at every {value:.0f}th sample only, {rate:.4g} times a second: where it is a slower sensor's, repeated,"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,17 +22,27 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-ROWS = 2000
-"""Instants [1] at which a joint's equations are held against its channels: a fit to them takes a millisecond."""
 
-WIDEST = 1 / 200
-"""Widest filter, one standard deviation, as part of the log [1]: hundreds of independent rows are left."""
+class Filter(NamedTuple):
+    """How a joint's channels are filtered before they are compared.
 
-NOISE_SHARE = 0.01
-"""Part [1] of an acceleration's mean square that the encoder's noise makes at most, where a filter is wide enough for it."""
+    Attributes
+    ----------
+    rows : instants at which equations are held against channels: a fit to them takes a millisecond
+    widest : standard deviation of the widest filter as part of the log: hundreds of independent rows are left
+    narrowest : standard deviation of the narrowest [samples]: its derivatives are those of a Gaussian still
+    noise_share : part of an acceleration's mean square that an encoder's noise makes at most, where a filter is wide enough for it
+    reach : standard deviations beyond which a Gaussian is cut off: 6e-5 of it are left
+    """
 
-REACH = 4.0
-"""Standard deviations of a Gaussian [1] beyond which it is cut off: 6e-5 of it."""
+    rows: int = 2000
+    widest: float = 1 / 200
+    narrowest: float = 2.0
+    noise_share: float = 0.01
+    reach: float = 4.0
+
+
+FILTER = Filter()
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +55,8 @@ class Motion:
     values : role → value, rate and acceleration, shape (3, N); what the filter reached across a gap is not `known`
     known : role → shape (N,)
     noise : role → what the filter makes of as much noise and of such steps as its sensor has, shape (3, N)
-    rows : instants at which equations are formed, shape (R,), ascending; all lie so far inside that they may be moved
+    rows : instants at which equations are formed, shape (R,), ascending; they lie inside by more than they may be moved
     reach : samples by which they may be moved
-    width : standard deviation of the filter [samples]
     """
 
     period: float
@@ -55,7 +65,6 @@ class Motion:
     noise: Mapping[str, Array]
     rows: Integers
     reach: int
-    width: float
 
 
 def motion_of(signals: JointSignals, longest_delay: float) -> Motion | None:
@@ -71,29 +80,33 @@ def motion_of(signals: JointSignals, longest_delay: float) -> Motion | None:
     None where the log is too short.
     """
     moving = {role: x for role, x in signals.roles.items() if np.nanmax(x) > np.nanmin(x)}
-    count = len(signals)
-    widest = WIDEST * count
-    reach = int(min(longest_delay / signals.period, count / 8))
-    if widest < 2.0 or not moving:
+    count, widest = len(signals), FILTER.widest * len(signals)
+    if widest < FILTER.narrowest or not moving:
         return None
-    positions = [role for role in moving if "position" in role or role.startswith("deflection")]
-    noises = {role: noise_of(moving[role], signals.resolution.get(role, 0.0)) or 0.0 for role in positions}
-    width = 2.0
-    while width < widest and any(_is_noisy(moving[role], noises[role], width) for role in positions):
-        width *= 1.5
+    width = _width(signals, moving, widest)
+    reach = int(min(longest_delay / signals.period, count / 8))
+    edge = int(FILTER.reach * width) + 1 + reach
+    if count < 2 * edge + FILTER.rows // 10:
+        return None
+    rows = np.unique(np.linspace(edge, count - 1 - edge, FILTER.rows).astype(np.int64))
     gap = signals.starts.copy()
     gap[0] = False
-    passed = {role: _passed(x, gap, min(width, widest), signals.period) for role, x in moving.items()}
-    edge = int(REACH * min(width, widest)) + 1 + reach
-    rows = np.unique(np.linspace(edge, count - 1 - edge, ROWS).astype(np.int64)) if count > 2 * edge + ROWS // 10 else None
-    if rows is None:
-        return None
-    values, known = {role: p[0] for role, p in passed.items()}, {role: p[1] for role, p in passed.items()}
-    noise = {}
+    values, known, noise = dict[str, Array](), dict[str, Flags](), dict[str, Array]()
     for role, x in moving.items():
+        values[role], known[role] = _passed(x, gap, width, signals.period)
         again = _read_again(x, values[role][0], signals.resolution.get(role, 0.0))
-        noise[role] = _passed(again - values[role][0], gap, min(width, widest), signals.period)[0]
-    return Motion(signals.period, values, known, noise, rows, reach, min(width, widest))
+        noise[role] = _passed(again - values[role][0], gap, width, signals.period)[0]
+    return Motion(signals.period, values, known, noise, rows, reach)
+
+
+def _width(signals: JointSignals, moving: Mapping[str, Array], widest: float) -> float:
+    """Return the standard deviation of the narrowest filter that leaves noise out of accelerations [samples]."""
+    positions = [role for role in moving if "position" in role or role.startswith("deflection")]
+    noises = {role: noise_of(moving[role], signals.resolution.get(role, 0.0)) or 0.0 for role in positions}
+    width = FILTER.narrowest
+    while width < widest and any(_is_noisy(moving[role], noises[role], width) for role in positions):
+        width *= 1.5
+    return min(width, widest)
 
 
 def _is_noisy(x: Array, noise: float, width: float) -> bool:
@@ -103,7 +116,7 @@ def _is_noisy(x: Array, noise: float, width: float) -> bool:
     kernel = _kernels(width)[2]
     known = x[np.isfinite(x)]
     bent = _convolved(known, kernel)[kernel.size : -kernel.size]
-    return bent.size == 0 or noise**2 * float(kernel @ kernel) > NOISE_SHARE * float(np.mean(bent**2))
+    return bent.size == 0 or noise**2 * float(kernel @ kernel) > FILTER.noise_share * float(np.mean(bent**2))
 
 
 def _read_again(recorded: Array, smooth: Array, step: float) -> Array:
@@ -131,7 +144,7 @@ def _passed(x: Array, gap: Flags, width: float, period: float) -> tuple[Array, F
 
 def _kernels(width: float) -> tuple[Array, Array, Array]:
     """Return a sampled Gaussian and its first two derivatives, to be convolved with, exact for parabolas."""
-    k = np.arange(-int(REACH * width) - 1, int(REACH * width) + 2, dtype=np.float64)
+    k = np.arange(-int(FILTER.reach * width) - 1, int(FILTER.reach * width) + 2, dtype=np.float64)
     g = np.exp(-0.5 * (k / width) ** 2)
     g /= g.sum()
     first = -k * g

@@ -14,6 +14,7 @@ from msgspec.structs import replace
 
 from vsalog._version import __version__
 from vsalog.binding.joint import bind, offered_roles, wanted_channels
+from vsalog.checks.recording_faults import log_findings
 from vsalog.core.errors import BindingError, DiagnosisError, RigError, VsalogError, near_names
 from vsalog.core.finding import Finding, of_log
 from vsalog.core.finding_texts import sentences_of
@@ -127,7 +128,7 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
                     f"joint '{name}': is one with a link that the others of the chain move, and no torque sensor says how"
                 )
             other = None if second is None else bound_as_recorded(second, name, joint, set(signals.roles))
-            findings += signals.findings
+            findings += [*signals.findings, *log_findings([recording], name, joint)]
             stated = felt(joint, rig.tolerances[name])
             found += [
                 diagnose_joint(label, joint, part, other, progress, stated) for label, part in _runs(name, signals)

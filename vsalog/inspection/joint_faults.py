@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 
-from msgspec.structs import replace
-
 import numpy as np
+from msgspec.structs import replace
 
 from vsalog.binding.joint import bind, offered_roles, wanted_channels
 from vsalog.checks import sensor
@@ -24,7 +23,6 @@ from vsalog.rig import Rig
 from vsalog.rig.guess_types import Guess
 from vsalog.rig.schema import Joint, Motor, RigidJoint
 from vsalog.rig.template import rig_template
-
 
 BOUND = ("sensor.stuck", "recording.outliers")
 """Findings of binding that are about what was recorded, and not about the rig."""
@@ -54,7 +52,7 @@ def joint_faults(recording: Recording, guess: Guess) -> Iterator[Finding]:
 def _alone(
     recording: Recording, name: str, joint: Joint, signals: JointSignals, put_right: JointSignals
 ) -> Iterator[Finding]:
-    """Yield what is wrong with one joint's channels; `put_right` are its signals with those of another joint where they belong."""
+    """Yield what is wrong with one joint's channels; `put_right` has those of another joint where they belong."""
     currents = [role for role, signal in offered_roles(joint).items() if signal.unit == "A"]
     found = [finding for finding in signals.findings if finding.code in BOUND]
     found += channel_findings([recording], name, joint)
