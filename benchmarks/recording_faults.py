@@ -3,9 +3,10 @@
     python -m benchmarks.recording_faults faults [--seeds 2] [--presets sea,awas]
     python -m benchmarks.recording_faults sound [--count 500]
 
-Logs are simulated by `vsalog simulate`, faults are put into them by `tests/recording_faults/inject.py`, and `vsalog inspect` looks at
-them without a rig. Of faults of what channels have to do with one another those count that `tests/recording_faults/observable.py`
-notices. Exits with 1 where fewer than 98 % are named, or more than 1 % of the sound logs have a finding.
+Logs are simulated by `vsalog simulate`, faults are put into them by `tests/recording_faults/inject.py`, and `vsalog inspect`
+looks at them without a rig. Of faults of what channels have to do with one another those count that
+`tests/recording_faults/observable.py` notices. Exits with 1 where fewer than 98 % are named, or more than 1 % of the sound logs
+have a finding.
 """
 
 from __future__ import annotations
@@ -75,6 +76,15 @@ def found_in(recording: Recording) -> list[str]:
     return [finding.code for finding in findings if finding.code in FAULTS]
 
 
+def roles_of(recording: Recording) -> dict[str, dict[str, str]]:
+    """Return joint → role → channel, as they are guessed, of the channels that have a number at all times."""
+    whole = {name for name, channel in recording.channels.items() if np.isfinite(channel.values).all()}
+    return {
+        joint.name: {role: one.channel for role, one in joint.roles.items() if one.channel in whole}
+        for joint in guess_roles(recording).joints
+    }
+
+
 def observable(one: Injected, sound: Recording, roles: dict[str, dict[str, str]]) -> bool:
     """Tell whether a fault can be noticed in a log."""
     if one.kind in ALONE:
@@ -93,13 +103,7 @@ def faults(args: argparse.Namespace, folder: Path) -> bool:
                 sound = simulated(preset, motion, seed, folder)
                 if sound is None:
                     continue
-                guess = guess_roles(sound)
-                roles = {
-                    j.name: {
-                        r: g.channel for r, g in j.roles.items() if np.isfinite(sound.channels[g.channel].values).all()
-                    }
-                    for j in guess.joints
-                }
+                roles = roles_of(sound)
                 for one in injected(sound, roles, np.random.default_rng(seed)):
                     if args.kinds and one.kind not in args.kinds.split(","):
                         continue
@@ -112,10 +116,8 @@ def faults(args: argparse.Namespace, folder: Path) -> bool:
                     counts[one.kind] += 1
                     if not NAMES[one.kind] & set(codes):
                         missed[one.kind] += 1
-                        print(
-                            f"missed: {preset} {motion} {seed}: {one.kind} in {one.joint} {one.role}: {', '.join(codes) or 'nothing'}",
-                            flush=True,
-                        )
+                        what = f"{preset} {motion} {seed}: {one.kind} in {one.joint} {one.role}"
+                        print(f"missed: {what}: {', '.join(codes) or 'nothing'}", flush=True)
     for kind in NAMES:
         print(f"{kind:25} {counts[kind] - missed[kind]:5} of {counts[kind]:5} named; {unseen[kind]} cannot be noticed")
     total, named = counts.total(), counts.total() - missed.total()

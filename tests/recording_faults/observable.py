@@ -1,12 +1,13 @@
 """Whether a fault can be noticed at all: by a fit of a joint's equations that is written apart from vsalog's.
 
-Savitzky-Golay derivatives, springs that are polynomials of the deflection, and scipy's non-negative least squares. A fault of what
+Savitzky-Golay derivatives, springs that rise with the deflection, and scipy's non-negative least squares. A fault of what
 channels have to do with one another can be noticed where an equation leaves ten times as much of its target as of the sound log.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +67,7 @@ def _resistance(at: Mapping[tuple[str, int], Array], role: str) -> list[Array]:
 def _ramps(phi: Array, at: Mapping[tuple[str, int], Array], has: set[str]) -> list[Array]:
     """Return functions that rise with the deflection, over a set-point where there is one."""
     knots = np.linspace(float(phi.min()), float(phi.max()), 13)
-    ramps = [np.clip(phi - a, 0.0, b - a) for a, b in zip(knots[:-1], knots[1:], strict=True)]
+    ramps = [np.clip(phi - a, 0.0, b - a) for a, b in pairwise(knots.tolist())]
     if "setpoint" not in has:
         return ramps
     r = at["setpoint", 0]

@@ -47,9 +47,9 @@ class Lines(NamedTuple):
     longest : samples per sample of a slower sensor that are looked for
     fewest : samples of each phase of which a share is taken
     straight : part of a signal's usual bend from sample to sample below which three samples lie on a line
-    between, at_knots : parts of the samples that lie on the line between their neighbours at all phases but one, at least, and at that
-        one, at most; phases of a measured signal are alike, and of forty samples that do so with a probability of `between` half
-        or fewer do with one below 1e-15
+    between, at_knots : parts of the samples that lie on the line between their neighbours at all phases but one, at least, and
+        at that one, at most; phases of a measured signal are alike, and of forty samples that do so with a probability of
+        `between` half or fewer do with one below 1e-15
     """
 
     longest: int = 64
@@ -107,6 +107,7 @@ def samples_per_knot(x: Array) -> int:
     if not bend.size or float(bend.max()) == 0.0:
         return 0
     straight = bend <= LINES.straight * float(np.median(bend[bend > ROUNDING * bend.max()]))
+    found = dict[int, float]()
     for n in range(2, LINES.longest + 1):
         counts = np.bincount(moving % n, minlength=n)
         if int(counts.min()) < LINES.fewest:
@@ -114,8 +115,9 @@ def samples_per_knot(x: Array) -> int:
         shares = np.bincount(moving % n, straight, n) / counts
         knot = int(np.argmin(shares))
         if shares[knot] <= LINES.at_knots and np.delete(shares, knot).min() >= LINES.between:
-            return n
-    return 0
+            found[n] = float(shares[knot])
+    # Of a number and its divisors, that at which it always bends.
+    return min(found, key=found.__getitem__, default=0)
 
 
 def wraps(x: Array, turn: float) -> int:

@@ -88,7 +88,7 @@ def with_exchanged(joints: Joints, a: str, b: str, role: str) -> dict[str, Joint
 def _exchanged(
     joints: Joints, known: Mapping[str, Channels], pair: tuple[str, str]
 ) -> Iterator[tuple[float, float, float, tuple[str, str], str]]:
-    """Yield for each role of two joints the ratio, p-value and part left where their channels are exchanged, and whose they are."""
+    """Yield of each role of two joints the ratio, p-value and part left with their channels exchanged, and whose they are."""
     a, b = pair
     if len(joints[a]) != len(joints[b]):
         return

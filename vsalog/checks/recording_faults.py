@@ -36,7 +36,8 @@ CODES: Mapping[Kind, str] = {
 }
 
 
-FOLLOWING = tuple(CODES.values())
+# A magnitude rests at 0, and is no less one for that.
+FOLLOWING = tuple(code for code in CODES.values() if code != "torque.unsigned")
 
 
 class RecordingFaults:
@@ -45,6 +46,7 @@ class RecordingFaults:
     name = "recording_faults"
     supersedes: Mapping[str, Sequence[str]] = {
         "signal.sign": ("encoder.sign",),
+        "torque.unsigned": ("sensor.saturated", "sensor.clipped", "torque.dropouts"),
         "signal.unit": ("encoder.deflection_unit", "encoder.unit", "encoder.zero"),
         "signal.scale": ("encoder.deflection_unit", "encoder.unit", "encoder.zero"),
         # Channels that were cut off or stood still for a while fit others less well, whatever is undone.
@@ -122,7 +124,7 @@ def exchanged_joints(joints: Mapping[str, JointSignals]) -> tuple[Finding | None
         return None, joints
     (a, b), what = found
     role = what.fault.roles[0]
-    evidence: Evidence = {"joint": a, "other": b, "p_value": what.p_value, "left": what.left}
+    evidence: Evidence = {"first": a, "second": b, "p_value": what.p_value, "left": what.left}
     finding = Finding(code="signal.joints_exchanged", part=role, value=what.left, limit=RULE.left, evidence=evidence)
     return finding, with_exchanged(joints, a, b, role)
 
@@ -165,8 +167,8 @@ TEXTS = {
         "Give its unit in the rig: \"deg\" instead of \"rad\", \"N*mm\" instead of \"N*m\".",
     ),
     "signal.scale": Text(
-        "{part} is {factor:.4g} times what the other channels say: so divided, the joint's equations leave {left:.1%} of what they"
-        " leave now. A position is before the gear then, or in encoder counts; a torque is before the gear, or is a current.",
+        "{part} is {factor:.4g} times what the other channels say: so divided, the joint's equations leave {left:.1%} of what"
+        " they leave now. A position is before the gear then, or in encoder counts; a torque is before the gear, or a current.",
         "Say 'side = \"rotor\"' of it in the rig with the motor's gear_ratio, or 'unit = \"A\"' with its torque_constant.",
     ),
     "signal.late": Text(
@@ -183,8 +185,8 @@ TEXTS = {
         "Exchange their channels in the rig.",
     ),
     "signal.joints_exchanged": Text(
-        "{part} of {joint} and of {other} are exchanged: taken for one another, the joints' equations leave {left:.1%} of what they"
-        " leave now.",
+        "{part} of {first} and of {second} are exchanged: taken for one another, the joints' equations leave {left:.1%} of what"
+        " they leave now.",
         "Exchange their channels in the rig.",
     ),
     "torque.unsigned": Text(

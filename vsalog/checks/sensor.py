@@ -25,15 +25,19 @@ class Cut(NamedTuple):
 
     Attributes
     ----------
-    kink : way in the farther half of a stretch next to that end over that in the nearer half, at most: one of an even speed, three of
-        an even deceleration, and in between the middle of their logarithms
+    kink : way in the farther half of a stretch next to that end over that in the nearer half, at most: one of an even speed,
+        three of an even deceleration, and in between the middle of their logarithms
     steps : of the sensor over which a speed shows
+    stays : samples that it is at that end, at least: between two of a fast motion nothing shows how it turns
+    nearest : samples of a stretch's half, at least
     fewest : times that it comes to an end, or leaves it, at full speed: a single stop is a collision
     jump : step of a position behind a rest over the greatest of all others, at least: no drive is so much faster just once
     """
 
     kink: float = 1.8
     steps: float = 32.0
+    stays: int = 8
+    nearest: int = 3
     fewest: int = 4
     jump: float = 10.0
 
@@ -46,8 +50,7 @@ def passing(signals: JointSignals) -> Iterator[Finding]:
     """Yield what may befall a sensor for a while."""
     for role in signals.roles:
         if role.startswith((*MEASURED, "pressure", "motor_torque")) and is_fine(signals, role):
-            yield from _saturated(signals, role)
-            yield from _clipped(signals, role)
+            yield from list(_saturated(signals, role)) or _clipped(signals, role)
         if "position" in role or role.startswith("deflection"):
             yield from _frozen(signals, role)
         if role.startswith((*MEASURED, "motor_torque")):
@@ -90,7 +93,7 @@ def _clipped(signals: JointSignals, role: str) -> Iterator[Finding]:
     kinks, found = 0, list[Finding]()
     for end, extreme in (("highest", float(finite.max())), ("lowest", float(finite.min()))):
         first, after = runs(x == extreme)
-        long = after - first >= SAMPLES_PER_VALUE
+        long = after - first >= CUT.stays
         way, here = np.abs(x - extreme), 0
         for begin, over in zip(first[long].tolist(), after[long].tolist(), strict=True):
             # A rest at either end of the log begins or ends nowhere.
@@ -137,11 +140,11 @@ def _kinked(way: NDArray[np.float64], at: int, ahead: int, enough: float, length
     length : samples that it stays there; a parabola's top is within a step for less time than it takes to go `enough`
     """
     # The sample next to the end is anywhere between it and one step of the motion away.
-    side = (way[at + ahead :: ahead] if at + ahead >= 0 else way[:0])[: 2 * length]
+    side = (way[at + ahead :: ahead] if at + ahead >= 0 else way[:0])[: max(2 * length, 2 * CUT.nearest + 1)]
     far = np.flatnonzero(~(side - side[:1] < enough))
     if not far.size or far[0] > length:
         return False
-    half = max(1, -(-int(far[0]) // 2))
+    half = max(CUT.nearest, -(-int(far[0]) // 2))
     if 2 * half >= side.size or not np.isfinite(side[: 2 * half + 1]).all():
         return False
     near, beyond = side[half] - side[0], side[2 * half] - side[half]
@@ -177,13 +180,13 @@ TEXTS = {
         "The stiffness is wrong wherever it is; choose a larger range, or leave these stretches out (--start, --end).",
     ),
     "sensor.clipped": Text(
-        "{part} reaches its {end} value {at:.6g} at full speed, stays there, and leaves it at full speed (first at {begin:.4g} s,"
-        " {value:.1%} of the samples): it was clipped, or the joint ran into a stop.",
+        "{part} reaches its {end} value {at:.6g} at full speed, stays there, and leaves it at full speed (first at"
+        " {begin:.4g} s, {value:.1%} of the samples): it was clipped, or the joint ran into a stop.",
         "Leave these stretches out (--start, --end), or choose a larger range.",
     ),
     "sensor.frozen": Text(
-        "{part} does not change from {begin:.4g} s to {end:.4g} s and then jumps by {value:.3g} rad, where no other step is farther"
-        " than a tenth of that: it was stuck.",
+        "{part} does not change from {begin:.4g} s to {end:.4g} s and then jumps by {value:.3g} rad, where no other step is"
+        " farther than a tenth of that: it was stuck.",
         "Leave that stretch out (--start, --end).",
     ),
     "sensor.repeated": Text(

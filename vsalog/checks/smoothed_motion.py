@@ -1,6 +1,6 @@
 """A joint's roles through one filter: value, rate and acceleration of each at the same instants.
 
-A linear equation with constant coefficients that holds for channels holds for channels that passed through one filter, so that the
+A linear equation with constant coefficients that holds for channels holds for channels that passed through one filter: the
 filter's width is no part of what is compared.
 """
 
@@ -31,11 +31,11 @@ class Filter(NamedTuple):
     rows : instants at which equations are held against channels: a fit to them takes a millisecond
     widest : standard deviation of the widest filter as part of the log: hundreds of independent rows are left
     narrowest : standard deviation of the narrowest [samples]: its derivatives are those of a Gaussian still
-    noise_share : part of an acceleration's mean square that an encoder's noise makes at most, where a filter is wide enough for it
+    noise_share : part of an acceleration's mean square that an encoder's noise makes at most, if a filter is wide enough
     reach : standard deviations beyond which a Gaussian is cut off: 6e-5 of it are left
     """
 
-    rows: int = 2000
+    rows: int = 1500
     widest: float = 1 / 200
     narrowest: float = 2.0
     noise_share: float = 0.01
