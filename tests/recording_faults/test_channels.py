@@ -93,7 +93,9 @@ def test_a_position_that_was_cut_off_is_found():
         SWING,
         np.sin(2.0 * T),
         # To an end of the range and a rest there, as a drive goes: evenly faster, evenly slower.
-        np.interp(np.minimum(T % 4.0, 2.0), *(lambda s: (2.0 * s, 3.0 * s**2 - 2.0 * s**3))(np.linspace(0.0, 1.0, 400))),
+        np.interp(
+            np.minimum(T % 4.0, 2.0), *(lambda s: (2.0 * s, 3.0 * s**2 - 2.0 * s**3))(np.linspace(0.0, 1.0, 400))
+        ),
     ],
 )
 def test_what_turns_by_itself_was_not_cut_off(sound):

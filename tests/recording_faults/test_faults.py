@@ -60,7 +60,9 @@ def test_exchanged_motors_are_named(vsa2):
             assert finding.part == one.role.replace(" ", " and ")
 
 
-@pytest.mark.parametrize("log", ["sea_exp1.csv", "sea_exp2.bag", "vsa2_exp1.mcap", "vsa2_exp2.mcap", "awas_exp1.mcap", "awas_exp2.mcap"])
+@pytest.mark.parametrize(
+    "log", ["sea_exp1.csv", "sea_exp2.bag", "vsa2_exp1.mcap", "vsa2_exp2.mcap", "awas_exp1.mcap", "awas_exp2.mcap"]
+)
 def test_sound_logs_have_no_faults(samples, log):
     assert found_in(read(samples / log)) == []
 

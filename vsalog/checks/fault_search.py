@@ -115,9 +115,14 @@ def _channels(signals: JointSignals, unknown_scale: Collection[str] = ()) -> Cha
 
 
 def _wrong(channels: Channels, undone: Faults) -> set[str]:
-    """Return the equations that leave more than noise, by so much that a fault may be found in it."""
-    now = channels.trial(undone)
-    return {e for e in channels.equations if now.left(e) > channels.noise(e, undone) / RULE.left}
+    """Return the equations that leave more than noise."""
+    now, floor = channels.trial(undone), _floor(channels, undone)
+    return {e for e in channels.equations if now.left(e) > floor[e]}
+
+
+def _floor(channels: Channels, undone: Faults) -> dict[str, float]:
+    """Return what noise makes of what each equation leaves."""
+    return {e: channels.noise(e, undone) for e in channels.equations}
 
 
 def _likeliest(channels: Channels, undone: Faults) -> Found | None:
@@ -129,9 +134,14 @@ def _likeliest(channels: Channels, undone: Faults) -> Found | None:
         tried.append((trial.better(now), fault, trial))
     if not tried:
         return None
+    # Equations that are left with no more than noise are explained alike.
+    floor = _floor(channels, (*undone, max(tried, key=lambda one: one[0])[1]))
+    tried = [(trial.better(now, floor), fault, trial) for _, fault, trial in tried]
     likeliest = max(ratio for ratio, *_ in tried)
-    # Of faults that are as likely, the one that is about the fewest equations: the others' are sound.
-    tried.sort(key=lambda one: (one[0] < likeliest - RULE.as_likely, len(one[2].squares), -one[0]))
+    # Of faults that are as likely, the one that is about the fewest equations: the others' are sound. A unit has no free number.
+    tried.sort(
+        key=lambda one: (one[0] < likeliest - RULE.as_likely, len(one[2].squares), one[1].kind == "scale", -one[0])
+    )
     ratio, fault, trial = tried[0]
     p = min(1.0, len(tried) * mean_above_zero(trial.block_ratios(now)))
     left, holds = _part_left(now, trial)

@@ -64,8 +64,8 @@ def least(f: Callable[[float], float], longest: float, step: float, finest: floa
     None where it is nowhere below its value at 0 by more than what counts as as likely.
     """
     count = max(1, int(longest / step))
-    near = [seed + k * finest * 4**m for k in (-1, 0, 1) for m in range(4) if abs(seed) < longest]
-    values = {x: f(x) for x in (*(k * step for k in range(-count, count + 1)), *near)}
+    near = (seed + 4 * k * finest for k in range(-6, 7))
+    values = {x: f(x) for x in (*(k * step for k in range(-count, count + 1)), *(x for x in near if abs(x) <= longest))}
     best = float(min(values, key=values.__getitem__))
     value = values[best]
     if value > values[0.0] - RULE.as_likely:

@@ -49,6 +49,7 @@ class RecordingFaults:
         "torque.unsigned": ("sensor.saturated", "sensor.clipped", "torque.dropouts"),
         "signal.unit": ("encoder.deflection_unit", "encoder.unit", "encoder.zero"),
         "signal.scale": ("encoder.deflection_unit", "encoder.unit", "encoder.zero"),
+        "signal.interpolated": ("sensor.clipped", "sensor.frozen"),
         # Channels that were cut off or stood still for a while fit others less well, whatever is undone.
         **dict.fromkeys(
             ("sensor.clipped", "sensor.frozen", "sensor.saturated", "sensor.stuck", "encoder.stuck", "torque.stuck"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +29,13 @@ class Trial:
 
     squares: Mapping[str, Array]
 
-    def better(self, other: Trial) -> float:
-        """Return the log-likelihood ratio of this over another, which has the equations of this one."""
-        return float(sum(math.log(_above_0(other.left(e)) / _above_0(self.left(e))) for e in self.squares))
+    def better(self, other: Trial, floor: Mapping[str, float] = MappingProxyType({})) -> float:
+        """Return the log-likelihood ratio of this over another, which has the equations of this one.
+
+        What an equation leaves counts as no less than its floor, where it has one.
+        """
+        least = {e: _above_0(floor.get(e, 0.0)) for e in self.squares}
+        return sum(math.log(max(other.left(e), least[e]) / max(self.left(e), least[e])) for e in self.squares)
 
     def block_ratios(self, other: Trial) -> Array:
         """Return the log-likelihood ratio in each block; one in which next to nothing is left says next to nothing."""
