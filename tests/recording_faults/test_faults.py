@@ -134,9 +134,17 @@ def unrelated(rng):
 
 
 def codes(found):
-    document = json.loads(found.stdout)
-    joints = [*document.get("joints", []), *document.get("logs", []), *document.get("reports", [])]
-    return {finding["code"] for part in (document, *joints) for finding in part.get("findings", [])}
+    """Return the codes of all findings anywhere in a command's JSON."""
+
+    def within(part):
+        if isinstance(part, dict):
+            yield from (part["code"],) if "code" in part else ()
+            part = list(part.values())
+        for one in part if isinstance(part, list) else ():
+            yield from within(one)
+
+    assert found.stdout, found.stderr
+    return set(within(json.loads(found.stdout)))
 
 
 def test_every_command_reports_a_magnitude(samples, tmp_path, run):

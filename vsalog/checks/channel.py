@@ -22,6 +22,7 @@ from vsalog.core.finding_texts import add_texts
 from vsalog.core.precision import ROUNDING
 from vsalog.core.recording import Channel, Recording
 from vsalog.core.resolution import spread_over
+from vsalog.core.significance import FALSE_ALARM_OF_MANY
 from vsalog.core.units import si_factor
 from vsalog.rig.schema import Joint
 
@@ -98,7 +99,8 @@ def channel_findings(recordings: Sequence[Recording], name: str, joint: Joint) -
 def samples_per_knot(x: Array) -> int:
     """Return how many samples lie from one bend of a signal to the next, where it is straight in between; 0 for no number.
 
-    Those that are interpolated twofold or more have one phase at which the signal bends and others at which it does not.
+    Those that are interpolated twofold or more have one phase at which the signal bends and others at which it does not. Of a
+    measured channel this is found with less than `FALSE_ALARM_OF_MANY`: see `Lines.between`, for each of the phases that are tried.
     """
     x = x[: 8 * LINES.longest * LINES.fewest]
     bend, steps = np.abs(np.diff(x, 2)), np.diff(x)
@@ -145,6 +147,7 @@ TEXTS = {
     "signal.interpolated": Text(
         "{part} bends at every {value:.0f}th sample only and is straight in between: it was interpolated between fewer samples.",
         "Record the samples as they are: interpolated ones are late, and repeat the noise of those around them.",
+        FALSE_ALARM_OF_MANY,
     ),
     "encoder.wrapped": Text(
         "{part} jumps by a turn ({turn:.6g}) {value:n time}: its encoder wraps.", "The jumps are taken out."

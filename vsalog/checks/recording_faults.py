@@ -19,6 +19,7 @@ from vsalog.core.finding import Evidence, Finding, Text
 from vsalog.core.finding_texts import add_texts
 from vsalog.core.recording import Recording
 from vsalog.core.signals import JointSignals
+from vsalog.core.significance import FALSE_ALARM
 from vsalog.rig.schema import Joint
 
 READ = ("motor_position", "link_position", "deflection", "motor_torque", "torque_sensor", "setpoint")
@@ -161,44 +162,53 @@ TEXTS = {
     "signal.sign": Text(
         "{part} counts the other way round: turned, the joint's equations leave {left:.1%} of what they leave now.",
         "Say 'sign = -1' of it in the rig.",
+        FALSE_ALARM,
     ),
     "signal.unit": Text(
         "{part} is {factor:.4g} times what the other channels say, as in another unit: so divided, the joint's equations leave"
         " {left:.1%} of what they leave now.",
         "Give its unit in the rig: \"deg\" instead of \"rad\", \"N*mm\" instead of \"N*m\".",
+        FALSE_ALARM,
     ),
     "signal.scale": Text(
         "{part} is {factor:.4g} times what the other channels say: so divided, the joint's equations leave {left:.1%} of what"
         " they leave now. A position is before the gear then, or in encoder counts; a torque is before the gear, or a current.",
         "Say 'side = \"rotor\"' of it in the rig with the motor's gear_ratio, or 'unit = \"A\"' with its torque_constant.",
+        FALSE_ALARM,
     ),
     "signal.late": Text(
         "{part} is {value:.3g} s later than the other channels (below 0: earlier): moved, the joint's equations leave {left:.1%}"
         " of what they leave now.",
         "Give it as 'delay' of the role in the rig, or stamp samples where they are taken.",
+        FALSE_ALARM,
     ),
     "signal.clock_rate": Text(
         "{part} becomes later by {value:.4g} µs a second: it is on another clock than the other channels.",
         "Stamp all channels with one clock; --time log may do.",
+        FALSE_ALARM,
     ),
     "signal.exchanged": Text(
         "{part} are exchanged: taken for one another, the joint's equations leave {left:.1%} of what they leave now.",
         "Exchange their channels in the rig.",
+        FALSE_ALARM,
     ),
     "signal.joints_exchanged": Text(
         "{part} of {first} and of {second} are exchanged: taken for one another, the joints' equations leave {left:.1%} of what"
         " they leave now.",
         "Exchange their channels in the rig.",
+        FALSE_ALARM,
     ),
     "torque.unsigned": Text(
         "{part} is a magnitude: it is never negative, and with the sign that motion and load give it the joint's equations leave"
         " {left:.1%} of what they leave now. What an estimate makes of it is wrong wherever the torque reverses.",
         "Record the signed value; leave the channel out of the rig where there is none.",
+        FALSE_ALARM,
     ),
     "torque.without_gravity": Text(
         "gravity was taken out of {part}: with a gravity torque added, the joint's equations leave {left:.1%} of what they leave"
         " now.",
         "Record the torque as it is measured, or take gravity out of the other one too.",
+        FALSE_ALARM,
     ),
 }  # fmt: skip
 add_texts(TEXTS)

@@ -14,6 +14,7 @@ from vsalog.core.finding import Evidence, Finding, Text
 from vsalog.core.finding_texts import add_texts
 from vsalog.core.precision import ROUNDING
 from vsalog.core.signals import JointSignals
+from vsalog.core.significance import FALSE_ALARM_OF_MANY
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 
 SAMPLES_PER_VALUE = 3
@@ -178,6 +179,7 @@ TEXTS = {
         "{part} rests at its {end} value {at:.6g} for {value:.1%} of the samples (first at {begin:.4g} s) and moves noisily"
         " elsewhere: it is saturated.",
         "The stiffness is wrong wherever it is; choose a larger range, or leave these stretches out (--start, --end).",
+        FALSE_ALARM_OF_MANY,
     ),
     "sensor.clipped": Text(
         "{part} reaches its {end} value {at:.6g} at full speed, stays there, and leaves it at full speed (first at"
