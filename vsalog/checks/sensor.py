@@ -3,25 +3,57 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vsalog.checks.samples import FEWEST_LEVELS, SAME_MOTION, is_fine, is_noisy, levels, runs, unlikely_run
-from vsalog.core.finding import Finding, Text
+from vsalog.checks.samples import FEWEST_LEVELS, SAME_MOTION, is_fine, is_noisy, levels, rests, runs, unlikely_run
+from vsalog.core.finding import Evidence, Finding, Text
 from vsalog.core.finding_texts import add_texts
+from vsalog.core.precision import ROUNDING
 from vsalog.core.signals import JointSignals
+from vsalog.core.significance import FALSE_ALARM_OF_MANY
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 
 SAMPLES_PER_VALUE = 3
 """Samples of the log per value from which on a slower sensor is late enough to bias a stiffness."""
+
+
+class Cut(NamedTuple):
+    """What a signal without noise is like that was cut off at an end of its range.
+
+    Attributes
+    ----------
+    kink : way in the farther half of a stretch next to that end over that in the nearer half, at most: one of an even speed,
+        three of an even deceleration, and in between the middle of their logarithms
+    steps : of the sensor over which a speed shows
+    stays : samples that it is at that end, at least: between two of a fast motion nothing shows how it turns
+    nearest : samples of a stretch's half, at least
+    fewest : times that it comes to an end, or leaves it, at full speed: a single stop is a collision
+    jump : step of a position behind a rest over the greatest of all others, at least: no drive is so much faster just once
+    """
+
+    kink: float = 1.8
+    steps: float = 32.0
+    stays: int = 8
+    nearest: int = 3
+    fewest: int = 4
+    jump: float = 10.0
+
+
+CUT = Cut()
 MEASURED = ("torque_sensor", "link_position", "motor_position", "deflection")
 
 
 def passing(signals: JointSignals) -> Iterator[Finding]:
     """Yield what may befall a sensor for a while."""
     for role in signals.roles:
-        if role.startswith((*MEASURED, "pressure")) and is_fine(signals, role):
-            yield from _saturated(signals, role)
+        if role.startswith((*MEASURED, "pressure", "motor_torque")) and is_fine(signals, role):
+            yield from list(_saturated(signals, role)) or _clipped(signals, role)
+        if "position" in role or role.startswith("deflection"):
+            yield from _frozen(signals, role)
         if role.startswith((*MEASURED, "motor_torque")):
             yield from _repeated(signals, role)
 
@@ -47,6 +79,77 @@ def _saturated(signals: JointSignals, role: str) -> Iterator[Finding]:
                 limit=NEGLIGIBLE_SHARE,
                 evidence={"end": end, "at": extreme, "begin": float(signals.time[first[np.argmax(long)]])},
             )
+
+
+def _clipped(signals: JointSignals, role: str) -> Iterator[Finding]:
+    """Yield the ends of the range that a signal without noise reaches at full speed, and more than once.
+
+    What turns or comes to rest gets slower before; what is cut off does not.
+    """
+    x = signals.roles[role]
+    finite = x[np.isfinite(x)]
+    if is_noisy(x, np.isfinite(x)):
+        return
+    step = max(signals.resolution.get(role, 0.0), float(np.ptp(finite)) * ROUNDING)
+    kinks, found = 0, list[Finding]()
+    for end, extreme in (("highest", float(finite.max())), ("lowest", float(finite.min()))):
+        first, after = runs(x == extreme)
+        long = after - first >= CUT.stays
+        way, here = np.abs(x - extreme), 0
+        for begin, over in zip(first[long].tolist(), after[long].tolist(), strict=True):
+            # A rest at either end of the log begins or ends nowhere.
+            sides = [(begin, -1)] * (begin > 0) + [(over - 1, 1)] * (over < x.size)
+            here += sum(_kinked(way, at, ahead, CUT.steps * step, over - begin) for at, ahead in sides)
+        kinks += here
+        if here:
+            share, begin = float((after - first)[long].sum()) / finite.size, float(signals.time[first[np.argmax(long)]])
+            evidence: Evidence = {"end": end, "at": extreme, "begin": begin}
+            found.append(Finding(code="sensor.clipped", joint=signals.joint, part=role, value=share, evidence=evidence))
+    if kinks >= CUT.fewest:
+        yield from found
+
+
+def _frozen(signals: JointSignals, role: str) -> Iterator[Finding]:
+    """Yield a position that stands still and then jumps, much farther than from any other sample to the next."""
+    x = signals.roles[role]
+    found, _ = rests(signals, x)
+    steps = np.abs(np.diff(x, append=np.nan))
+    ends = np.array(
+        [one.stop - 1 for one in found if one.stop < x.size and not signals.starts[one.stop]], dtype=np.int64
+    )
+    others = steps.copy()
+    others[ends] = np.nan
+    if not ends.size or not np.isfinite(others).any():
+        return
+    usual, jump = float(np.nanmax(others)), float(np.nanmax(steps[ends], initial=0.0))
+    if jump > CUT.jump * usual:
+        last = int(ends[np.nanargmax(steps[ends])])
+        begin = next(one.start for one in found if one.stop - 1 == last)
+        evidence: Evidence = {"begin": float(signals.time[begin]), "end": float(signals.time[last])}
+        about = partial(Finding, joint=signals.joint, part=role, unit="rad")
+        yield about(code="sensor.frozen", value=jump, limit=CUT.jump * usual, evidence=evidence)
+
+
+def _kinked(way: NDArray[np.float64], at: int, ahead: int, enough: float, length: int) -> bool:
+    """Tell whether a signal leaves an end of its range, or comes there, without getting slower.
+
+    Parameters
+    ----------
+    way : shape (N,), from that end
+    at, ahead : the sample there next to the others, and in which direction these are
+    enough : way at which steps do not matter
+    length : samples that it stays there; a parabola's top is within a step for less time than it takes to go `enough`
+    """
+    # The sample next to the end is anywhere between it and one step of the motion away.
+    side = (way[at + ahead :: ahead] if at + ahead >= 0 else way[:0])[: max(2 * length, 2 * CUT.nearest + 1)]
+    far = np.flatnonzero(~(side - side[:1] < enough))
+    if not far.size or far[0] > length:
+        return False
+    half = max(CUT.nearest, -(-int(far[0]) // 2))
+    if 2 * half >= side.size or not np.isfinite(side[: 2 * half + 1]).all():
+        return False
+    near, beyond = side[half] - side[0], side[2 * half] - side[half]
+    return bool(near > 0.0 and beyond < CUT.kink * near)
 
 
 def _repeated(signals: JointSignals, role: str) -> Iterator[Finding]:
@@ -76,6 +179,17 @@ TEXTS = {
         "{part} rests at its {end} value {at:.6g} for {value:.1%} of the samples (first at {begin:.4g} s) and moves noisily"
         " elsewhere: it is saturated.",
         "The stiffness is wrong wherever it is; choose a larger range, or leave these stretches out (--start, --end).",
+        FALSE_ALARM_OF_MANY,
+    ),
+    "sensor.clipped": Text(
+        "{part} reaches its {end} value {at:.6g} at full speed, stays there, and leaves it at full speed (first at"
+        " {begin:.4g} s, {value:.1%} of the samples): it was clipped, or the joint ran into a stop.",
+        "Leave these stretches out (--start, --end), or choose a larger range.",
+    ),
+    "sensor.frozen": Text(
+        "{part} does not change from {begin:.4g} s to {end:.4g} s and then jumps by {value:.3g} rad, where no other step is"
+        " farther than a tenth of that: it was stuck.",
+        "Leave that stretch out (--start, --end).",
     ),
     "sensor.repeated": Text(
         "{part} changes at every {value:.0f}th sample only, {rate:.4g} times a second: where it is a slower sensor's, repeated,"

@@ -64,10 +64,12 @@ class Text:
     says : what was found, sentences with the fields of the finding and of its evidence in braces; `{value:n row}` is
         "1 row" or "2 rows"
     advice : what to do, or what follows from it, sentences too
+    false_alarm : probability with which it is found of a joint or a channel where it is not so; None where none is derived
     """
 
     says: str
     advice: str = ""
+    false_alarm: float | None = None
 
 
 def of_log(log: str, findings: Iterable[Finding]) -> list[Finding]:

@@ -15,6 +15,7 @@ from msgspec.structs import replace
 
 from vsalog._version import __version__
 from vsalog.binding.joint import bind, names_of, offered_roles, wanted_channels
+from vsalog.checks.recording_faults import log_findings
 from vsalog.core.errors import BindingError, DiagnosisError, RigError, VsalogError, did_you_mean, near_names
 from vsalog.core.finding import Finding, of_log
 from vsalog.core.finding_texts import sentences_of
@@ -159,7 +160,7 @@ def diagnose(
                     f"joint '{name}': is one with a link that the others of the chain move, and no torque sensor says how"
                 )
             other = _one_after_another(bound_as_recorded(others, name, joint, set(signals.roles))) if others else None
-            findings += signals.findings
+            findings += [*signals.findings, *log_findings(recordings, name, joint)]
             stated = felt(joint, rig.tolerances[name])
             together = len(logs) if not getattr(joint, "run", ()) else 1
             parts = [(name, signals)] if together > 1 else _runs(name, signals)

@@ -8,7 +8,6 @@ import msgspec
 
 from vsalog.core.finding import Finding
 
-VERSION = 1
 SCHEMA = ("Identification", "vsalog identification", "What 'vsalog identify' found.")
 
 Determined = Literal["alone", "in combination", "not"]
@@ -87,7 +86,7 @@ class SimulationError(_Part, frozen=True):
     spread: float
 
 
-class Identification(_Part, frozen=True):
+class Identification(_Part, frozen=True, kw_only=True):
     """What `vsalog identify` found.
 
     Attributes
@@ -103,7 +102,7 @@ class Identification(_Part, frozen=True):
     findings : what a person should know
     """
 
-    version: int
+    version: int = 1
     vsalog: str
     log: str
     log_sha256: str

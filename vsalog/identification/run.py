@@ -20,7 +20,7 @@ from vsalog.diagnosis import run as diagnosis
 from vsalog.diagnosis.gain import floors, weighed
 from vsalog.estimation.job import sha256
 from vsalog.estimation.joint import pick_joints
-from vsalog.identification.document import VERSION, Combination, Identification, IdentifiedNumber
+from vsalog.identification.document import Combination, Identification, IdentifiedNumber
 from vsalog.identification.document import SimulationError as ErrorThere
 from vsalog.identification.fit import Fit, fitted
 from vsalog.identification.identifiability import combinations, correlations, determined
@@ -129,7 +129,6 @@ def identify(
         raise DiagnosisError(f"{log.name}: no joint of the rig can be identified: {'; '.join(sentences_of(findings))}")
     rig = _with_numbers(rig, found, log.name)
     document = Identification(
-        version=VERSION,
         vsalog=__version__,
         log=log.name,
         log_sha256=sha256(log),

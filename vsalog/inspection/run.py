@@ -23,6 +23,7 @@ from vsalog.inspection.document import (
     SampleReport,
     StreamReport,
 )
+from vsalog.inspection.joint_faults import joint_faults
 from vsalog.readers.sampling_pieces import Sample
 from vsalog.rig.checks import RUN
 from vsalog.rig.guess_types import Guess
@@ -41,7 +42,7 @@ def inspect_recording(recording: Recording, guess: Guess, sample: Sample | None 
     """
     roles = _roles(guess)
     found = Findings(recording.findings)
-    found.add(*guess.findings)
+    found.add(*guess.findings, *joint_faults(recording, guess))
     by_stream: dict[str, list[Channel]] = {name: [] for name in recording.streams}
     for channel in recording.channels.values():
         by_stream.setdefault(channel.stream, []).append(channel)

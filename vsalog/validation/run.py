@@ -12,6 +12,7 @@ import msgspec
 
 from vsalog._version import __version__
 from vsalog.binding.joint import bind, names_of, offered_roles, wanted_channels
+from vsalog.checks.recording_faults import log_findings
 from vsalog.checks.signals import implausible
 from vsalog.core.errors import BindingError, EstimatorError, RigError, did_you_mean
 from vsalog.core.finding import Finding, of_log
@@ -153,7 +154,7 @@ def _judge_log(
         roles = _roles(device, joint)
         recording = _read(log, joint, roles, name, options)
         bound = bind([recording], name, joint, roles)
-        doubts = [*bound.findings, *implausible(device, bound)]
+        doubts = [*bound.findings, *implausible(device, bound), *log_findings([recording], name, joint)]
         prepared = prepare(device, bound)
         del bound  # what is long is not kept twice
         signals = prepared.signals

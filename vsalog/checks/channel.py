@@ -1,0 +1,161 @@
+"""A channel by itself, as it was recorded: interpolated between fewer samples, wrapped, in counts.
+
+What is recorded is not bound yet: on a joint's grid a slower channel is interpolated by vsalog itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.binding.joint import offered_roles, wanted_channels
+from vsalog.binding.unwrapping import WRAP_JUMP, wraps_around
+from vsalog.checks.samples import FEWEST_LEVELS
+from vsalog.core.errors import UnitError
+from vsalog.core.finding import Finding, Text
+from vsalog.core.finding_texts import add_texts
+from vsalog.core.precision import ROUNDING
+from vsalog.core.recording import Channel, Recording
+from vsalog.core.resolution import spread_over
+from vsalog.core.significance import FALSE_ALARM_OF_MANY
+from vsalog.core.units import si_factor
+from vsalog.rig.schema import Joint
+
+Array = NDArray[np.float64]
+
+MEASURED = (
+    "motor_position",
+    "link_position",
+    "deflection",
+    "motor_torque",
+    "torque_sensor",
+    "link_acceleration",
+    "pressure",
+)
+ANGLES = ("motor_position", "link_position")
+
+
+class Lines(NamedTuple):
+    """What a signal is like that was interpolated between fewer samples.
+
+    Attributes
+    ----------
+    longest : samples per sample of a slower sensor that are looked for
+    fewest : samples of each phase of which a share is taken
+    straight : part of a signal's usual bend from sample to sample below which three samples lie on a line
+    between, at_knots : parts of the samples that lie on the line between their neighbours at all phases but one, at least, and
+        at that one, at most; phases of a measured signal are alike, and of forty samples that do so with a probability of
+        `between` half or fewer do with one below 1e-15
+    """
+
+    longest: int = 64
+    fewest: int = 40
+    straight: float = 1e-3
+    between: float = 0.95
+    at_knots: float = 0.5
+
+
+LINES = Lines()
+
+
+def channel_findings(recordings: Sequence[Recording], name: str, joint: Joint) -> Iterator[Finding]:
+    """Yield what is wrong with a joint's channels by themselves.
+
+    Parameters
+    ----------
+    recordings : with the joint's channels
+    name, joint : of the rig
+    """
+    for role in offered_roles(joint):
+        if not role.startswith(MEASURED):
+            continue
+        found = [
+            one.channels[channel]
+            for one in recordings
+            for channel in sorted(wanted_channels(joint, one.path.name, [role]))
+            if channel in one.channels
+        ]
+        about = partial(Finding, joint=name, part=role)
+        for channel in found:
+            x = channel.values[np.isfinite(channel.values)]
+            if x.size < FEWEST_LEVELS or np.ptp(x) == 0.0:
+                continue
+            if each := samples_per_knot(x):
+                yield about(code="signal.interpolated", value=float(each), limit=1.0)
+            if role.startswith(ANGLES):
+                turn, counts = _turn(channel), np.array_equal(x, np.round(x)) and float(np.ptp(x)) > math.tau
+                if (times := wraps(x, turn)) > 0:
+                    yield about(code="encoder.wrapped", severity="info", value=float(times), evidence={"turn": turn})
+                # Whole radians are no encoder's; without a unit the guess says so.
+                if channel.unit and counts and turn <= math.tau:
+                    yield about(code="encoder.counts", value=float(np.ptp(x)), limit=math.tau, unit="rad")
+
+
+def samples_per_knot(x: Array) -> int:
+    """Return how many samples lie from one bend of a signal to the next, where it is straight in between; 0 for no number.
+
+    Those that are interpolated twofold or more have one phase at which the signal bends and others at which it does not. Of a
+    measured channel this is found with less than `FALSE_ALARM_OF_MANY`, for each of the phases that are tried: see
+    `Lines.between`.
+    """
+    x = x[: 8 * LINES.longest * LINES.fewest]
+    bend, steps = np.abs(np.diff(x, 2)), np.diff(x)
+    moving = np.flatnonzero((steps[1:] != 0.0) | (steps[:-1] != 0.0))
+    bend = bend[moving]
+    if not bend.size or float(bend.max()) == 0.0:
+        return 0
+    straight = bend <= LINES.straight * float(np.median(bend[bend > ROUNDING * bend.max()]))
+    found = dict[int, float]()
+    for n in range(2, LINES.longest + 1):
+        counts = np.bincount(moving % n, minlength=n)
+        if int(counts.min()) < LINES.fewest:
+            break
+        shares = np.bincount(moving % n, straight, n) / counts
+        knot = int(np.argmin(shares))
+        if shares[knot] <= LINES.at_knots and np.delete(shares, knot).min() >= LINES.between:
+            found[n] = float(shares[knot])
+    # Of a number and its divisors, that at which it always bends.
+    return min(found, key=found.__getitem__, default=0)
+
+
+def wraps(x: Array, turn: float) -> int:
+    """Return how often an encoder's reading jumps by a turn and stays within one."""
+    if not wraps_around(float(np.ptp(x)), turn):
+        return 0
+    return int(np.count_nonzero(np.abs(np.diff(x)) > WRAP_JUMP * turn))
+
+
+def _turn(channel: Channel) -> float:
+    """Return a turn in a channel's unit; of whole numbers the power of two that they stay within."""
+    if channel.unit:
+        try:
+            return math.tau / si_factor(channel.unit, "rad")
+        except UnitError:
+            return math.inf
+    x = spread_over(channel.values[np.isfinite(channel.values)])
+    span = float(np.ptp(x))
+    if np.array_equal(x, np.round(x)) and span > math.tau:
+        return float(2.0 ** math.ceil(math.log2(span)))
+    return math.tau if span <= math.tau * 1.01 else 360.0
+
+
+TEXTS = {
+    "signal.interpolated": Text(
+        "{part} bends at every {value:.0f}th sample only and is straight in between: it was interpolated between fewer samples.",
+        "Record the samples as they are: interpolated ones are late, and repeat the noise of those around them.",
+        FALSE_ALARM_OF_MANY,
+    ),
+    "encoder.wrapped": Text(
+        "{part} jumps by a turn ({turn:.6g}) {value:n time}: its encoder wraps.", "The jumps are taken out."
+    ),
+    "encoder.counts": Text(
+        "{part} is in whole numbers over a range of {value:.6g}, and is said to be in radians: it is in encoder counts.",
+        "Give the unit in the rig, such as unit = \"0.001534 rad\" for 4096 counts a turn.",
+    ),
+}  # fmt: skip
+add_texts(TEXTS)

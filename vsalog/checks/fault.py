@@ -1,0 +1,86 @@
+"""A fault of a recording: what was done to channels between a sensor and the log, and when it is reported."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+Kind = Literal["sign", "unit", "scale", "late", "drift", "exchanged", "unsigned", "gravity"]
+
+
+class Rule(NamedTuple):
+    """When a fault is reported, and what of it is looked for.
+
+    Attributes
+    ----------
+    left : part of its squares that an equation still leaves at most, once the fault is undone: it was most of what was wrong
+    holds : part of its target's squares that this equation leaves at most then: one that does not hold tells nothing
+    blocks : of time, whose likelihoods are compared
+    quiet : part of a mean block's squares below which a block says nothing
+    as_likely : log-likelihood per independent sample by which faults differ that are as likely as one another
+    most : faults of one joint that are looked for, one after another
+    longest_delay : that is looked for [s]: a few packets of the slowest bus; what is later than that is on another clock
+    delays : steps of the grid on either side of 0 on which delays are looked for
+    scale : factor beyond which one torque is out of proportion to another: gears lose less than half of a torque
+    unit_tolerance : part by which a factor differs from a unit's at most, as filters and encoders' steps make it
+    """
+
+    left: float = 0.5
+    holds: float = 0.5
+    blocks: int = 16
+    quiet: float = 0.01
+    as_likely: float = 0.05
+    most: int = 3
+    longest_delay: float = 0.25
+    delays: int = 10
+    scale: float = 2.0
+    unit_tolerance: float = 0.02
+
+
+RULE = Rule()
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What was done to channels of a joint.
+
+    Attributes
+    ----------
+    kind : a channel turned, in another unit or scale, late, later and later, two exchanged, a magnitude, gravity taken out
+    roles : that it was done to
+    factor : of recorded over true values
+    delay : of the recorded values in the middle of the log [s]
+    rate : seconds per second by which they become later
+    """
+
+    kind: Kind
+    roles: tuple[str, ...]
+    factor: float = 1.0
+    delay: float = 0.0
+    rate: float = 0.0
+
+
+@dataclass(frozen=True)
+class Found:
+    """A fault that was found.
+
+    Attributes
+    ----------
+    fault : what is likeliest
+    instead : other faults that would explain the channels as well
+    p_value : probability that a sound recording is explained so much better by any of the faults
+    left : part of its squares that the equation leaves which it explains best
+    """
+
+    fault: Fault
+    instead: tuple[Fault, ...]
+    p_value: float
+    left: float
+
+
+def unit_factors(role: str) -> Iterator[float]:
+    """Yield by what a role is multiplied in a unit that it is often recorded in: degrees, and N·mm or kN·m."""
+    degrees = math.degrees(1.0)
+    yield from (1e3, 1e-3) if "torque" in role else (degrees, 1.0 / degrees)

@@ -1,0 +1,172 @@
+"""What a joint's channels have to do with one another by physics, whatever its parameters are.
+
+With q the link's position, θ the motor's, φ = q − θ, τ_e the flexibility torque and τ_m the motor's:
+
+- spring: τ_e rises with φ, plus damping, d φ̇ with d ≥ 0 (De Luca and Book, "Robots with flexible elements", 2016, §11.1);
+- motor: τ_m + τ_e = B θ̈ + D θ̇ + C sign(θ̇) with B, D, C ≥ 0, and where τ_e is not recorded the spring stands for it;
+- body: a rigid joint's torque is M q̈ + D q̇ + C sign(q̇) + a gravity torque, a sine and a cosine of q, with M, D, C ≥ 0;
+- pair: θ is q but for a deflection that is small next to both.
+
+Coefficients are unknown; their signs are not, nor is the torque sensor's coefficient in the motor's equation. These tell a wrong
+sign, a wrong unit, a delay, a magnitude and an exchanged channel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.core.dependence import hats
+
+Array = NDArray[np.float64]
+
+
+class Shape(NamedTuple):
+    """How freely a spring and friction are described.
+
+    Attributes
+    ----------
+    intervals : of a deflection, in each of which a spring has one stiffness
+    setpoints : between which a spring's torque is interpolated
+    rest_speed : part of a speed's root mean square below which the direction of friction is blurred
+    """
+
+    intervals: int = 16
+    setpoints: int = 5
+    rest_speed: float = 0.05
+
+
+SHAPE = Shape()
+
+
+@dataclass(frozen=True, slots=True)
+class Equation:
+    """An equation y = free · a + positive · b with b ≥ 0.
+
+    Attributes
+    ----------
+    name : ``spring``, ``motor``, ``body`` or ``pair``, with the transmission's suffix
+    target : the role that y is made of
+    roles : that it reads
+    y, scale : shape (R,); and the target as it stands in y, whose spread is the measure of what is left
+    free, positive : shape (R, m), (R, k)
+    knots : of the spring in it
+    """
+
+    name: str
+    target: str
+    roles: frozenset[str]
+    y: Array
+    scale: Array
+    free: Array
+    positive: Array
+    knots: Array | None = None
+
+
+Rows = Mapping[str, Array]
+
+
+def names_of(roles: Rows) -> tuple[str, ...]:
+    """Return the names of the equations that roles are enough for."""
+    return tuple(equation for equation, needed in _needs(roles) if needed <= set(roles))
+
+
+def equation(name: str, roles: Rows, knots: Array | None = None, unknown_scale: Collection[str] = ()) -> Equation:
+    """Return an equation.
+
+    Parameters
+    ----------
+    name : one of `names_of`
+    roles : role → value, rate and acceleration at R instants, shape (3, R)
+    knots : deflections between which a spring has one stiffness; quantiles of the deflection where absent
+    unknown_scale : roles in a unit that is none of a torque's: a motor's torque among them is any multiple of the sensor's
+    """
+    kind, _, suffix = name.partition(" ")
+    build = {"spring": _spring, "motor": _motor, "body": _body, "pair": _pair}[kind]
+    found = build(name, roles, suffix, knots)
+    if kind == "motor" and found.target in unknown_scale:
+        rest = found.y - found.scale
+        return replace(found, y=found.scale, positive=np.column_stack((found.positive, -rest)))
+    return found
+
+
+def _needs(roles: Rows) -> Iterator[tuple[str, frozenset[str]]]:
+    twin = "motor_position_1" in roles or "deflection_1" in roles
+    for suffix in ("_1", "_2") if twin else ("",):
+        yield f"spring {suffix}", frozenset({f"torque_sensor{suffix}", *_deflects(roles, suffix)})
+        torque = {f"torque_sensor{suffix}"} if f"torque_sensor{suffix}" in roles else _deflects(roles, suffix)
+        yield f"motor {suffix}", frozenset({f"motor_torque{suffix}", f"motor_position{suffix}", *torque})
+    if not twin:
+        yield "pair ", frozenset({"link_position", "motor_position"})
+        if "motor_position" not in roles and "deflection" not in roles:
+            yield "body motor_torque", frozenset({"link_position", "motor_torque"})
+            yield "body torque_sensor", frozenset({"link_position", "torque_sensor"})
+
+
+def _deflects(roles: Rows, suffix: str) -> set[str]:
+    return {f"deflection{suffix}"} if f"deflection{suffix}" in roles else {"link_position", f"motor_position{suffix}"}
+
+
+def _deflection(roles: Rows, suffix: str) -> Array:
+    if f"deflection{suffix}" in roles:
+        return roles[f"deflection{suffix}"]
+    return roles["link_position"] - roles[f"motor_position{suffix}"]
+
+
+def _spring(name: str, roles: Rows, suffix: str, knots: Array | None) -> Equation:
+    torque = roles[f"torque_sensor{suffix}"][0]
+    free, positive, knots = _elastic(roles, suffix, knots)
+    used = {f"torque_sensor{suffix}", *_deflects(roles, suffix), *({"setpoint"} & set(roles))}
+    return Equation(name, f"torque_sensor{suffix}", frozenset(used), torque, torque, free, positive, knots)
+
+
+def _elastic(roles: Rows, suffix: str, knots: Array | None) -> tuple[Array, Array, Array]:
+    """Return the columns of any spring whose torque rises with its deflection, and with the deflection's rate."""
+    phi = _deflection(roles, suffix)
+    knots = knots if knots is not None else np.unique(np.quantile(phi[0], np.linspace(0.0, 1.0, SHAPE.intervals + 1)))
+    ramps = np.clip(phi[0][:, None] - knots[:-1], 0.0, np.diff(knots))
+    if "setpoint" not in roles:
+        return np.ones((phi.shape[1], 1)), np.column_stack((ramps, phi[1])), knots
+    r = roles["setpoint"][0]
+    places = hats(r, np.linspace(float(r.min()), float(r.max()), SHAPE.setpoints))
+    positive = (places[:, :, None] * ramps[:, None, :]).reshape(r.size, -1)
+    return places, np.column_stack((positive, phi[1])), knots
+
+
+def _resistance(position: Array) -> Array:
+    """Return the columns of inertia, viscous and dry friction."""
+    speed = position[1]
+    rest = SHAPE.rest_speed * float(np.sqrt(np.mean(speed**2))) or 1.0
+    return np.column_stack((position[2], speed, np.tanh(speed / rest)))
+
+
+def _motor(name: str, roles: Rows, suffix: str, knots: Array | None) -> Equation:
+    torque = roles[f"motor_torque{suffix}"][0]
+    positive = _resistance(roles[f"motor_position{suffix}"])
+    used = {f"motor_torque{suffix}", f"motor_position{suffix}"}
+    if f"torque_sensor{suffix}" in roles:
+        used.add(f"torque_sensor{suffix}")
+        y, free = torque + roles[f"torque_sensor{suffix}"][0], np.ones((torque.size, 1))
+    else:
+        used |= _deflects(roles, suffix) | ({"setpoint"} & set(roles))
+        free, spring, knots = _elastic(roles, suffix, knots)
+        y, positive = torque, np.column_stack((positive, -spring))
+    return Equation(name, f"motor_torque{suffix}", frozenset(used), y, torque, free, positive, knots)
+
+
+def _body(name: str, roles: Rows, torque: str, _: Array | None) -> Equation:
+    q = roles["link_position"]
+    free = np.column_stack((np.ones(q.shape[1]), np.sin(q[0]), np.cos(q[0])))
+    y = roles[torque][0]
+    return Equation(name, torque, frozenset({"link_position", torque}), y, y, free, _resistance(q))
+
+
+def _pair(name: str, roles: Rows, _: str, __: Array | None) -> Equation:
+    q, theta = roles["link_position"][0], roles["motor_position"][0]
+    free = np.ones((q.size, 1))
+    used = frozenset({"link_position", "motor_position"})
+    return Equation(name, "link_position", used, q - theta, q, free, np.empty((q.size, 0)))

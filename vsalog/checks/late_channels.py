@@ -1,0 +1,79 @@
+"""By how much a channel is late, and how fast it becomes later, as the joint's equations have it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from vsalog.checks.fault import RULE, Fault
+from vsalog.checks.undone_channels import Channels, Faults
+
+
+def late(channels: Channels, undone: Faults, role: str) -> Iterator[Fault]:
+    """Yield that a role is late, and that it becomes later, where the equations leave less then."""
+    one = Fault("late", (role,))
+    touched = channels.touched(one)
+    now = channels.trial(undone, touched)
+    period = channels.signals.period
+    longest, half = (channels.motion.reach - 1) * period, float(channels.time[-1])
+    step, fine = RULE.longest_delay / RULE.delays, period / 4.0
+
+    def left(delay: float, rate: float) -> float:
+        if abs(delay) + abs(rate) * half > longest:
+            return math.inf
+        return -channels.trial((*undone, replace(one, delay=delay, rate=rate)), touched).better(now)
+
+    seed, seed_rate = _apart(channels, undone, role)
+    delay = least(lambda d: left(d, 0.0), longest, step, fine, seed)
+    if delay is not None and abs(delay) >= period:
+        yield replace(one, delay=delay)
+    delay, rate = delay or 0.0, 0.0
+    if left(seed, seed_rate) < left(delay, 0.0):
+        delay, rate = seed, seed_rate
+    for _ in range(2):
+        widest = (longest - abs(delay)) / half
+        better = least(lambda r, d=delay: left(d, r), widest, step / half, fine / half, rate)  # type: ignore[misc]
+        if better is None:
+            return
+        rate = better
+        delay = least(lambda d, r=rate: left(d, r), longest, step, fine, delay) or delay  # type: ignore[misc]
+    if abs(rate) * half >= period:
+        yield Fault("drift", (role,), delay=delay, rate=rate)
+
+
+def _apart(channels: Channels, undone: Faults, role: str) -> tuple[float, float]:
+    """Return by how much a position is later than the other one in the middle of the log [s], and how fast that grows.
+
+    Where a deflection is small a delay makes much more of a difference than it, and only near the right one less.
+    """
+    other = {"link_position": "motor_position", "motor_position": "link_position"}.get(role)
+    if other is None or other not in channels.motion.values:
+        return 0.0, 0.0
+    mine, its = channels.values(role, undone), channels.values(other, undone)
+    columns = np.column_stack((np.ones(channels.time.size), its[1], channels.time * its[1]))
+    _, delay, rate = np.linalg.lstsq(columns, its[0] - mine[0], rcond=None)[0].tolist()
+    return float(delay), float(rate)
+
+
+def least(f: Callable[[float], float], longest: float, step: float, finest: float, seed: float = 0.0) -> float | None:
+    """Return where a function is least between −longest and longest: on a grid, near a seed, then by halving the step.
+
+    None where it is nowhere below its value at 0 by more than what counts as as likely.
+    """
+    count = max(1, int(longest / step))
+    near = (seed + 4 * k * finest for k in range(-6, 7))
+    values = {x: f(x) for x in (*(k * step for k in range(-count, count + 1)), *(x for x in near if abs(x) <= longest))}
+    best = float(min(values, key=values.__getitem__))
+    value = values[best]
+    if value > values[0.0] - RULE.as_likely:
+        return None
+    while step > finest:
+        step *= 0.5
+        for trial in (best - step, best + step):
+            if abs(trial) <= longest and (other := f(trial)) < value:
+                best, value = trial, other
+                break
+    return best

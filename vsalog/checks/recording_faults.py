@@ -1,0 +1,214 @@
+"""Faults of a recording: what was done to channels between a sensor and the log, as findings.
+
+`fault_search.py` looks for them in what channels of a joint have to do with one another. Of a sound recording one joint in a
+thousand (`FALSE_ALARM`) has a finding by chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
+
+from vsalog.binding.joint import bind, offered_roles, wanted_channels
+from vsalog.checks.channel import channel_findings
+from vsalog.checks.check import Context, OfSignals
+from vsalog.checks.fault import RULE, Fault, Found, Kind
+from vsalog.checks.fault_search import exchanged_between, faults_of, with_exchanged
+from vsalog.core.errors import VsalogError
+from vsalog.core.finding import Evidence, Finding, Text
+from vsalog.core.finding_texts import add_texts
+from vsalog.core.recording import Recording
+from vsalog.core.signals import JointSignals
+from vsalog.core.significance import FALSE_ALARM
+from vsalog.rig.schema import Joint
+
+READ = ("motor_position", "link_position", "deflection", "motor_torque", "torque_sensor", "setpoint")
+"""Roles, without their numbers, that the equations read."""
+
+CODES: Mapping[Kind, str] = {
+    "sign": "signal.sign",
+    "unit": "signal.unit",
+    "scale": "signal.scale",
+    "late": "signal.late",
+    "drift": "signal.clock_rate",
+    "exchanged": "signal.exchanged",
+    "unsigned": "torque.unsigned",
+    "gravity": "torque.without_gravity",
+}
+
+
+# A magnitude rests at 0, and is no less one for that.
+FOLLOWING = tuple(code for code in CODES.values() if code != "torque.unsigned")
+
+
+class RecordingFaults:
+    """Holds a joint's channels against one another; one sound joint in a thousand has a finding (`FALSE_ALARM`)."""
+
+    name = "recording_faults"
+    supersedes: Mapping[str, Sequence[str]] = {
+        "signal.sign": ("encoder.sign",),
+        "torque.unsigned": ("sensor.saturated", "sensor.clipped", "torque.dropouts"),
+        "signal.unit": ("encoder.deflection_unit", "encoder.unit", "encoder.zero"),
+        "signal.scale": ("encoder.deflection_unit", "encoder.unit", "encoder.zero"),
+        "signal.interpolated": ("sensor.clipped", "sensor.frozen"),
+        # Channels that were cut off or stood still for a while fit others less well, whatever is undone.
+        **dict.fromkeys(
+            ("sensor.clipped", "sensor.frozen", "sensor.saturated", "sensor.stuck", "encoder.stuck", "torque.stuck"),
+            FOLLOWING,
+        ),
+    }
+
+    def start(self, context: Context) -> OfSignals:
+        """Look, at roles that the estimator does not read too where they are recorded."""
+        look = context.look if context.signals.in_file else None
+        return OfSignals(log_findings(context.recordings, context.look.joint, context.joint, context.setpoints, look))
+
+
+def log_findings(
+    recordings: Sequence[Recording],
+    name: str,
+    joint: Joint,
+    setpoints: Sequence[float | None] = (),
+    look: JointSignals | None = None,
+) -> list[Finding]:
+    """Return the faults of a joint's channels, each by itself and together.
+
+    Parameters
+    ----------
+    recordings : with those of the joint's channels that were read
+    name, joint : of the rig
+    setpoints : as for `bind`
+    look : signals to look at instead of all of a log that is too long for memory
+    """
+    found = list(channel_findings(recordings, name, joint))
+    if look is None:
+        offered = offered_roles(joint)
+        roles = [role for role in read_roles(offered) if _recorded(recordings, joint, role)]
+        # What cannot be bound is said by those who need it.
+        with suppress(VsalogError):
+            look = bind(recordings, name, joint, roles, setpoints) if roles else None
+    return found if look is None else [*found, *findings_of(look)]
+
+
+def _recorded(recordings: Sequence[Recording], joint: Joint, role: str) -> bool:
+    """Tell whether recordings have numbers for a role."""
+    names = {(one.path, channel) for one in recordings for channel in wanted_channels(joint, one.path.name, [role])}
+    found = {(one.path, channel.name) for one in recordings for channel in one.channels.values()}
+    return names <= found
+
+
+def read_roles(roles: Collection[str]) -> list[str]:
+    """Return those of a joint's roles that the equations read."""
+    return [role for role in roles if role.removesuffix("_1").removesuffix("_2") in READ]
+
+
+def findings_of(signals: JointSignals, unknown_scale: Collection[str] = ()) -> Iterator[Finding]:
+    """Yield the faults of a joint's channels.
+
+    Parameters
+    ----------
+    signals : of the joint
+    unknown_scale : roles whose unit is none of a torque's, such as a current without its constant
+    """
+    for found in faults_of(signals, unknown_scale):
+        yield _finding(signals, found)
+
+
+def exchanged_joints(joints: Mapping[str, JointSignals]) -> tuple[Finding | None, Mapping[str, JointSignals]]:
+    """Return that channels of two joints are exchanged, and the joints with these put right; None where they are not.
+
+    Parameters
+    ----------
+    joints : of one log, by name
+    """
+    found = exchanged_between(joints)
+    if found is None:
+        return None, joints
+    (a, b), what = found
+    role = what.fault.roles[0]
+    evidence: Evidence = {"first": a, "second": b, "p_value": what.p_value, "left": what.left}
+    finding = Finding(code="signal.joints_exchanged", part=role, value=what.left, limit=RULE.left, evidence=evidence)
+    return finding, with_exchanged(joints, a, b, role)
+
+
+def _finding(signals: JointSignals, found: Found) -> Finding:
+    fault = found.fault
+    roles = dict.fromkeys(
+        (*fault.roles, *(role for one in found.instead if one.kind == fault.kind for role in one.roles))
+    )
+    value, limit, unit = _measured(signals, fault)
+    evidence: Evidence = {"factor": fault.factor, "p_value": found.p_value, "left": found.left}
+    return Finding(
+        code=CODES[fault.kind],
+        joint=signals.joint,
+        part=(" and " if fault.kind == "exchanged" else " or ").join(roles),
+        value=found.left if value is None else value,
+        limit=RULE.left if value is None else limit,
+        unit=unit,
+        evidence=evidence,
+    )
+
+
+def _measured(signals: JointSignals, fault: Fault) -> tuple[float | None, float | None, str]:
+    """Return what a fault is measured by, what it has to exceed at least, and the unit of both; None for the part left."""
+    if fault.kind == "late":
+        return fault.delay, signals.period, "s"
+    if fault.kind == "drift":
+        return 1e6 * fault.rate, 1e6 * signals.period / float(signals.time[-1] - signals.time[0]), "ppm"
+    return None, None, ""
+
+
+TEXTS = {
+    "signal.sign": Text(
+        "{part} counts the other way round: turned, the joint's equations leave {left:.1%} of what they leave now.",
+        "Say 'sign = -1' of it in the rig.",
+        FALSE_ALARM,
+    ),
+    "signal.unit": Text(
+        "{part} is {factor:.4g} times what the other channels say, as in another unit: so divided, the joint's equations leave"
+        " {left:.1%} of what they leave now.",
+        "Give its unit in the rig: \"deg\" instead of \"rad\", \"N*mm\" instead of \"N*m\".",
+        FALSE_ALARM,
+    ),
+    "signal.scale": Text(
+        "{part} is {factor:.4g} times what the other channels say: so divided, the joint's equations leave {left:.1%} of what"
+        " they leave now. A position is before the gear then, or in encoder counts; a torque is before the gear, or a current.",
+        "Say 'side = \"rotor\"' of it in the rig with the motor's gear_ratio, or 'unit = \"A\"' with its torque_constant.",
+        FALSE_ALARM,
+    ),
+    "signal.late": Text(
+        "{part} is {value:.3g} s later than the other channels (below 0: earlier): moved, the joint's equations leave {left:.1%}"
+        " of what they leave now.",
+        "Give it as 'delay' of the role in the rig, or stamp samples where they are taken.",
+        FALSE_ALARM,
+    ),
+    "signal.clock_rate": Text(
+        "{part} becomes later by {value:.4g} µs a second: it is on another clock than the other channels.",
+        "Stamp all channels with one clock; --time log may do.",
+        FALSE_ALARM,
+    ),
+    "signal.exchanged": Text(
+        "{part} are exchanged: taken for one another, the joint's equations leave {left:.1%} of what they leave now.",
+        "Exchange their channels in the rig.",
+        FALSE_ALARM,
+    ),
+    "signal.joints_exchanged": Text(
+        "{part} of {first} and of {second} are exchanged: taken for one another, the joints' equations leave {left:.1%} of what"
+        " they leave now.",
+        "Exchange their channels in the rig.",
+        FALSE_ALARM,
+    ),
+    "torque.unsigned": Text(
+        "{part} is a magnitude: it is never negative, and with the sign that motion and load give it the joint's equations leave"
+        " {left:.1%} of what they leave now. What an estimate makes of it is wrong wherever the torque reverses.",
+        "Record the signed value; leave the channel out of the rig where there is none.",
+        FALSE_ALARM,
+    ),
+    "torque.without_gravity": Text(
+        "gravity was taken out of {part}: with a gravity torque added, the joint's equations leave {left:.1%} of what they leave"
+        " now.",
+        "Record the torque as it is measured, or take gravity out of the other one too.",
+        FALSE_ALARM,
+    ),
+}  # fmt: skip
+add_texts(TEXTS)

@@ -1,0 +1,162 @@
+"""A joint's roles through one filter: value, rate and acceleration of each at the same instants.
+
+A linear equation with constant coefficients that holds for channels holds for channels that passed through one filter: the
+filter's width is no part of what is compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from vsalog.core.precision import ROUNDING
+from vsalog.core.resolution import ROUNDED, noise_of, sensor_noise
+from vsalog.core.signals import JointSignals
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Integers = NDArray[np.int64]
+
+
+class Filter(NamedTuple):
+    """How a joint's channels are filtered before they are compared.
+
+    Attributes
+    ----------
+    rows : instants at which equations are held against channels: a fit to them takes a millisecond
+    widest : standard deviation of the widest filter as part of the log: hundreds of independent rows are left
+    narrowest : standard deviation of the narrowest [samples]: its derivatives are those of a Gaussian still
+    noise_share : part of an acceleration's mean square that an encoder's noise makes at most, if a filter is wide enough
+    reach : standard deviations beyond which a Gaussian is cut off: 6e-5 of it are left
+    """
+
+    rows: int = 1500
+    widest: float = 1 / 200
+    narrowest: float = 2.0
+    noise_share: float = 0.01
+    reach: float = 4.0
+
+
+FILTER = Filter()
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Roles of a joint through a Gaussian filter.
+
+    Attributes
+    ----------
+    period : of the samples [s]
+    values : role → value, rate and acceleration, shape (3, N); what the filter reached across a gap is not `known`
+    known : role → shape (N,)
+    noise : role → what the filter makes of as much noise and of such steps as its sensor has, shape (3, N)
+    rows : instants at which equations are formed, shape (R,), ascending; they lie inside by more than they may be moved
+    reach : samples by which they may be moved
+    """
+
+    period: float
+    values: Mapping[str, Array]
+    known: Mapping[str, Flags]
+    noise: Mapping[str, Array]
+    rows: Integers
+    reach: int
+
+
+def motion_of(signals: JointSignals, longest_delay: float) -> Motion | None:
+    """Pass a joint's moving roles through the narrowest filter that leaves encoders' noise out of accelerations.
+
+    Parameters
+    ----------
+    signals : of the joint
+    longest_delay : by which rows may be moved [s]
+
+    Returns
+    -------
+    None where the log is too short.
+    """
+    moving = {role: x for role, x in signals.roles.items() if np.nanmax(x) > np.nanmin(x)}
+    count, widest = len(signals), FILTER.widest * len(signals)
+    if widest < FILTER.narrowest or not moving:
+        return None
+    width = _width(signals, moving, widest)
+    reach = int(min(longest_delay / signals.period, count / 8))
+    edge = int(FILTER.reach * width) + 1 + reach
+    if count < 2 * edge + FILTER.rows // 10:
+        return None
+    rows = np.unique(np.linspace(edge, count - 1 - edge, FILTER.rows).astype(np.int64))
+    gap = signals.starts.copy()
+    gap[0] = False
+    values, known, noise = dict[str, Array](), dict[str, Flags](), dict[str, Array]()
+    for role, x in moving.items():
+        values[role], known[role] = _passed(x, gap, width, signals.period)
+        again = _read_again(x, values[role][0], signals.resolution.get(role, 0.0))
+        noise[role] = _passed(again - values[role][0], gap, width, signals.period)[0]
+    return Motion(signals.period, values, known, noise, rows, reach)
+
+
+def _width(signals: JointSignals, moving: Mapping[str, Array], widest: float) -> float:
+    """Return the standard deviation of the narrowest filter that leaves noise out of accelerations [samples]."""
+    positions = [role for role in moving if "position" in role or role.startswith("deflection")]
+    noises = {role: noise_of(moving[role], signals.resolution.get(role, 0.0)) or 0.0 for role in positions}
+    width = FILTER.narrowest
+    while width < widest and any(_is_noisy(moving[role], noises[role], width) for role in positions):
+        width *= 1.5
+    return min(width, widest)
+
+
+def _is_noisy(x: Array, noise: float, width: float) -> bool:
+    """Tell whether noise makes more than a small part of a filtered signal's second differences."""
+    if noise == 0.0:
+        return False
+    kernel = _kernels(width)[2]
+    known = x[np.isfinite(x)]
+    bent = _convolved(known, kernel)[kernel.size : -kernel.size]
+    return bent.size == 0 or noise**2 * float(kernel @ kernel) > FILTER.noise_share * float(np.mean(bent**2))
+
+
+def _read_again(recorded: Array, smooth: Array, step: float) -> Array:
+    """Return what a sensor of the same step and noise would read of the smooth signal, its steps at other places."""
+    # Any noise does; always the same makes findings repeatable.
+    draw = np.random.default_rng(0)
+    total = sensor_noise(recorded, 0.0, ROUNDING)
+    white = float(np.sqrt(max(total**2 - (step * ROUNDED) ** 2, 0.0))) if step else total
+    read = smooth + white * draw.standard_normal(smooth.size)
+    return np.asarray(step * np.round(read / step + 0.5) - 0.5 * step if step else read)
+
+
+def _passed(x: Array, gap: Flags, width: float, period: float) -> tuple[Array, Flags]:
+    missing = ~np.isfinite(x)
+    filled = np.where(missing, 0.0, x)
+    mean = float(filled[~missing].mean())
+    filled[missing] = mean
+    bad = (missing | gap).astype(np.float64)
+    kernels = _kernels(width)
+    touched = _convolved(bad, np.ones(kernels[0].size)) > 0.5 if bad.any() else np.zeros(x.size, dtype=np.bool_)
+    parts = [_convolved(filled - mean, kernel) / period**order for order, kernel in enumerate(kernels)]
+    parts[0] += mean
+    return np.array(parts), ~touched
+
+
+def _kernels(width: float) -> tuple[Array, Array, Array]:
+    """Return a sampled Gaussian and its first two derivatives, to be convolved with, exact for parabolas."""
+    k = np.arange(-int(FILTER.reach * width) - 1, int(FILTER.reach * width) + 2, dtype=np.float64)
+    g = np.exp(-0.5 * (k / width) ** 2)
+    g /= g.sum()
+    first = -k * g
+    first /= -float(first @ k)
+    second = (k**2 - float(k**2 @ g)) * g
+    second /= 0.5 * float(second @ k**2)
+    return g, first, second
+
+
+def _convolved(x: Array, kernel: Array) -> Array:
+    """Return the convolution with a kernel of odd length, as long as the signal."""
+    size = fft.next_fast_len(x.size + kernel.size - 1, real=True)
+    whole = fft.irfft(fft.rfft(x, size) * fft.rfft(kernel, size), size)
+    begin = kernel.size // 2
+    return np.asarray(whole[begin : begin + x.size])

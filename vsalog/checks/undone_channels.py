@@ -1,0 +1,159 @@
+"""A joint's channels with faults undone, and what its equations leave of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.checks.constrained_fit import residual_of
+from vsalog.checks.fault import RULE, Fault
+from vsalog.checks.joint_equations import Equation, equation, names_of
+from vsalog.checks.smoothed_motion import Motion
+from vsalog.core.signals import JointSignals
+
+Array = NDArray[np.float64]
+Faults = Sequence[Fault]
+
+# Equations that hold at every instant; a link is late behind its motor by its inertia.
+TIMED = ("spring", "motor", "body")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What equations leave once some faults are undone: name → squares over those of the target, by blocks of time."""
+
+    squares: Mapping[str, Array]
+
+    def better(self, other: Trial, floor: Mapping[str, float] = MappingProxyType({})) -> float:
+        """Return the log-likelihood ratio of this over another, which has the equations of this one.
+
+        What an equation leaves counts as no less than its floor, where it has one.
+        """
+        least = {e: _above_0(floor.get(e, 0.0)) for e in self.squares}
+        return sum(math.log(max(other.left(e), least[e]) / max(self.left(e), least[e])) for e in self.squares)
+
+    def block_ratios(self, other: Trial) -> Array:
+        """Return the log-likelihood ratio in each block; one in which next to nothing is left says next to nothing."""
+        ratios = np.zeros(RULE.blocks)
+        for e, own in self.squares.items():
+            rest = _above_0(RULE.quiet * float(other.squares[e].mean()))
+            ratios += np.log((other.squares[e] + rest) / (own + rest))
+        return ratios
+
+    def left(self, name: str) -> float:
+        """Return what an equation leaves, over its target's squares."""
+        return float(self.squares[name].sum())
+
+
+class Channels:
+    """The channels of a joint, of which faults can be undone.
+
+    Parameters
+    ----------
+    signals : of the joint
+    motion : of them
+    unknown_scale : roles whose unit is none of a torque's, such as a current without its constant
+
+    Attributes
+    ----------
+    equations : that the roles are enough for; none where too few rows are known
+    read : equation → roles that it reads
+    signs : role → signs that it has where it is taken for a magnitude, shape (R,)
+    """
+
+    def __init__(self, signals: JointSignals, motion: Motion, unknown_scale: Collection[str]) -> None:
+        self.signals, self.motion, self.unknown_scale = signals, motion, frozenset(unknown_scale)
+        rows = motion.rows
+        for known in motion.known.values():
+            for shift in (-motion.reach, 0, motion.reach):
+                rows = rows[known[rows + shift]]
+        self.rows = rows
+        enough = rows.size > 10 * RULE.blocks
+        self.equations = names_of(motion.values) if enough else ()
+        self.block = np.arange(rows.size) * RULE.blocks // max(rows.size, 1)
+        self.time = (rows - 0.5 * float(rows[0] + rows[-1])) * signals.period if enough else np.zeros(0)
+        self.signs: dict[str, Array] = {}
+        self._plain = {role: values[:, rows] for role, values in motion.values.items()}
+        self._kept: dict[tuple[object, ...], Array] = {}
+        self.read = {e: equation(e, self._plain, None, self.unknown_scale).roles for e in self.equations}
+
+    @property
+    def roles(self) -> list[str]:
+        """Roles that equations read and that a fault may be in, in order."""
+        return sorted(frozenset[str]().union(*self.read.values()) - {"setpoint"})
+
+    def touched(self, fault: Fault) -> set[str]:
+        """Return the equations that tell of a fault."""
+        timed = fault.kind in ("late", "drift", "unsigned", "gravity")
+        return {
+            e for e in self.equations if set(fault.roles) & self.read[e] and (not timed or e.split(" ")[0] in TIMED)
+        }
+
+    def trial(self, faults: Faults, equations: Collection[str] | None = None) -> Trial:
+        """Return what equations leave with faults undone; all equations where none are named."""
+        squares: dict[str, Array] = {}
+        for e in self.equations if equations is None else equations:
+            about = [fault for fault in faults if set(fault.roles) & self.read[e]]
+            signs = (id(self.signs[role]) for fault in about if fault.kind == "unsigned" for role in fault.roles)
+            key = (e, *about, *signs)
+            if key not in self._kept:
+                eq = self.equation(e, faults)
+                left, _ = residual_of(eq.y, eq.free, eq.positive)
+                self._kept[key] = np.bincount(self.block, left**2, RULE.blocks) / self._spread(eq.target, faults)
+            squares[e] = self._kept[key]
+        return Trial(squares)
+
+    def equation(self, name: str, faults: Faults) -> Equation:
+        """Return an equation of the channels with faults undone."""
+        eq = equation(name, {role: self.values(role, faults) for role in self.read[name]}, None, self.unknown_scale)
+        if any(f.kind == "gravity" and set(f.roles) & eq.roles for f in faults):
+            q = self.values("link_position", faults)[0]
+            eq = replace(eq, free=np.column_stack((eq.free, np.sin(q), np.cos(q))))
+        return eq
+
+    def values(self, role: str, faults: Faults) -> Array:
+        """Return value, rate and acceleration of a role with faults undone, shape (3, R)."""
+        source, factor, delay, rate, signs = role, 1.0, 0.0, 0.0, None
+        for fault in reversed(faults):
+            if fault.kind == "exchanged" and source in fault.roles:
+                a, b = fault.roles
+                source = b if source == a else a
+            elif source in fault.roles:
+                factor, delay, rate = factor * fault.factor, delay + fault.delay, rate + fault.rate
+                signs = self.signs[source] if fault.kind == "unsigned" else signs
+        values = self._moved(source, delay, rate) if delay or rate else self._plain[source]
+        values = values / factor
+        return values if signs is None else values * signs
+
+    def noise(self, name: str, faults: Faults) -> float:
+        """Return what sensors' noise and steps make of what an equation leaves, over its target's squares."""
+        eq = self.equation(name, faults)
+        _, x = residual_of(eq.y, eq.free, eq.positive)
+        read = {role: self.values(role, faults) + self._error(role, faults) for role in self.read[name]}
+        noisy = equation(name, read, eq.knots, self.unknown_scale)
+        more = noisy.y - eq.y - (noisy.positive - eq.positive) @ x
+        return float(np.sum((more - more.mean()) ** 2)) / self._spread(eq.target, faults)
+
+    def _moved(self, role: str, delay: float, rate: float) -> Array:
+        """Return a role so much later than it was recorded as it was recorded late."""
+        shift = np.round((delay + rate * self.time) / self.signals.period).astype(np.int64)
+        return self.motion.values[role][:, self.rows + np.clip(shift, -self.motion.reach, self.motion.reach)]
+
+    def _error(self, role: str, faults: Faults) -> Array:
+        """Return another error that a role's sensor could make, shape (3, R)."""
+        factor = math.prod(fault.factor for fault in faults if role in fault.roles)
+        return self.motion.noise[role][:, self.rows] / factor
+
+    def _spread(self, role: str, faults: Faults) -> float:
+        """Return the squares of a role as it stands in the log, about its mean, in the unit that undoing faults gives it."""
+        recorded = self.values(role, [fault for fault in faults if fault.kind != "unsigned"])[0]
+        return _above_0(float(np.sum((recorded - recorded.mean()) ** 2)))
+
+
+def _above_0(x: float) -> float:
+    return max(x, float(np.finfo(np.float64).tiny))

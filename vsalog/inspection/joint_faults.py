@@ -1,0 +1,79 @@
+"""What is wrong with the channels of joints that were guessed, by the checks that the other commands use."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+
+import numpy as np
+from msgspec.structs import replace
+
+from vsalog.binding.joint import bind, offered_roles, wanted_channels
+from vsalog.checks import sensor
+from vsalog.checks.channel import channel_findings
+from vsalog.checks.check import without_superseded
+from vsalog.checks.recording_faults import RecordingFaults, exchanged_joints, findings_of, read_roles
+from vsalog.checks.signals import signal_findings
+from vsalog.core.errors import VsalogError
+from vsalog.core.finding import Finding
+from vsalog.core.recording import Recording
+from vsalog.core.signals import JointSignals
+from vsalog.estimators.device import device_of
+from vsalog.rig import Rig
+from vsalog.rig.guess_types import Guess
+from vsalog.rig.schema import Joint, Motor, RigidJoint
+from vsalog.rig.template import rig_template
+
+BOUND = ("sensor.stuck", "recording.outliers")
+"""Findings of binding that are about what was recorded, and not about the rig."""
+
+
+def joint_faults(recording: Recording, guess: Guess) -> Iterator[Finding]:
+    """Yield what is wrong with the channels of the joints that were guessed, as they were recorded."""
+    try:
+        joints = Rig.from_toml(rig_template(recording, guess), "the guessed rig").joints
+    except VsalogError:
+        return
+    bound: dict[str, JointSignals] = {}
+    plain = {name: _as_recorded(joint) for name, joint in joints.items()}
+    for name, joint in plain.items():
+        roles = [role for role in read_roles(offered_roles(joint)) if _is_recorded(recording, joint, role)]
+        # What cannot be bound is said by those who need it.
+        with suppress(VsalogError):
+            if roles:
+                bound[name] = bind([recording], name, joint, roles, acting=False)
+    exchanged, put_right = exchanged_joints(bound) if len(bound) > 1 else (None, bound)
+    if exchanged is not None:
+        yield exchanged
+    for name, signals in bound.items():
+        yield from _alone(recording, name, plain[name], signals, put_right[name])
+
+
+def _alone(
+    recording: Recording, name: str, joint: Joint, signals: JointSignals, put_right: JointSignals
+) -> Iterator[Finding]:
+    """Yield what is wrong with one joint's channels; `put_right` has those of another joint where they belong."""
+    currents = [role for role, signal in offered_roles(joint).items() if signal.unit == "A"]
+    found = [finding for finding in signals.findings if finding.code in BOUND]
+    found += channel_findings([recording], name, joint)
+    rigid = isinstance(joint, RigidJoint)
+    found += sensor.passing(signals) if rigid else signal_findings(device_of(name, joint), put_right)
+    yield from without_superseded((*found, *findings_of(put_right, currents)), RecordingFaults.supersedes)
+
+
+def _as_recorded(joint: Joint) -> Joint:
+    """Return a guessed joint without what the guess did about signs and gears; a current counts as it is."""
+    plain = {role: replace(signal, sign=1, side="joint") for role, signal in offered_roles(joint).items()}
+    motors = {motor: replace(getattr(joint, motor) or Motor(), torque_constant=1.0) for motor in motors_of(joint)}
+    return replace(joint, signals=replace(joint.signals, **plain), **motors)
+
+
+def motors_of(joint: Joint) -> list[str]:
+    """Return the names of a joint's motors."""
+    return [name for name in ("motor", "motor_1", "motor_2") if hasattr(joint, name)]
+
+
+def _is_recorded(recording: Recording, joint: Joint, role: str) -> bool:
+    names = wanted_channels(joint, recording.path.name, [role]) or {""}
+    found = [recording.channels.get(name) for name in names]
+    return all(channel is not None and np.isfinite(channel.values).any() for channel in found)
