@@ -250,3 +250,19 @@ def test_a_real_arm_is_on_one_clock():
     assert np.array_equal(control, state)
     assert control.size == 1994
     assert 80.0 <= control[0] * 1e-9 < control[-1] * 1e-9 < 120.0
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_a_joint_that_is_told_to_stand_still_may_stand_still(folder, held):
+    """An encoder that never changes is a joint that is held, or one that does not work where the command moves."""
+    still, moved = np.full(len(T), 0.25), 0.3 * np.sin(3 * T)
+    stamps = [f"{x:.3f}" for x in T * 1e6]
+    for name, second in (("control", still if held else moved), ("state_motor", still)):
+        columns = lists([moved, second, moved])
+        write(folder / f"{name}.csv", "type,timestamp,positions", ["ROW"] * 400, stamps, columns)
+    (folder / "state_motor.csv").write_text(
+        (folder / "state_motor.csv").read_text().replace("positions", "measured_positions")
+    )
+    pitch = next(joint for joint in guess_roles(read(folder)).joints if joint.name == "Pitch")
+    assert pitch.roles["commanded_position"].channel == "control.positions[Pitch]"
+    assert ("link_position" in pitch.roles) == held
