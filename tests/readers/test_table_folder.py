@@ -1,6 +1,7 @@
 """Folders of tables that were recorded together."""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -266,3 +267,26 @@ def test_a_joint_that_is_told_to_stand_still_may_stand_still(folder, held):
     pitch = next(joint for joint in guess_roles(read(folder)).joints if joint.name == "Pitch")
     assert pitch.roles["commanded_position"].channel == "control.positions[Pitch]"
     assert ("link_position" in pitch.roles) == held
+
+
+def test_a_repaired_folder_holds_the_same_numbers(folder):
+    done = vsalog_run("inspect", folder, "--repair", "sound.mcap", cwd=folder.parent)
+    assert done.returncode == 0, done.stderr
+    sound = read(folder.parent / "sound.mcap").channels["/state_motor/torques/Pitch.data"]
+    before = read(folder).channels["state_motor.torques[Pitch]"]
+    assert np.array_equal(sound.values, before.values)
+    assert np.array_equal(sound.stamps, before.stamps)
+
+
+def test_names_of_files_are_no_control_characters(folder):
+    """Nor do pipes, links in circles and folders that are called like tables stop a command."""
+    (folder / "control.csv").rename(folder / os.fsdecode(b"con\xff\x1b[2Jtrol.csv"))
+    (folder / "bad\n\x1b.csv").write_bytes(b"\0\1" * 99)
+    (folder / "empty.csv").touch()
+    (folder / "loop.csv").symlink_to("loop.csv")
+    os.mkfifo(folder / "pipe.csv")
+    (folder / "folder.csv").mkdir()
+    assert all(name.isprintable() for name in read(folder).channels)
+    done = vsalog_run("inspect", folder, cwd=folder.parent)
+    assert done.returncode == 0, done.stderr
+    assert all(character.isprintable() or character == "\n" for character in done.stdout + done.stderr)
