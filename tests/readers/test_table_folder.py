@@ -1,6 +1,7 @@
 """Folders of tables that were recorded together."""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -250,3 +251,42 @@ def test_a_real_arm_is_on_one_clock():
     assert np.array_equal(control, state)
     assert control.size == 1994
     assert 80.0 <= control[0] * 1e-9 < control[-1] * 1e-9 < 120.0
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_a_joint_that_is_told_to_stand_still_may_stand_still(folder, held):
+    """An encoder that never changes is a joint that is held, or one that does not work where the command moves."""
+    still, moved = np.full(len(T), 0.25), 0.3 * np.sin(3 * T)
+    stamps = [f"{x:.3f}" for x in T * 1e6]
+    for name, second in (("control", still if held else moved), ("state_motor", still)):
+        columns = lists([moved, second, moved])
+        write(folder / f"{name}.csv", "type,timestamp,positions", ["ROW"] * 400, stamps, columns)
+    (folder / "state_motor.csv").write_text(
+        (folder / "state_motor.csv").read_text().replace("positions", "measured_positions")
+    )
+    pitch = next(joint for joint in guess_roles(read(folder)).joints if joint.name == "Pitch")
+    assert pitch.roles["commanded_position"].channel == "control.positions[Pitch]"
+    assert ("link_position" in pitch.roles) == held
+
+
+def test_a_repaired_folder_holds_the_same_numbers(folder):
+    done = vsalog_run("inspect", folder, "--repair", "sound.mcap", cwd=folder.parent)
+    assert done.returncode == 0, done.stderr
+    sound = read(folder.parent / "sound.mcap").channels["/state_motor/torques/Pitch.data"]
+    before = read(folder).channels["state_motor.torques[Pitch]"]
+    assert np.array_equal(sound.values, before.values)
+    assert np.array_equal(sound.stamps, before.stamps)
+
+
+def test_names_of_files_are_no_control_characters(folder):
+    """Nor do pipes, links in circles and folders that are called like tables stop a command."""
+    (folder / "control.csv").rename(folder / os.fsdecode(b"con\xff\x1b[2Jtrol.csv"))
+    (folder / "bad\n\x1b.csv").write_bytes(b"\0\1" * 99)
+    (folder / "empty.csv").touch()
+    (folder / "loop.csv").symlink_to("loop.csv")
+    os.mkfifo(folder / "pipe.csv")
+    (folder / "folder.csv").mkdir()
+    assert all(name.isprintable() for name in read(folder).channels)
+    done = vsalog_run("inspect", folder, cwd=folder.parent)
+    assert done.returncode == 0, done.stderr
+    assert all(character.isprintable() or character == "\n" for character in done.stdout + done.stderr)

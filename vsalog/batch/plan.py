@@ -8,7 +8,6 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -18,16 +17,15 @@ from fsspec.utils import glob_translate
 from vsalog.batch.names import readable, shown, told_apart
 from vsalog.batch.records import Log
 from vsalog.batch.storage import address, explained, file_system, is_local
-from vsalog.core.errors import BatchError, ReadError
+from vsalog.batch.worker import is_prose, is_recording
+from vsalog.core.errors import BatchError
 from vsalog.core.printable import plural
-from vsalog.readers import open_reader
-from vsalog.readers.sniff import sniff
-from vsalog.readers.table_folder import ENDINGS as TABLES
-from vsalog.readers.table_folder import TableFolderReader
 
 BAG = "metadata.yaml"
 # What a folder is searched for; a pattern may match anything.
 ENDINGS = (".mcap", ".bag", ".db3", ".csv", ".tsv", ".parquet", ".mat", ".gz", ".zst", ".bz2", ".lz4")
+# Of these, tables, of which a folder may be one recording.
+TABLES = (".csv", ".tsv", ".csv.gz", ".tsv.gz", ".parquet")
 # What lies next to logs and is none.
 BESIDE = (".toml", ".yaml", ".yml", ".md", ".html", ".json")
 
@@ -123,7 +121,7 @@ def _found(system: Any, path: str, word: str) -> tuple[dict[str, int], str, list
             there = _below(system, top, None if "**" in rest else rest.count("/") + 2)
             logs = _logs(system, there, lambda path: matches(path.removeprefix(top).lstrip("/")) is not None)
             if is_local(system) and not rest.rpartition("/")[2].strip("*"):  # a pattern that names no ending
-                prose = [path for path in logs if not path.lower().endswith(ENDINGS) and _is_prose(path)]
+                prose = [path for path in logs if not path.lower().endswith(ENDINGS) and is_prose(path)]
             logs = {path: size for path, size in logs.items() if path not in prose}
         else:
             raise BatchError(f"{shown(word)}: {'is no file' if kind else 'there is no such file'}")
@@ -203,22 +201,9 @@ def _table_folders(system: Any, files: Iterable[str], matches: Callable[[str], b
     for folder, own in tables.items():
         if len(own) > 1 and (matches is None or matches(folder)):
             meant = matches is not None and not any(map(matches, own))
-            with suppress(ReadError):
-                reader = open_reader(folder)
-                if isinstance(reader, TableFolderReader) and (meant or reader.surely_one):
-                    found.add(folder)
+            if is_recording(folder, meant):
+                found.add(folder)
     return found
-
-
-def _is_prose(path: str) -> bool:
-    """Tell whether a file is text, and no table."""
-    with suppress(ReadError):  # what is of no known format may be a log that is damaged
-        if sniff(Path(path)) == "table":
-            try:
-                open_reader(path)
-            except ReadError:
-                return True
-    return False
 
 
 def _place(system: Any, path: str) -> str:

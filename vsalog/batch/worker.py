@@ -9,13 +9,15 @@ from __future__ import annotations
 import os
 import signal
 import threading
+from contextlib import suppress
 from multiprocessing.connection import wait
 from multiprocessing.process import parent_process
+from pathlib import Path
 
 import msgspec
 
 from vsalog.batch.records import Settings, Task
-from vsalog.core.errors import VsalogError
+from vsalog.core.errors import ReadError, VsalogError
 
 # One thread per worker: the cores are shared among workers, not within one.
 LIBRARIES = ("OPENBLAS", "OMP", "MKL", "NUMEXPR", "NUMBA")
@@ -51,6 +53,31 @@ def check_settings(settings: bytes) -> str:
     except VsalogError as error:
         return str(error)
     return ""
+
+
+def is_recording(folder: str, meant: bool) -> bool:
+    """Tell whether the tables of a folder are one recording; unless the folder itself is `meant`, clocks have to show it."""
+    from vsalog.readers import open_reader
+    from vsalog.readers.table_folder import TableFolderReader
+
+    with suppress(ReadError):
+        reader = open_reader(folder)
+        return isinstance(reader, TableFolderReader) and (meant or reader.surely_one)
+    return False
+
+
+def is_prose(path: str) -> bool:
+    """Tell whether a file is text, and no table."""
+    from vsalog.readers import open_reader
+    from vsalog.readers.sniff import sniff
+
+    with suppress(ReadError):  # what is of no known format may be a log that is damaged
+        if sniff(Path(path)) == "table":
+            try:
+                open_reader(path)
+            except ReadError:
+                return True
+    return False
 
 
 def _leave_with_parent() -> None:

@@ -157,6 +157,8 @@ def cut_folder(source: Path, target: Path, budget: int) -> Sample | None:
             shutil.copyfile(path, small)
             cut = Sample(small.stat().st_size, 1)
         cuts.append(cut)
+    if max(cut.stretches for cut in cuts) == 1 and sum(cut.size for cut in cuts) == whole:
+        return None
     totals = {name: count for cut in cuts for name, count in cut.totals.items()}
     return Sample(sum(cut.size for cut in cuts), max(cut.stretches for cut in cuts), totals)
 

@@ -10,6 +10,7 @@ from vsalog.core.recording import Channel
 from vsalog.rig import guess_data
 from vsalog.rig.guess_checks import confirm
 from vsalog.rig.guess_types import Candidate, JointGuess, Kind, RoleGuess
+from vsalog.rig.roles import COMMANDS
 from vsalog.rig.schema import AntagonisticSignals, SerialSignals, SingleSignals
 
 _ROLES: dict[str, tuple[str, ...]] = {
@@ -79,8 +80,15 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
 
 
 def _without_constants(group: list[Candidate]) -> tuple[list[Candidate], list[Candidate]]:
-    """Set channels apart that never change: no position or torque, though a set-point may stand still."""
-    still = [c for c in group if not _is_setpoint(c) and guess_data.is_constant(c.channel)]
+    """Set channels apart that never change: no position or torque, though a set-point or a command may stand still, and with it
+    the joint.
+    """
+    commands = [c for c in group if c.meaning.quantity in COMMANDS]
+    held = bool(commands) and all(guess_data.is_constant(c.channel) for c in commands)
+    able = ("position", *COMMANDS) if held else COMMANDS
+    still = [
+        c for c in group if not (_is_setpoint(c) or c.meaning.quantity in able) and guess_data.is_constant(c.channel)
+    ]
     return [c for c in group if c not in still], still
 
 

@@ -40,7 +40,7 @@ from vsalog.writers.repaired import Repaired
 
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _SCHEMA_LANGUAGES = {("ros1", "msg"): "ros1msg", ("cdr", "msg"): "ros2msg", ("cdr", "idl"): "ros2idl"}
-_TABLES = ("table", "parquet", "matlab")
+_TABLES = ("table", "table-folder", "parquet", "matlab")
 
 RawMessage = tuple[int, int, int, int, bytes]
 """Channel, sequence number, log time [ns], publish time [ns], the serialised message."""
