@@ -53,8 +53,8 @@ A finding has a `code`, the `log`, the `joint` and the `part` (a transmission, r
 about, a `severity`, the `value` that was compared with a `limit`, their `unit`, and `evidence`, what else was measured, by
 name. Codes are stable; the words may change. The severity is `info` where something is good to know, `invalidates` where the
 result is not to be used, and `warning` else: of an estimate that is invalidated nothing counts as excited, and a model cannot
-be judged by what invalidates a validation. A false-alarm rate is the probability with which a sound joint, or a sound channel,
-has the finding by chance.
+be judged by what invalidates a validation. A false-alarm rate is the probability with which a sound joint or channel has the
+finding by chance.
 
 `--json` of `estimate`, `validate`, `diagnose`, `compare` and `inspect` lists them under `findings`, those of a joint with the
 joint, and a validation those that its verdict rests on under `reasons`; `report.json` and `diagnosis.json` have the same. A

@@ -16,7 +16,14 @@ from vsalog.core.finding_texts import TEXTS
 
 
 def test_names_are_unique_and_what_is_superseded_has_a_text():
-    assert {check.name for check in checks()} == {"cross_check", "nominal", "residual_shape", "signals", "standstill"}
+    assert {check.name for check in checks()} == {
+        "cross_check",
+        "nominal",
+        "recording_faults",
+        "residual_shape",
+        "signals",
+        "standstill",
+    }
     for check in checks():
         for code, superseded in check.supersedes.items():
             assert {code, *superseded} <= TEXTS.keys()

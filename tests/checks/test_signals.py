@@ -239,7 +239,7 @@ def test_a_torque_that_rests_between_its_steps_is_not_stuck():
     made["tau"] = 0.1 * np.round(made["tau"] / 0.1)
     for values in made.values():
         values[3000:5500] = values[2999]
-    assert found(made) == ()
+    assert not [finding for finding in found(made) if finding.part == "torque_sensor"]
 
 
 def test_a_torque_without_noise_that_is_stuck_while_the_spring_gives_way():

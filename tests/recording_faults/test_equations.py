@@ -97,7 +97,7 @@ def test_equations_hold_for_the_joint_of_the_textbook():
         assert float(left @ left) < at_most * float(np.sum((eq.scale - eq.scale.mean()) ** 2)), name
     turned = {**roles, "torque_sensor": -roles["torque_sensor"]}
     eq = equation("spring ", turned)
-    left, _x = residual_of(eq.y, eq.free, eq.positive)
+    left, _ = residual_of(eq.y, eq.free, eq.positive)
     assert float(left @ left) > 0.9 * float(np.sum((eq.y - eq.y.mean()) ** 2))
 
 

@@ -55,7 +55,7 @@ def test_every_kind_is_named_in_every_channel(sea, kind):
 def test_exchanged_motors_are_named(vsa2):
     for one in faulty(vsa2):
         if one.kind == "exchanged":
-            ((finding,),) = [list(joint_faults(one.recording, guess_roles(one.recording)))]
+            (finding,) = joint_faults(one.recording, guess_roles(one.recording))
             assert finding.code == "signal.exchanged"
             assert finding.part == one.role.replace(" ", " and ")
 

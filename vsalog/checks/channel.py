@@ -100,8 +100,7 @@ def samples_per_knot(x: Array) -> int:
     """Return how many samples lie from one bend of a signal to the next, where it is straight in between; 0 for no number.
 
     Those that are interpolated twofold or more have one phase at which the signal bends and others at which it does not. Of a
-    measured channel this is found with less than `FALSE_ALARM_OF_MANY`, for each of the phases that are tried: see
-    `Lines.between`.
+    measured channel this is found with less than `FALSE_ALARM_OF_MANY`: see `Lines.between`, for each phase that is tried.
     """
     x = x[: 8 * LINES.longest * LINES.fewest]
     bend, steps = np.abs(np.diff(x, 2)), np.diff(x)

@@ -15,9 +15,6 @@ from vsalog.core.precision import ROUNDING
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Steps that are seldom more than four [1].
-BLOCK_STEPS = 12
-
 
 def residual_of(y: Array, free: Array, positive: Array) -> tuple[Array, Array]:
     """Return what a fit leaves of y, shape (R,), and the coefficients that may not be negative, shape (k,).
@@ -51,7 +48,8 @@ def _not_negative(gram: Array, moments: Array) -> Array:
     """Return x ≥ 0 that makes ½ xᵀ G x − cᵀ x least."""
     tolerance = np.sqrt(ROUNDING) * max(float(np.abs(moments).max(initial=0.0)), ROUNDING)
     free = moments > 0.0
-    for _ in range(BLOCK_STEPS):
+    # It seldom takes more than four steps, and may go round in circles.
+    for _ in range(moments.size + 1):
         x = _solved(gram, moments, free)
         wrong = np.where(free, x < 0.0, moments - gram @ x > tolerance)
         if not wrong.any():

@@ -103,9 +103,11 @@ def implausible(device: Device, signals: JointSignals) -> Iterator[Finding]:
 
 def passing(device: Device, signals: JointSignals) -> Iterator[Finding]:
     """Yield what may befall a sensor for a while, and is found in that while."""
-    yield from encoder.passing(device, signals)
+    stuck = list(encoder.passing(device, signals))
+    yield from stuck
     yield from torque.passing(device, signals)
-    yield from sensor.passing(signals)
+    told = {finding.part for finding in stuck}
+    yield from (found for found in sensor.passing(signals) if found.code != "sensor.frozen" or found.part not in told)
 
 
 def passing_findings(device: Device, signals: JointSignals) -> Iterator[Finding]:
