@@ -2,8 +2,8 @@
 
 The beginnings are taken out by variable projection (Golub and Pereyra 2003, Inverse Problems 19), the rest is a least-squares fit
 within bounds (Branch, Coleman and Li 1999, SIAM J. Sci. Comput. 21). Errors are weighed by their noise, or by what the fit leaves
-where that is more, and by how many samples count as one. The covariance is that of the scores in batches (Newey and West 1987,
-Econometrica 55, with a rectangular window): neither the noise's colour nor what the model lacks is presumed.
+where that is more, and by how many samples count as one. The covariance is that of the scores in batches (Liang and Zeger 1986,
+Biometrika 73): neither the noise's colour nor what the model lacks is presumed.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,6 +34,7 @@ from vsalog.residuals.windows import (
     player_of,
     shoot,
 )
+from vsalog.rig.roles import COMMANDS
 from vsalog.uncertainty.long_run import ENOUGH_BATCHES
 
 Array = NDArray[np.float64]
@@ -45,14 +46,14 @@ class Effort(NamedTuple):
     Attributes
     ----------
     rounds : fits with weights of their own: the first from the noise alone, the other from what the first leaves
-    tolerance : relative change of the sum of squares, and of the unknowns, at which a fit ends: far below its uncertainty
+    tolerance : reduction of half the sum of squares at which a fit ends; an unknown that is off by its standard deviation adds 1/2
     evaluations : simulations of the log after which a fit is given up
     drawn, followed : draws of the prior that are simulated where the rig leads far from the log, and those that are fitted
     windows : of the log for these
     """
 
     rounds: int = 2
-    tolerance: float = 1e-4
+    tolerance: float = 0.01
     evaluations: int = 60
     drawn: int = 64
     followed: int = 3
@@ -71,24 +72,23 @@ class Fit:
     unknowns : p of them
     values : shape (p,), in prior deviations from the rig
     covariance : shape (p, p), in the same units
+    degrees : of freedom of its variances, shape (p,)
     information : shape (p, p), of the log alone
-    batches : independent parts of the log that the covariance is told from
     windows, shot : the log, and its simulation
     """
 
     unknowns: tuple[Unknown, ...]
     values: Array
     covariance: Array
+    degrees: Array
     information: Array
-    batches: int
     windows: Windows
     shot: Shot
 
     @property
-    def interval(self) -> float:
-        """Half-width of a 95 % interval, in standard deviations."""
-        degrees = max(self.batches - len(self.unknowns), 1)
-        return float(student.isf(0.5 * SIGNIFICANCE, degrees))
+    def half_widths(self) -> Array:
+        """Half-widths of 95 % intervals, shape (p,), in prior deviations."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)) * student.isf(0.5 * SIGNIFICANCE, self.degrees))
 
 
 def fitted(joint: Any, unknowns: Sequence[Unknown], windows: Windows, start: Array | None = None) -> Fit:
@@ -99,7 +99,8 @@ def fitted(joint: Any, unknowns: Sequence[Unknown], windows: Windows, start: Arr
     joint : of the rig, as it is written
     unknowns : p of them
     windows : of the log
-    start : shape (p,), to begin the search with; the rig when absent
+    start : shape (p,), to begin the fit with; when absent it is searched, and so is whether recorded inputs are joined by lines
+        or held from sample to sample
 
     Raises
     ------
@@ -107,11 +108,22 @@ def fitted(joint: Any, unknowns: Sequence[Unknown], windows: Windows, start: Arr
         The joint cannot be simulated as the rig has it.
     """
     search = _Search(joint, tuple(unknowns), windows)
-    return search.all_the_way(search.begin() if start is None else start)
+    if start is not None:
+        return search.all_the_way(start)
+    begin = search.begin(np.zeros(len(unknowns)))
+    if set(player_of(as_felt(joint), windows.channels).driving()) - set(COMMANDS):
+        held = _Search(joint, tuple(unknowns), replace(windows, hold=True))
+        try:
+            other = held.begin(begin.values)
+        except SimulationError:
+            other = begin
+        if _left(other) < _left(begin):
+            search, begin = held, other
+    return search.all_the_way(search.searched(begin).values)
 
 
-def _misfit(shot: Shot, windows: Windows) -> float:
-    return float(np.mean(shot.whitened(windows) ** 2))
+def _left(fit: Fit) -> float:
+    return float(np.mean(fit.shot.whitened(fit.windows) ** 2))
 
 
 class _Search:
@@ -126,24 +138,28 @@ class _Search:
         """Fit all windows from some values, with weights that follow the fit."""
         return self._from(values, self.windows, EFFORT.rounds)
 
-    def begin(self) -> Array:
-        """Return where the search goes all the way from, found on a part of the windows."""
-        fits = [self._from(np.zeros(len(self.unknowns)), self.few, 1)]
-        if _misfit(fits[0].shot, self.few) > WITHIN:
+    def begin(self, values: Array) -> Fit:
+        """Fit a part of the windows from some values."""
+        return self._from(values, self.few, 1)
+
+    def searched(self, begin: Fit) -> Fit:
+        """Return a fit to a part of the windows; where one is far from the log, the best of others, from draws of the prior."""
+        fits = [begin]
+        if _left(begin) > WITHIN:
             for values in self._best_draws():
                 try:
-                    fits.append(self._from(values, self.few, 1))
+                    fits.append(self.begin(values))
                 except SimulationError:
                     continue
-        return min(fits, key=lambda fit: _misfit(fit.shot, self.few)).values
+        return min(fits, key=_left)
 
     def _from(self, values: Array, windows: Windows, rounds: int) -> Fit:
         values = np.clip(values, self.low, self.high)
         objective = _Objective(self.joint, self.unknowns, windows, values)
         for _ in range(rounds):
             values = least_squares(
-                objective.residual, values, objective.jacobian, (self.low, self.high), ftol=EFFORT.tolerance,
-                xtol=EFFORT.tolerance, gtol=EFFORT.tolerance, max_nfev=EFFORT.evaluations,
+                objective.residual, values, objective.jacobian, (self.low, self.high), x_scale="jac",
+                ftol=EFFORT.tolerance / objective.cost_of_noise, xtol=None, gtol=None, max_nfev=EFFORT.evaluations,
             ).x  # fmt: skip
             objective.weigh(values)
         return objective.fit(values)
@@ -153,9 +169,10 @@ class _Search:
 
         def misfit(values: Array) -> float:
             try:
-                found = _misfit(shoot(as_felt(placed(self.joint, self.unknowns, values)), self.few, states), self.few)
+                shot = shoot(as_felt(placed(self.joint, self.unknowns, values)), self.few, states)
             except SimulationError:
                 return np.inf
+            found = float(np.mean(shot.whitened(self.few) ** 2))
             return found if np.isfinite(found) else np.inf
 
         draws = np.clip(
@@ -180,6 +197,11 @@ class _Objective:
         """Take weights from the simulation of some values."""
         self.weights = weights_of(self._begun(values), self.windows)
 
+    @property
+    def cost_of_noise(self) -> float:
+        """Half the sum of squares that is left where the weights are right, or more."""
+        return 0.5 * len(self.windows.spans) * self.weights.size
+
     def residual(self, values: Array) -> Array:
         """Return the weighed errors, and the unknowns, shape (n + p,); no step goes where nothing can be simulated."""
         try:
@@ -196,11 +218,10 @@ class _Objective:
     def fit(self, values: Array) -> Fit:
         """Return the fit with these values."""
         J = self.jacobian(values)[: -values.size].reshape(len(self.windows.spans), -1, values.size)
-        information = np.einsum("wli,wlj->ij", J, J)
-        scores, batches = _batched(J * self._rows(values)[..., None], len(self.windows.roles))
-        inverse = np.linalg.inv(information + np.eye(values.size))
-        covariance = inverse @ (scores.T @ scores + np.eye(values.size)) @ inverse
-        return Fit(self.unknowns, values, covariance, information, batches, self.windows, self.near)
+        parts = _Batches.of(J, self._rows(values), len(self.windows.roles))
+        return Fit(
+            self.unknowns, values, parts.covariance, parts.degrees, np.einsum("wli,wlj->ij", J, J), self.windows, self.near
+        )
 
     def _placed(self, values: Array) -> Any:
         return as_felt(placed(self.joint, self.unknowns, values))
@@ -236,15 +257,58 @@ class _Objective:
         return np.asarray(projected(bases_of(self.slopes), columns) * self.weights[None, :, None])
 
 
-def _batched(scores: Array, roles: int) -> tuple[Array, int]:
-    """Return the sums of the scores, shape (W, L · roles, p), in enough batches of equal length, and how many there are.
+@dataclass(frozen=True, slots=True)
+class _Batches:
+    """Independent parts of a log: of each Σ JᵀJ, shape (B, p, p), and the score Σ Jᵀr, shape (B, p).
 
-    A window is a batch where there are enough of them; else windows are cut.
+    A fit follows each part's errors, the more the fewer parts say most of an unknown: scores are made as large as they were by
+    what each says (CR2 of Bell and McCaffrey 2002, Survey Methodology 28), and a variance has the degrees of freedom that its
+    expectation and variance under white errors give (Satterthwaite).
     """
-    windows, rows, p = scores.shape
-    length = rows // roles
-    by_time = scores.reshape(windows, roles, length, p).sum(axis=1)
-    cuts = max(1, -(-ENOUGH_BATCHES // windows))
-    edges = np.linspace(0, length, cuts + 1).round().astype(np.int64)[:-1]
-    sums = np.add.reduceat(by_time, edges, axis=1).reshape(-1, p)
-    return sums, len(sums)
+
+    informations: Array
+    scores: Array
+
+    @classmethod
+    def of(cls, J: Array, rows: Array, roles: int) -> _Batches:
+        """Cut Jacobian, shape (W, L · roles, p), and errors; a window is a batch where there are enough, else windows are cut."""
+        windows, _, p = J.shape
+        by_time = J.reshape(windows, roles, -1, p)
+        errors = rows.reshape(windows, roles, -1)
+        cuts = max(1, -(-ENOUGH_BATCHES // windows))
+        parts = list(zip(*(np.array_split(x, cuts, axis=2) for x in (by_time, errors)), strict=True))
+        informations = np.concatenate([np.einsum("wrli,wrlj->wij", j, j) for j, _ in parts])
+        return cls(informations, np.concatenate([np.einsum("wrli,wrl->wi", j, e) for j, e in parts]))
+
+    @property
+    def inverse(self) -> Array:
+        """Covariance of the unknowns under white errors, shape (p, p): that of their prior is one."""
+        return np.asarray(np.linalg.inv(self.informations.sum(axis=0) + np.eye(self.scores.shape[1])))
+
+    @property
+    def enlarged(self) -> Array:
+        """(1 − Gᵦ A⁻¹)^−½ of each batch, shape (B, p, p)."""
+        root = np.linalg.cholesky(self.inverse)
+        leverages, vectors = np.linalg.eigh(root.T @ self.informations @ root)
+        by = 1.0 / np.sqrt(np.maximum(1.0 - leverages, np.finfo(np.float64).eps ** 0.5))
+        back = np.linalg.inv(root).T @ vectors
+        return np.asarray((back * by[:, None, :]) @ (vectors.transpose(0, 2, 1) @ root.T))
+
+    @property
+    def covariance(self) -> Array:
+        """Of the unknowns, shape (p, p)."""
+        scores = np.einsum("bij,bj->bi", self.enlarged, self.scores)
+        return np.asarray(self.inverse @ (scores.T @ scores + np.eye(scores.shape[1])) @ self.inverse)
+
+    @property
+    def degrees(self) -> Array:
+        """Degrees of freedom of the variances, shape (p,)."""
+        inverse, enlarged = self.inverse, self.enlarged
+        by = np.einsum("ki,bij->bkj", inverse, enlarged)
+        through = np.einsum("bki,bij->kbj", by, self.informations)
+        own = np.einsum("kbi,bki->kb", through, by)
+        Q = -through @ inverse @ through.transpose(0, 2, 1)
+        Q[:, np.arange(own.shape[1]), np.arange(own.shape[1])] += own
+        # What the prior says is certain.
+        total = np.trace(Q, axis1=1, axis2=2) + np.sum(inverse**2, axis=1)
+        return np.asarray(total**2 / np.sum(Q**2, axis=(1, 2)))

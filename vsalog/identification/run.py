@@ -26,7 +26,7 @@ from vsalog.identification.fit import Fit, fitted
 from vsalog.identification.identifiability import combinations, correlations, determined
 from vsalog.identification.unknowns import Scales, Unknown, as_felt, placed, unknowns_of
 from vsalog.residuals.channels import channels_of
-from vsalog.residuals.windows import Windows, begun, player_of, windows_of
+from vsalog.residuals.windows import Windows, begun, windows_of
 from vsalog.rig import Rig
 from vsalog.rig.roles import ROLE_UNITS
 from vsalog.rig.uncertain import Path as KeyPath
@@ -174,7 +174,7 @@ def identified(
     unknowns = unknowns_of(joint, stated, _scales(joint, windows), options.free, options.fixed)
     if not unknowns:
         raise DiagnosisError(f"joint '{name}': the rig leaves no number to be fitted; --free KEY adds one")
-    fit = _fitted(joint, unknowns, windows)
+    fit = fitted(joint, unknowns, weighed(as_felt(joint), windows))
     there = [
         error
         for path, other in held.items()
@@ -184,7 +184,7 @@ def identified(
         cut = 2 * len(windows.spans) // 3
         first, rest = np.arange(cut), np.arange(cut, len(windows.spans))
         if cut and rest.size:
-            part = fitted(joint, unknowns, windows.part(first), fit.values)
+            part = fitted(joint, unknowns, fit.windows.part(first), fit.values)
             there = _errors(name, joint, part, log, "last third", windows.part(rest))
         else:
             there = _errors(name, joint, fit, log, "itself", windows)
@@ -193,25 +193,6 @@ def identified(
 
 def _windows(joint: Any, signals: JointSignals) -> Windows:
     return windows_of(as_felt(joint), channels_of(signals), hold=False)
-
-
-def _fitted(joint: Any, unknowns: Sequence[Unknown], windows: Windows) -> Fit:
-    """Fit, with recorded torques that are joined by lines, or held from sample to sample where that explains the log better."""
-    windows = weighed(as_felt(joint), windows)
-    fit = fitted(joint, unknowns, windows)
-    if not any("torque" in role for role in player_of(as_felt(joint), windows.channels).driving()):
-        return fit
-    held = dataclasses.replace(windows, hold=True)
-    there = placed(joint, unknowns, fit.values)
-    try:
-        better = _loss(begun(as_felt(there), held), held) < _loss(fit.shot, fit.windows)
-    except SimulationError:
-        better = False
-    return fitted(joint, unknowns, held, fit.values) if better else fit
-
-
-def _loss(shot: Any, windows: Windows) -> float:
-    return float(np.sum(shot.whitened(windows) ** 2))
 
 
 def _scales(joint: Any, windows: Windows) -> Scales:
@@ -253,7 +234,7 @@ def _errors(name: str, joint: Any, fit: Fit, where: str, part: Any, windows: Win
 
 def _numbers(one: JointFit) -> list[IdentifiedNumber]:
     fit, matrix, kinds = one.fit, correlations(one.fit), determined(one.fit)
-    deviation = np.sqrt(np.diag(fit.covariance)) * fit.interval
+    deviation = fit.half_widths
     out = []
     for i, unknown in enumerate(fit.unknowns):
         others = np.abs(matrix[i]).copy()
@@ -286,8 +267,7 @@ def _with_numbers(rig: Rig, found: Sequence[JointFit], log: str) -> Rig:
     )
     stated = dict[KeyPath, Tolerance](identified.stated)
     for one in found:
-        deviations = np.sqrt(np.diag(one.fit.covariance)) * one.fit.interval
-        for unknown, value, deviation in zip(one.fit.unknowns, one.fit.values, deviations, strict=True):
+        for unknown, value, deviation in zip(one.fit.unknowns, one.fit.values, one.fit.half_widths, strict=True):
             half = abs(unknown.slope(float(value))) * float(deviation)
             stated["joint", one.name, *unknown.number.path] = Tolerance(half, unknown.number.unit)
     return dataclasses.replace(identified, stated=stated)
