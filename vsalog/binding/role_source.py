@@ -133,7 +133,7 @@ def source_of(recording: Recording, run: Run, role: str, signal: Signal, joint: 
         # A turn of the rotor is no turn of the joint.
         joint_turn=signal.side == "joint" or role == "link_position" or motor_of(joint, role).gear_ratio == 1.0,
         may_stand_alone=role.startswith(ROLES),
-        lever=lever if lever is not None and _is_angle(channel, signal) else None,
+        lever=lever if lever is not None and is_angle(channel, signal) else None,
         origin=origin_of(recording),
     )
 
@@ -185,7 +185,8 @@ def _unit(channel: Channel, signal: Signal) -> str | None:
     return signal.unit if signal.unit is not None else channel.unit
 
 
-def _is_angle(channel: Channel, signal: Signal) -> bool:
+def is_angle(channel: Channel, signal: Signal) -> bool:
+    """Tell whether a channel holds an angle, for all that it and the rig say."""
     unit = _unit(channel, signal)
     return unit is None or _converts(unit, "rad")
 

@@ -22,6 +22,7 @@ from scipy.stats import t as student
 from vsalog.core.errors import SimulationError
 from vsalog.core.significance import SIGNIFICANCE
 from vsalog.diagnosis.trajectory import bases_of, projected, weights_of
+from vsalog.identification.lever import bound_by
 from vsalog.identification.unknowns import Unknown, as_felt, placed
 from vsalog.residuals.windows import (
     WITHIN,
@@ -35,6 +36,7 @@ from vsalog.residuals.windows import (
     shoot,
 )
 from vsalog.rig.roles import COMMANDS
+from vsalog.rig.schema import Lever
 from vsalog.uncertainty.long_run import ENOUGH_BATCHES
 
 Array = NDArray[np.float64]
@@ -46,7 +48,7 @@ class Effort(NamedTuple):
     Attributes
     ----------
     rounds : fits with weights of their own: the first from the noise alone, the other from what the first leaves
-    tolerance : reduction of half the sum of squares at which a fit ends; an unknown that is off by its standard deviation adds 1/2
+    tolerance : reduction of half the sum of squares at which a fit ends; being off by a standard deviation adds 1/2
     evaluations : simulations of the log after which a fit is given up
     drawn, followed : draws of the prior that are simulated where the rig leads far from the log, and those that are fitted
     windows : of the log for these
@@ -91,7 +93,9 @@ class Fit:
         return np.asarray(np.sqrt(np.diag(self.covariance)) * student.isf(0.5 * SIGNIFICANCE, self.degrees))
 
 
-def fitted(joint: Any, unknowns: Sequence[Unknown], windows: Windows, start: Array | None = None) -> Fit:
+def fitted(
+    joint: Any, unknowns: Sequence[Unknown], windows: Windows, start: Array | None = None, lever: Lever | None = None
+) -> Fit:
     """Fit numbers of a joint to windows of a log.
 
     Parameters
@@ -101,25 +105,25 @@ def fitted(joint: Any, unknowns: Sequence[Unknown], windows: Windows, start: Arr
     windows : of the log
     start : shape (p,), to begin the fit with; when absent it is searched, and so is whether recorded inputs are joined by lines
         or held from sample to sample
+    lever : that bound the set-point of the windows, see `lever.bound_by`
 
     Raises
     ------
     SimulationError
         The joint cannot be simulated as the rig has it.
     """
-    search = _Search(joint, tuple(unknowns), windows)
+    search = _Search(joint, tuple(unknowns), windows, lever)
     if start is not None:
         return search.all_the_way(start)
-    begin = search.begin(np.zeros(len(unknowns)))
-    if set(player_of(as_felt(joint), windows.channels).driving()) - set(COMMANDS):
-        held = _Search(joint, tuple(unknowns), replace(windows, hold=True))
-        try:
-            other = held.begin(begin.values)
-        except SimulationError:
-            other = begin
-        if _left(other) < _left(begin):
-            search, begin = held, other
-    return search.all_the_way(search.searched(begin).values)
+    begin, other = search.begin(np.zeros(len(unknowns))), search.otherwise_held()
+    if other is not None:
+        held = other.tried(begin.values, other.few)
+        if held is not None and _left(held) < _left(begin):
+            search, begin, other = other, held, search
+    fit = search.all_the_way(search.searched(begin).values)
+    # Few windows say little of it, all of them nearly everything.
+    there = None if other is None else other.tried(fit.values, other.windows)
+    return fit if there is None or _left(there) >= _left(fit) else there
 
 
 def _left(fit: Fit) -> float:
@@ -129,8 +133,8 @@ def _left(fit: Fit) -> float:
 class _Search:
     """The way to the values that fit best: from the rig, and where that ends far from the log, from draws of the prior."""
 
-    def __init__(self, joint: Any, unknowns: tuple[Unknown, ...], windows: Windows) -> None:
-        self.joint, self.unknowns, self.windows = joint, unknowns, windows
+    def __init__(self, joint: Any, unknowns: tuple[Unknown, ...], windows: Windows, lever: Lever | None) -> None:
+        self.joint, self.unknowns, self.windows, self.lever = joint, unknowns, windows, lever
         self.low, self.high = np.array([u.bounds for u in unknowns]).reshape(-1, 2).T
         self.few = windows.part(in_runs(len(windows.spans), EFFORT.windows))
 
@@ -138,24 +142,35 @@ class _Search:
         """Fit all windows from some values, with weights that follow the fit."""
         return self._from(values, self.windows, EFFORT.rounds)
 
+    def otherwise_held(self) -> _Search | None:
+        """Return the same search with inputs that act from sample to sample, or that do not; none where commands alone do."""
+        driving = player_of(as_felt(self.joint), self.windows.channels).driving()
+        if not set(driving) - set(COMMANDS):
+            return None
+        return _Search(self.joint, self.unknowns, replace(self.windows, hold=not self.windows.hold), self.lever)
+
     def begin(self, values: Array) -> Fit:
         """Fit a part of the windows from some values."""
         return self._from(values, self.few, 1)
+
+    def tried(self, values: Array, windows: Windows) -> Fit | None:
+        """Fit windows from some values; none where they cannot be simulated."""
+        try:
+            return self._from(values, windows, 1 if windows is self.few else EFFORT.rounds)
+        except SimulationError:
+            return None
 
     def searched(self, begin: Fit) -> Fit:
         """Return a fit to a part of the windows; where one is far from the log, the best of others, from draws of the prior."""
         fits = [begin]
         if _left(begin) > WITHIN:
             for values in self._best_draws():
-                try:
-                    fits.append(self.begin(values))
-                except SimulationError:
-                    continue
+                fits += [fit for fit in (self.tried(values, self.few),) if fit is not None]
         return min(fits, key=_left)
 
     def _from(self, values: Array, windows: Windows, rounds: int) -> Fit:
         values = np.clip(values, self.low, self.high)
-        objective = _Objective(self.joint, self.unknowns, windows, values)
+        objective = _Objective(self.joint, self.unknowns, windows, values, self.lever)
         for _ in range(rounds):
             values = least_squares(
                 objective.residual, values, objective.jacobian, (self.low, self.high), x_scale="jac",
@@ -169,7 +184,8 @@ class _Search:
 
         def misfit(values: Array) -> float:
             try:
-                shot = shoot(as_felt(placed(self.joint, self.unknowns, values)), self.few, states)
+                joint = as_felt(placed(self.joint, self.unknowns, values))
+                shot = shoot(joint, bound_by(self.lever, self.few, joint), states)
             except SimulationError:
                 return np.inf
             found = float(np.mean(shot.whitened(self.few) ** 2))
@@ -185,17 +201,24 @@ class _Search:
 class _Objective:
     """What a fit makes small: weighed errors, what beginnings make up for taken off, and how far unknowns are from the rig."""
 
-    def __init__(self, joint: Any, unknowns: tuple[Unknown, ...], windows: Windows, start: Array) -> None:
-        self.joint, self.unknowns, self.windows = joint, unknowns, windows
-        self.at, self.shot = start.copy(), begun(self._placed(start), windows)
-        self.near, self.slopes = self.shot, by_states(self._placed(start), windows, self.shot)
+    def __init__(
+        self, joint: Any, unknowns: tuple[Unknown, ...], windows: Windows, start: Array, lever: Lever | None
+    ) -> None:
+        self.joint, self.unknowns, self.windows, self.lever = joint, unknowns, windows, lever
+        self.at, self.shot = start.copy(), begun(*self._placed(start))
+        self.near, self.slopes = self.shot, by_states(*self._placed(start), self.shot)
         # First by the noise alone, and no more surely than the whole misfit lets it be.
-        rows = in_windows(self.shot, windows)
+        rows, self.central = in_windows(self.shot, self._placed(start)[1]), False
+        self.low, self.high = np.array([u.bounds for u in unknowns]).reshape(-1, 2).T
         self.weights = np.full(rows.shape[1], 1.0 / max(float(np.sqrt(np.mean(rows**2))), 1.0))
 
     def weigh(self, values: Array) -> None:
-        """Take weights from the simulation of some values."""
-        self.weights = weights_of(self._begun(values), self.windows)
+        """Take weights from the simulation of some values.
+
+        From there on derivatives are those of parabolas: what errors of theirs would say of numbers that make up for each other
+        must be far below the prior.
+        """
+        self.weights, self.central = weights_of(self._begun(values), self._placed(values)[1]), True
 
     @property
     def cost_of_noise(self) -> float:
@@ -212,7 +235,7 @@ class _Objective:
     def jacobian(self, values: Array) -> Array:
         """Return what the unknowns change in it, shape (n + p, p)."""
         self.near = self._begun(values)
-        self.slopes = by_states(self._placed(values), self.windows, self.near)
+        self.slopes = by_states(*self._placed(values), self.near)
         return np.concatenate([self._columns(values).reshape(-1, values.size), np.eye(values.size)])
 
     def fit(self, values: Array) -> Fit:
@@ -220,36 +243,52 @@ class _Objective:
         J = self.jacobian(values)[: -values.size].reshape(len(self.windows.spans), -1, values.size)
         parts = _Batches.of(J, self._rows(values), len(self.windows.roles))
         return Fit(
-            self.unknowns, values, parts.covariance, parts.degrees, np.einsum("wli,wlj->ij", J, J), self.windows, self.near
+            self.unknowns,
+            values,
+            parts.covariance,
+            parts.degrees,
+            np.einsum("wli,wlj->ij", J, J),
+            self.windows,
+            self.near,
         )
 
-    def _placed(self, values: Array) -> Any:
-        return as_felt(placed(self.joint, self.unknowns, values))
+    def _placed(self, values: Array) -> tuple[Any, Windows]:
+        joint = as_felt(placed(self.joint, self.unknowns, values))
+        return joint, bound_by(self.lever, self.windows, joint)
 
     def _begun(self, values: Array) -> Shot:
         if not np.array_equal(values, self.at):
-            self.shot = begun(self._placed(values), self.windows, near=self.near, slopes=self.slopes)
+            self.shot = begun(*self._placed(values), near=self.near, slopes=self.slopes)
             self.at = values.copy()
         return self.shot
 
     def _rows(self, values: Array) -> Array:
-        rows = projected(bases_of(self.slopes), in_windows(self._begun(values), self.windows))
+        rows = projected(bases_of(self.slopes), in_windows(self._begun(values), self._placed(values)[1]))
         if not np.isfinite(rows).all():
             raise SimulationError("the simulation leaves what the model describes")
         return np.asarray(rows * self.weights)
 
     def _columns(self, values: Array) -> Array:
         """Return what the unknowns change in the weighed errors, shape (W, L · roles, p)."""
-        here = in_windows(self.near, self.windows)
+        here, free = in_windows(self.near, self._placed(values)[1]), self.unknowns
+
+        def moved(i: int, step: float) -> Array | None:
+            there = values.copy()
+            there[i] += step
+            other, windows = self._placed(there)
+            try:
+                return in_windows(shoot(other, windows, self.near.states), windows)
+            except SimulationError:
+                return None
 
         def changed(i: int) -> Array:
-            there, step = values.copy(), self.unknowns[i].step(float(values[i]))
-            there[i] += step
-            try:
-                moved = shoot(self._placed(there), self.windows, self.near.states)
-            except SimulationError:
+            step = free[i].step(float(values[i]))
+            after, before = moved(i, step), None
+            if self.central and self.low[i] <= values[i] - step <= self.high[i]:
+                before = moved(i, -step)
+            if after is None:
                 return np.zeros_like(here)
-            return np.nan_to_num((in_windows(moved, self.windows) - here) / step)
+            return np.nan_to_num((after - here) / step if before is None else (after - before) / (2.0 * step))
 
         # Compiled simulations leave the interpreter to one another.
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:

@@ -24,11 +24,13 @@ from vsalog.identification.document import Combination, Identification, Identifi
 from vsalog.identification.document import SimulationError as ErrorThere
 from vsalog.identification.fit import Fit, fitted
 from vsalog.identification.identifiability import combinations, correlations, determined
-from vsalog.identification.unknowns import Scales, Unknown, as_felt, placed, unknowns_of
+from vsalog.identification.lever import bound_by, lever_of
+from vsalog.identification.unknowns import Scales, as_felt, placed, unknowns_of
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.windows import Windows, begun, windows_of
 from vsalog.rig import Rig
 from vsalog.rig.roles import ROLE_UNITS
+from vsalog.rig.schema import Lever
 from vsalog.rig.uncertain import Path as KeyPath
 from vsalog.rig.uncertain import Tolerance
 
@@ -118,8 +120,9 @@ def identify(
                 path: diagnosis.bound_as_recorded(other, name, joint, set(signals.roles), gains=False)
                 for path, other in others.items()
             }
+            lever = lever_of(recording, joint, set(signals.roles))
             progress(f"joint {name}: fitting")
-            found.append(identified(name, joint, log.name, signals, held, rig.tolerances[name], options))
+            found.append(identified(name, joint, log.name, signals, held, rig.tolerances[name], options, lever))
             findings += signals.findings
         except VsalogError as error:
             if len(wanted) == 1:
@@ -153,6 +156,7 @@ def identified(
     held: Mapping[str, JointSignals],
     stated: Mapping[str, float],
     options: Options,
+    lever: Lever | None,
 ) -> JointFit:
     """Fit the numbers of one joint.
 
@@ -164,6 +168,7 @@ def identified(
     held : of logs that are held out: name → signals
     stated : key's path below the joint → one standard deviation
     options : of the run
+    lever : that bound the set-point of all logs, see `lever.bound_by`
 
     Raises
     ------
@@ -174,20 +179,20 @@ def identified(
     unknowns = unknowns_of(joint, stated, _scales(joint, windows), options.free, options.fixed)
     if not unknowns:
         raise DiagnosisError(f"joint '{name}': the rig leaves no number to be fitted; --free KEY adds one")
-    fit = fitted(joint, unknowns, weighed(as_felt(joint), windows))
+    fit = fitted(joint, unknowns, weighed(as_felt(joint), windows), lever=lever)
     there = [
         error
         for path, other in held.items()
-        for error in _errors(name, joint, fit, path, "whole", _windows(joint, other))
+        for error in _errors(name, joint, fit, path, "whole", _windows(joint, other), lever)
     ]
     if not held:
         cut = 2 * len(windows.spans) // 3
         first, rest = np.arange(cut), np.arange(cut, len(windows.spans))
         if cut and rest.size:
-            part = fitted(joint, unknowns, fit.windows.part(first), fit.values)
-            there = _errors(name, joint, part, log, "last third", windows.part(rest))
+            part = fitted(joint, unknowns, fit.windows.part(first), fit.values, lever)
+            there = _errors(name, joint, part, log, "last third", windows.part(rest), lever)
         else:
-            there = _errors(name, joint, fit, log, "itself", windows)
+            there = _errors(name, joint, fit, log, "itself", windows, lever)
     return JointFit(name, joint, fit, tuple(there))
 
 
@@ -208,15 +213,18 @@ def _scales(joint: Any, windows: Windows) -> Scales:
     return Scales(float(max(torques, default=0.0)) or 1.0, speed, channels.period)
 
 
-def _errors(name: str, joint: Any, fit: Fit, where: str, part: Any, windows: Windows) -> list[ErrorThere]:
+def _errors(
+    name: str, joint: Any, fit: Fit, where: str, part: Any, windows: Windows, lever: Lever | None
+) -> list[ErrorThere]:
     """Return how far the rig as it stands, and with a fit, is from windows that it was not fitted to."""
     windows = dataclasses.replace(windows, scale=fit.windows.scale, hold=fit.windows.hold)
     after = as_felt(placed(joint, fit.unknowns, fit.values))
-    two = begun(after, windows)
     try:
         one = begun(as_felt(joint), windows)
     except SimulationError:
         one = None
+    windows = bound_by(lever, windows, after)
+    two = begun(after, windows)
     floor = floors(after, windows, two)
     out = []
     for role in windows.roles:
