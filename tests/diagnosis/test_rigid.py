@@ -258,11 +258,10 @@ def test_one_in_a_chain_is_left_out_where_nothing_says_what_its_link_does(tmp_pa
         diagnose(tmp_path / "log.csv", None, Options())
 
 
-def test_no_experiment_is_proposed_and_it_says_so(tmp_path):
+def test_an_experiment_is_proposed_for_a_rigid_joint_too(tmp_path):
     outcome = diagnose(laid(tmp_path, Truth())[0], None, Options(suggest=True))
-    assert outcome.proposed is None
-    (why,) = (f for f in outcome.diagnosis.findings if f.code == "diagnosis.no_experiment")
-    assert "transmissions or muscles" in why.evidence["reason"]
+    assert outcome.proposed is not None
+    assert outcome.proposed.joint == "arm"
 
 
 def test_what_no_cause_makes_is_unexplained_and_over_the_position(tmp_path):

@@ -58,8 +58,8 @@ def test_logs_of_more_than_three_hundred_thousand_samples_are_not_estimated_unle
         findings: tuple = ()
 
     doubts = []
-    for name in ("_check_fit", "_roles", "_read", "bind", "device_of", "implausible", "judge", "pick_joints", "prepare",
-                 "replace", "side_by_side", "truth_channels"):  # fmt: skip
+    for name in ("_check_fit", "_roles", "_read", "bind", "device_of", "implausible", "judge", "log_findings", "pick_joints",
+                 "prepare", "replace", "side_by_side", "truth_channels"):  # fmt: skip
         monkeypatch.setattr(run, name, MagicMock())
     monkeypatch.setattr(
         run, "joint_report", lambda judged, signals, modalities, found, own: doubts.extend(found) or Told()

@@ -87,7 +87,9 @@ def log_findings(
         # What cannot be bound is said by those who need it.
         with suppress(VsalogError):
             look = bind(recordings, name, joint, roles, setpoints) if roles else None
-    return found if look is None else [*found, *findings_of(look)]
+    # How fast a clock runs against another `inspect` tells, of all of a log: a stretch of one, or several logs, are no measure.
+    together = () if look is None else findings_of(look)
+    return [*found, *(finding for finding in together if finding.code != CODES["drift"])]
 
 
 def _recorded(recordings: Sequence[Recording], joint: Joint, role: str) -> bool:
