@@ -150,7 +150,7 @@ def codes(found):
 def test_every_command_reports_a_magnitude(samples, tmp_path, run):
     lines = (samples / "sea_exp1.csv").read_text().splitlines()
     at = next(i for i, name in enumerate(lines[0].split(",")) if "torque sensor" in name)
-    rows = [line.split(",") for line in lines[1:]]
+    rows = [line.split(",") for line in lines[1:3001]]
     unsigned = [",".join([*row[:at], row[at].lstrip("-"), *row[at + 1 :]]) for row in rows]
     (tmp_path / "log.csv").write_text("\n".join([lines[0], *unsigned]) + "\n")
     (tmp_path / "log.rig.toml").write_text((samples / "sea_exp1.rig.toml").read_text())
