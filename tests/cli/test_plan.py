@@ -16,6 +16,8 @@ from vsalog.readers import read
 from vsalog.rig import Rig
 from vsalog.simulation.scenario import Scenario
 
+pytestmark = pytest.mark.share(2)
+
 RIG = """
 [joint.arm]
 kind = "rigid"

@@ -12,6 +12,8 @@ from vsalog.core.errors import DiagnosisError
 from vsalog.diagnosis.run import Options, diagnose
 from vsalog.rig import Rig
 
+pytestmark = pytest.mark.share(2)
+
 RIG = """
 [joint.a]
 kind = "elastic"

@@ -18,6 +18,8 @@ from vsalog.readers import read
 from vsalog.rig.find import find_rig
 from vsalog.rig.guess import guess_roles
 
+pytestmark = pytest.mark.share(2)
+
 
 @pytest.fixture(scope="module")
 def sea(samples):

@@ -49,6 +49,7 @@ class Effort(NamedTuple):
     ----------
     rounds : fits with weights of their own: the first from the noise alone, the other from what the first leaves
     tolerance : reduction of half the sum of squares at which a fit ends; being off by a standard deviation adds 1/2
+    search : relative reduction of the sum of squares at which a fit to a part of the windows ends: it chooses where to begin
     evaluations : simulations of the log after which a fit is given up
     drawn, followed : draws of the prior that are simulated where the rig leads far from the log, and those that are fitted
     windows : of the log for these
@@ -56,6 +57,7 @@ class Effort(NamedTuple):
 
     rounds: int = 2
     tolerance: float = 0.01
+    search: float = 1e-3
     evaluations: int = 60
     drawn: int = 64
     followed: int = 3
@@ -171,10 +173,11 @@ class _Search:
     def _from(self, values: Array, windows: Windows, rounds: int) -> Fit:
         values = np.clip(values, self.low, self.high)
         objective = _Objective(self.joint, self.unknowns, windows, values, self.lever)
+        ftol = EFFORT.search if windows is self.few else EFFORT.tolerance / objective.cost_of_noise
         for _ in range(rounds):
             values = least_squares(
                 objective.residual, values, objective.jacobian, (self.low, self.high), x_scale="jac",
-                ftol=EFFORT.tolerance / objective.cost_of_noise, xtol=None, gtol=None, max_nfev=EFFORT.evaluations,
+                ftol=ftol, xtol=None, gtol=None, max_nfev=EFFORT.evaluations,
             ).x  # fmt: skip
             objective.weigh(values)
         return objective.fit(values)
@@ -350,4 +353,4 @@ class _Batches:
         Q[:, np.arange(own.shape[1]), np.arange(own.shape[1])] += own
         # What the prior says is certain.
         total = np.trace(Q, axis1=1, axis2=2) + np.sum(inverse**2, axis=1)
-        return np.asarray(total**2 / np.sum(Q**2, axis=(1, 2)))
+        return np.asarray(total**2 / np.maximum(np.sum(Q**2, axis=(1, 2)), np.finfo(np.float64).tiny))
