@@ -1,23 +1,25 @@
 """`vsalog identify` next to `mujoco.sysid` on a simulated machine, and next to a usual five-parameter fit on real servos.
 
     python -m benchmarks.identify [--seconds 20] [--rounds 3] [--seed 0]
-    python -m benchmarks.identify --so101 FOLDER [--joint Rotation [--joint …]]
+    python -m benchmarks.identify --so101 FOLDER [--motion chirp_sweep] [--joint Rotation [--joint …]]
 
 The first simulates a series elastic joint by MuJoCo (a motor, a tendon as its spring, a link that hangs; RK4 at 1 kHz), adds
 noise and steps to its channels, and lets both fit the same six numbers to the same log from the same guess, 30 % off. It prints
 the errors of the numbers, and the time on processors and on the wall, in turn in the same run. Exits with 1 where vsalog takes
 longer or its median error is larger.
 
-FOLDER has a folder per motion of an SO-101 arm, as `chirp_sweep`. Each joint is fitted on that one, by `identify` and by what is
-usual for a joint in a simulator: armature, damping, friction loss, bias and delay below a proportional loop, found by CMA-ES
-(Hansen 2016, arXiv 1604.00772) over a simulation at 1 ms. Prints the errors of both on all other motions in which the joint
-moves. Exits with 1 where the ratio is above a half for more than two joints.
+FOLDER has a folder per motion of an SO-101 arm. Each joint is fitted on one motion, by `identify` and by what is usual for a joint
+in a simulator: armature, damping, friction loss, bias and delay below a proportional loop, found by CMA-ES (Hansen 2016, arXiv
+1604.00772) over a simulation at 1 ms. Prints the errors of both on all other motions in which the joint moves. Exits with 1 where
+the ratio is above a half for more than two joints.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line has it, before numpy is there
 import sys
 import tempfile
 import time
@@ -26,6 +28,7 @@ from pathlib import Path
 
 import numpy as np
 from numba import njit
+from scipy.signal import savgol_filter
 
 from benchmarks.measure import machine
 from vsalog.core.errors import VsalogError
@@ -52,6 +55,8 @@ KEYS = (
     "link.gravity_torque",
 )
 OFF, NOISE, STEP = 0.3, 0.02, np.deg2rad(0.01)
+# Samples of a window that mujoco.sysid plays from the smoothed state, and of the smoother.
+WINDOW, SMOOTHED = 1000, 101
 HALF, ENOUGH_JOINTS = 0.5, 4
 
 SEA = """
@@ -162,10 +167,16 @@ def by_sysid(log: tuple[np.ndarray, ...], guess: np.ndarray) -> np.ndarray:
     for (name, modifier), value in zip(modifiers.items(), begin, strict=True):
         parameters.add(sysid.Parameter(name, value, 0.05 * value, 20.0 * value, modifier=modifier))
     model = spec.compile()
-    start = sysid.create_initial_state(model, np.array([theta[0], q[0]]), np.zeros(2), np.zeros(0))
-    sensors = sysid.TimeSeries.from_names(t[1:], np.stack([theta, q], axis=1)[1:], model)
-    sequence = sysid.ModelSequences("sea", spec, "log", start, sysid.TimeSeries(t, torque[:, None]), sensors)
-    residual = sysid.build_residual_fn(models_sequences=[sequence])
+    positions = np.stack([theta, q], axis=1)
+    velocities = savgol_filter(positions, SMOOTHED, 3, deriv=1, delta=PERIOD, axis=0)
+    sequences = []
+    for k in range(0, t.size - WINDOW + 1, WINDOW):
+        one = slice(k, k + WINDOW)
+        start = sysid.create_initial_state(model, positions[k], velocities[k], np.zeros(0))
+        sensors = sysid.TimeSeries.from_names(t[1:WINDOW], positions[one][1:], model)
+        torques = sysid.TimeSeries(t[:WINDOW], torque[one, None])
+        sequences.append(sysid.ModelSequences(f"sea {k}", spec, f"log {k}", start, torques, sensors))
+    residual = sysid.build_residual_fn(models_sequences=sequences)
     found, _ = sysid.optimize(parameters, residual, optimizer="mujoco", verbose=False)
     x = found.as_vector()
     return np.array([*x[:3], x[3] + x[5] * DISTANCE**2, x[4], x[5] * GRAVITY * DISTANCE])
@@ -286,9 +297,8 @@ def motion(folder: Path, name: str) -> tuple[np.ndarray, np.ndarray, float]:
     return np.ascontiguousarray(np.asarray(there[control].values)[index]), positions, period
 
 
-def next_to_five_parameters(folder: Path, joints: list[str]) -> bool:
+def next_to_five_parameters(folder: Path, learned: Path, joints: list[str]) -> bool:
     """Compare on the servos of an arm; tell whether errors are half as large for enough joints."""
-    learned = folder / "chirp_sweep"
     others = sorted(p for p in folder.iterdir() if p.is_dir() and p != learned)
     print(f"\n| joint | CPU s | {' | '.join(p.name for p in others)} | all | ratio |\n|{' --- |' * (len(others) + 4)}")
     met = 0
@@ -338,12 +348,12 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--so101", type=Path, metavar="FOLDER")
+    parser.add_argument("--motion", default="chirp_sweep", help="the folder that is learned from")
     parser.add_argument("--joint", action="append", choices=JOINTS)
     given = parser.parse_args()
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     print(machine("vsalog", "numba", "numpy", "scipy", "mujoco", "cma"))
     if given.so101 is not None:
-        return 0 if next_to_five_parameters(given.so101, given.joint or list(JOINTS)) else 1
+        return 0 if next_to_five_parameters(given.so101, given.so101 / given.motion, given.joint or list(JOINTS)) else 1
     return 0 if next_to_sysid(given.seconds, given.rounds, given.seed) else 1
 
 

@@ -125,7 +125,9 @@ def fitted(
     fit = search.all_the_way(search.searched(begin).values)
     # Few windows say little of it, all of them nearly everything.
     there = None if other is None else other.tried(fit.values, other.windows)
-    return fit if there is None or _left(there) >= _left(fit) else there
+    if other is None or there is None or _left(there) >= _left(fit):
+        return fit
+    return other.all_the_way(there.values)
 
 
 def _left(fit: Fit) -> float:
@@ -156,9 +158,9 @@ class _Search:
         return self._from(values, self.few, 1)
 
     def tried(self, values: Array, windows: Windows) -> Fit | None:
-        """Fit windows from some values; none where they cannot be simulated."""
+        """Fit windows once from some values; none where they cannot be simulated."""
         try:
-            return self._from(values, windows, 1 if windows is self.few else EFFORT.rounds)
+            return self._from(values, windows, 1)
         except SimulationError:
             return None
 
@@ -173,12 +175,9 @@ class _Search:
     def _from(self, values: Array, windows: Windows, rounds: int) -> Fit:
         values = np.clip(values, self.low, self.high)
         objective = _Objective(self.joint, self.unknowns, windows, values, self.lever)
-        ftol = EFFORT.search if windows is self.few else EFFORT.tolerance / objective.cost_of_noise
+        tolerance = EFFORT.search if windows is self.few else EFFORT.tolerance / objective.cost_of_noise
         for _ in range(rounds):
-            values = least_squares(
-                objective.residual, values, objective.jacobian, (self.low, self.high), x_scale="jac",
-                ftol=ftol, xtol=None, gtol=None, max_nfev=EFFORT.evaluations,
-            ).x  # fmt: skip
+            values = objective.least(values, tolerance)
             objective.weigh(values)
         return objective.fit(values)
 
@@ -199,6 +198,13 @@ class _Search:
         )
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
             return draws[np.argsort(list(pool.map(misfit, draws)), kind="stable")[: EFFORT.followed]]
+
+
+class _SettledError(Exception):
+    """No step promises anything: carries the values, shape (p,)."""
+
+    def __init__(self, values: Array) -> None:
+        self.values = values.copy()
 
 
 class _Objective:
@@ -227,6 +233,27 @@ class _Objective:
     def cost_of_noise(self) -> float:
         """Half the sum of squares that is left where the weights are right, or more."""
         return 0.5 * len(self.windows.spans) * self.weights.size
+
+    def least(self, values: Array, tolerance: float) -> Array:
+        """Return the values that make it least, from some: a step promises less than a part of it, or gained less."""
+
+        def jacobian(values: Array) -> Array:
+            J, rows = self.jacobian(values), self.residual(values)
+            promised = np.square(np.linalg.qr(J)[0].T @ rows).sum()
+            if promised < tolerance * np.square(rows).sum():
+                raise _SettledError(values)
+            return J
+
+        try:
+            # With errors of the simulation's own, steps that promise nothing are shortened again and again.
+            return np.asarray(
+                least_squares(
+                    self.residual, values, jacobian, (self.low, self.high), x_scale="jac",
+                    ftol=tolerance, xtol=None, gtol=None, max_nfev=EFFORT.evaluations,
+                ).x
+            )  # fmt: skip
+        except _SettledError as there:
+            return there.values
 
     def residual(self, values: Array) -> Array:
         """Return the weighed errors, and the unknowns, shape (n + p,); no step goes where nothing can be simulated."""
