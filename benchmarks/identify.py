@@ -8,8 +8,8 @@ noise and steps to its channels, and lets both fit the same six numbers to the s
 the errors of the numbers, and the time on processors and on the wall, in turn in the same run. Exits with 1 where vsalog takes
 longer or its median error is larger.
 
-FOLDER has a folder per motion of an SO-101 arm. Each joint is fitted on one motion, by `identify` and by what is usual for a joint
-in a simulator: armature, damping, friction loss, bias and delay below a proportional loop, found by CMA-ES (Hansen 2016, arXiv
+FOLDER has a folder per motion of an SO-101 arm. Each joint is fitted on one motion, by `identify` and by what is usual for a
+joint in a simulator: armature, damping, friction loss, bias and delay below a proportional loop, found by CMA-ES (Hansen 2016, arXiv
 1604.00772) over a simulation at 1 ms. Prints the errors of both on all other motions in which the joint moves. Exits with 1 where
 the ratio is above a half for more than two joints.
 """
