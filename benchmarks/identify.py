@@ -9,9 +9,9 @@ the errors of the numbers, and the time on processors and on the wall, in turn i
 longer or its median error is larger.
 
 FOLDER has a folder per motion of an SO-101 arm. Each joint is fitted on one motion, by `identify` and by what is usual for a
-joint in a simulator: armature, damping, friction loss, bias and delay below a proportional loop, found by CMA-ES (Hansen 2016, arXiv
-1604.00772) over a simulation at 1 ms. Prints the errors of both on all other motions in which the joint moves. Exits with 1 where
-the ratio is above a half for more than two joints.
+joint in a simulator: armature, damping, friction loss, bias and delay below a proportional loop, found by CMA-ES (Hansen 2016,
+arXiv 1604.00772) over a simulation at 1 ms. Prints the errors of both on all other motions in which the joint moves. Exits with 1
+where the ratio is above a half for more than two joints.
 """
 
 from __future__ import annotations
