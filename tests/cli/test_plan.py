@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -95,6 +96,42 @@ def test_the_motion_that_is_written_plays_keeps_its_limits_and_is_worth_more(run
         for one in isolations(again.problem, again.system, causes):
             assert one.visible
             assert not {r.site.key for r in kinds.open(one) if r.probability >= 0.5} & members
+
+
+SERVO = Path(__file__).parents[2] / "sample_logs" / "so101_servo" / "so101.rig.toml"
+SLOW = """
+duration = 20.0
+period = 0.02
+[[joint.rotation.commanded_position]]
+type = "sine"
+amplitude = 0.12
+frequency = 0.1
+"""
+
+
+def test_a_slow_command_hides_a_drives_limit_and_the_proposed_one_tells_it(run, folder):
+    """As the real arm's logs do (tests/diagnosis/test_commanded.py): its slow motion does not show the limit, the fast one does."""
+    (folder / "slow.toml").write_text(SLOW, encoding="utf-8")
+    asked = ("plan", SERVO, "--scenario", "slow.toml", "--max-angle", "10 deg")
+    code, out, _ = run(*asked, "--max-speed", "3 rad/s", "--json", "-o", "next.toml")
+    assert code == 0
+    (joint,) = json.loads(out)["joints"]
+    limit = [c for c in joint["classes"] if any(m["cause"] == "drive.acceleration_limit" for m in c["members"])]
+    assert limit
+    assert all(c["kind"] == "confused" and c["by_motion"] for c in limit)
+    driven = tomllib.loads((folder / "next.toml").read_text(encoding="utf-8"))["joint"]["rotation"]
+    assert set(driven) == {"commanded_position"}
+    # Sines by their closed form: within the limits, and fast enough for the drive's limit to matter.
+    t = np.linspace(0.0, joint["motion"]["duration"], 10_000)
+    sines = [p for p in driven["commanded_position"] if p["type"] == "sine"]
+    swing = sum(p["amplitude"] * np.sin(2 * np.pi * p["frequency"] * t + p.get("phase", 0.0)) for p in sines)
+    assert np.ptp(swing) <= 2 * np.deg2rad(10.0)
+    assert np.max(np.abs(np.gradient(swing, t))) <= 3.0
+    # As fast as the judged motion, nothing tells more of it.
+    code, out, _ = run(*asked, "--max-speed", "0.1 rad/s", "--json")
+    (joint,) = json.loads(out)["joints"]
+    assert (code, joint["motion"]) == (0, None)
+    assert joint["no_motion"]
 
 
 def test_the_terminal_names_classes_and_what_splits_them(run, folder):

@@ -28,7 +28,7 @@ from vsalog.diagnosis.joint import Progress
 from vsalog.diagnosis.posterior import Problem
 from vsalog.diagnosis.priors import felt
 from vsalog.diagnosis.setting import setting_of
-from vsalog.diagnosis.suggest import Bench, Subject, Suggestion
+from vsalog.diagnosis.suggest import Bench, Subject, Suggestion, separation
 from vsalog.diagnosis.suggest_candidates import Played
 from vsalog.diagnosis.suggest_questions import Hypothesis, Question, Questions, shown
 from vsalog.diagnosis.suggest_range import Limits, seen_in
@@ -279,6 +279,8 @@ def plan_joint(
             best = bench.best(questions) if questions.asked else None
         except VsalogError as error:
             best, no_motion = None, str(error)
+        if best is not None and not np.any(best.separations > [q.now for q in questions.asked]):
+            best, no_motion = None, "within the limits none separates the causes better than the one that was judged"
         if best is not None:
             best, after, structure = _shortest(bench, best, classes, hidden, structure)
             proposed = Suggestion(name, best, questions, len(rig.joints) > 1)
@@ -476,8 +478,7 @@ def _questions(subject: Subject, found: Sequence[Isolation], classes: Sequence[C
 
 def _question(system: System, joint: Any, one: Hypothesis, rival: Rival, nested: bool) -> Question:
     other = Hypothesis(rival.site, rival.fit)
-    apart = one.residual(system, joint) - other.residual(system, joint)
-    return Question(one, other, float(np.sqrt(float(apart @ apart) / max(system.count, 1))), nested=nested)
+    return Question(one, other, separation(system, joint, one, other, predicted=True), nested=nested)
 
 
 def _shortest(

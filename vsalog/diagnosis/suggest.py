@@ -266,7 +266,7 @@ class Left(Exception):
         self.taken = taken
 
 
-def separation(system: System, joint: Any, own: Hypothesis, other: Hypothesis) -> float:
+def separation(system: System, joint: Any, own: Hypothesis, other: Hypothesis, predicted: bool = False) -> float:
     """Return how far two hypotheses are apart, in standard deviations of one average.
 
     Parameters
@@ -274,10 +274,13 @@ def separation(system: System, joint: Any, own: Hypothesis, other: Hypothesis) -
     system : of an experiment that was played with `own` in the rig
     joint : of the rig, without either
     own, other : with the values to begin with
+    predicted : the experiment was played with neither; what `own` would change is predicted from its equations
     """
+    mine = own.residual(system, joint)
+    there = mine if predicted else np.zeros_like(mine)
 
     def residual(values: Array) -> Array:
-        return other.at(values).residual(system, joint)
+        return other.at(values).residual(system, joint) - there
 
     def jacobian(values: Array) -> Array:
         return other.at(values).jacobian(system, joint)
@@ -286,8 +289,7 @@ def separation(system: System, joint: Any, own: Hypothesis, other: Hypothesis) -
     low, high = np.array([(p.low, p.high) for p in parameters]).T
     start, steps = np.clip(other.values, low, high), [p.step for p in parameters]
     theirs = least_squares(residual, start, jacobian, (low, high), x_scale=steps)
-    mine = own.residual(system, joint)
-    more = 2.0 * float(theirs.cost) - float(mine @ mine)
+    more = 2.0 * float(theirs.cost) - float((mine - there) @ (mine - there))
     return float(np.sqrt(max(more, 0.0) / max(system.count, 1)))
 
 

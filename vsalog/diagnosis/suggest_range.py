@@ -147,7 +147,7 @@ def seen_in(joint: Any, system: System) -> Seen:
     driven, torques, moved = dict[str, Range](), dict[str, float](), dict[str, Range]()
     for name in motors_of(joint):
         role = torque_role(name)
-        if role in roles:
+        if role in channels.roles:
             torques[role] = float(np.nanmax(np.abs(channels.roles[role][0])))
         if name == "secondary_motor":
             if "setpoint" in roles and joint.lever is not None:
@@ -155,7 +155,12 @@ def seen_in(joint: Any, system: System) -> Seen:
             continue
         suffix = name.removeprefix("motor")
         if suffix in motion.motors:
-            driven[f"motor_servo{suffix}"] = _range(motion.motors[suffix], system)
+            one = _range(motion.motors[suffix], system)
+            if "commanded_position" in channels.roles:
+                # Friction keeps a motor short of what its drive is commanded.
+                asked = channels.roles["commanded_position"][0]
+                one = replace(one, low=min(one.low, np.nanmin(asked)), high=max(one.high, np.nanmax(asked)))
+            driven[f"motor_servo{suffix}"] = one
     for suffix, phi in motion.deflections.items():
         moved[f"deflection{suffix}"] = _range(phi, system)
     if motion.link is not None:

@@ -159,11 +159,12 @@ def _items(joint: document.JointPlan, scenario: str, written: bool) -> Iterator[
         yield Words(f"Nothing can be planned: {joint.reason}.")
         return
     hidden = [c for c in joint.causes if c.seen < 0.5]
-    open_ones = {(m.cause, m.part) for c in joint.classes for m in c.members}
-    clear = [c for c in joint.causes if c not in hidden and (c.cause, c.part) not in open_ones]
+    confused = {(m.cause, m.part) for c in joint.classes for m in c.members}
+    seen = [c for c in joint.causes if c not in hidden]
+    clear = [c for c in seen if (c.cause, c.part) not in confused]
     yield Words(
         f"Of {len(joint.causes)} causes as large as the rig's tolerances the motion '{scenario}' isolates {len(clear)},"
-        f" confuses {len(open_ones)}, and does not show {len(hidden)}. Equations: {', '.join(joint.equations)}."
+        f" confuses {len(seen) - len(clear)}, and does not show {len(hidden)}. Equations: {', '.join(joint.equations)}."
     )
     if joint.classes:
         heads = ("causes that are confused", "why", "sensor that splits them", "the proposed motion")
