@@ -110,7 +110,7 @@ frequency = 0.1
 
 
 def test_a_slow_command_hides_a_drives_limit_and_the_proposed_one_tells_it(run, folder):
-    """As the real arm's logs do (tests/diagnosis/test_commanded.py): its slow motion does not show the limit, the fast one does."""
+    """As the real arm's logs do (tests/diagnosis/test_commanded.py): the slow one does not show the limit, the fast one does."""
     (folder / "slow.toml").write_text(SLOW, encoding="utf-8")
     asked = ("plan", SERVO, "--scenario", "slow.toml", "--max-angle", "10 deg")
     code, out, _ = run(*asked, "--max-speed", "3 rad/s", "--json", "-o", "next.toml")
