@@ -154,7 +154,14 @@ def test_files_that_are_there_or_read_are_kept(sea):
 @pytest.fixture(scope="module")
 def servo(tmp_path_factory):
     """A drive that holds its command for 20 ms, an inertia and viscous friction: nothing but angles is recorded."""
-    folder, period, n = tmp_path_factory.mktemp("servo"), 0.02, 1500
+    folder = tmp_path_factory.mktemp("servo")
+    write_servo(folder / "log.csv", 26.0, 0.7 + 0.3)
+    (folder / "rig.toml").write_text(SERVO.format())
+    return folder
+
+
+def write_servo(path, kp, damping, n=1500, period=0.02):
+    """Write the log of a drive with an inertia of 0.05 kg·m²."""
     time = np.arange(n) * period
     command = 0.4 * np.sin(2.0 * time) + 0.15 * np.sin(9.0 * time) + 0.1 * np.sign(np.sin(1.3 * time))
     x, out = np.array([command[0], 0.0]), np.empty(n)
@@ -162,14 +169,27 @@ def servo(tmp_path_factory):
         out[k] = x[0]
 
         def rates(_, s, k=k):
-            return s[1], (26.0 * (command[k] - s[0]) - (0.7 + 0.3) * s[1]) / 0.05
+            return s[1], (kp * (command[k] - s[0]) - damping * s[1]) / 0.05
 
         x = solve_ivp(rates, (0.0, period), x, rtol=1e-9, atol=1e-11).y[:, -1]
     rng = np.random.default_rng(0)
     columns = np.stack([time, command, out + 3e-4 * rng.standard_normal(n)], axis=1)
-    np.savetxt(folder / "log.csv", columns, delimiter=",", header="time [s],command,q", comments="", fmt="%.9g")
-    (folder / "rig.toml").write_text(SERVO.format())
-    return folder
+    np.savetxt(path, columns, delimiter=",", header="time [s],command,q", comments="", fmt="%.9g")
+
+
+def test_a_fit_that_is_worse_than_the_rig_elsewhere_is_reported(servo):
+    """The held-out log is of the machine that the rig has, the log is of another one."""
+    write_servo(servo / "rigs.csv", 30.0, 0.4 + 0.5, n=800)
+    asked = ("log.csv", "--rig", "rig.toml", "--fix", "motor.inertia", "-o", "worse.toml", "--holdout")
+    found = identified(servo, *asked, "rigs.csv")
+    (error,) = found["errors"]
+    (finding,) = [f for f in found["findings"] if f["code"] == "identification.worse_elsewhere"]
+    assert (finding["joint"], finding["part"]) == ("a", "link_position")
+    assert (finding["value"], finding["limit"]) == (error["identified"], error["rig"])
+    assert error["identified"] > 2.0 * error["rig"]
+    write_servo(servo / "same.csv", 26.0, 0.7 + 0.3, n=800)
+    found = identified(servo, *asked, "same.csv")
+    assert "identification.worse_elsewhere" not in [f["code"] for f in found["findings"]]
 
 
 def test_without_a_torque_numbers_are_told_relative_to_one(servo):

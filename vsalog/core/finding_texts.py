@@ -432,6 +432,11 @@ TEXTS: dict[str, Text] = {
         "It is of another machine, or the machine was changed, or one log moves it as the other never does.",
     ),
     "diagnosis.not_simulated": Text("it could not be simulated, so nothing was measured of the gain: {reason}."),
+    "identification.worse_elsewhere": Text(
+        "with the identified numbers {part} is simulated worse on data that were not fitted, {where}, than with the rig's:"
+        " its RMS error is {value:.3g} {unit}, that of the rig {limit:.3g} {unit}.",
+        "The fit made up for something that the rig does not have: 'vsalog diagnose LOG' looks for it.",
+    ),
     "diagnosis.no_experiment": Text("no experiment is proposed: {reason}."),
 }
 

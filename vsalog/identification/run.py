@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -81,6 +81,16 @@ class JointFit:
         """The joint with the numbers that were identified."""
         return placed(self.joint, self.fit.unknowns, self.fit.values)
 
+    @property
+    def findings(self) -> Iterator[Finding]:
+        """Where data that were not fitted are further from the fit than from the rig, by more than the sensors' noise."""
+        for e in self.errors:
+            if e.part != "itself" and e.identified**2 > e.rig**2 + e.noise_floor**2:
+                yield Finding(
+                    code="identification.worse_elsewhere", joint=e.joint, part=e.signal, value=e.identified, limit=e.rig,
+                    unit=e.unit, evidence={"where": e.where},
+                )  # fmt: skip
+
 
 def identify(
     log: Path, holdouts: Sequence[Path], options: Options, progress: Progress = lambda _: None
@@ -123,7 +133,7 @@ def identify(
             lever = lever_of(recording, joint, set(signals.roles))
             progress(f"joint {name}: fitting")
             found.append(identified(name, joint, log.name, signals, held, rig.tolerances[name], options, lever))
-            findings += signals.findings
+            findings += [*signals.findings, *found[-1].findings]
         except VsalogError as error:
             if len(wanted) == 1:
                 raise
