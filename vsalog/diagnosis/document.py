@@ -194,8 +194,10 @@ class Trend(_Part, frozen=True):
     rig : the rig's own value
     logs, begins : names, and when each begins, ISO 8601; null where that is not known
     values, intervals : in each log, with its 95 % interval
-    since : the first log, in time, from which on all intervals exclude the rig's value; null where the last one does not
-    per_day, per_day_interval : how fast it grows, with its 95 % interval; null with fewer than three dates
+    since : the log, in time, from which on it differs from the rig's value, the median; null where the last one does not
+    since_interval : the first and the last log that may be that one, with 95 % probability; null for none
+    per_day, per_day_interval : how fast it grows from there on, with its 95 % interval; null with fewer than three dates, or
+        where it differs in one log at most
     """
 
     joint: str
@@ -209,6 +211,7 @@ class Trend(_Part, frozen=True):
     values: tuple[float, ...]
     intervals: tuple[tuple[float, float], ...]
     since: str | None
+    since_interval: tuple[str | None, str | None]
     per_day: float | None
     per_day_interval: tuple[float, float] | None
 

@@ -79,6 +79,15 @@ class Found:
 
     def numbers(self) -> dict[str, tuple[float, float, str]]:
         """Return name → value, standard deviation, unit, as people are told."""
+        told, slopes = self.site.reported(self.values.tolist()), self.slopes()
+        variance = np.maximum(np.diag(slopes @ self.covariance @ slopes.T), 0.0)
+        exact = catalogue()[self.site.cause].exact
+        variance += [(exact * value) ** 2 + self.blur(name) ** 2 for name, (value, _) in told.items()]
+        spread = np.sqrt(variance)
+        return {name: (value, float(s), unit) for (name, (value, unit)), s in zip(told.items(), spread, strict=True)}
+
+    def slopes(self) -> Array:
+        """Return how the numbers that people are told change with those that are fitted, shape (numbers, parameters)."""
         told = self.site.reported(self.values.tolist())
         slopes = np.zeros((len(told), self.values.size))
         for i, parameter in enumerate(self.site.parameters):
@@ -87,12 +96,11 @@ class Found:
             moved[i] += step
             there = self.site.reported(moved.tolist())
             slopes[:, i] = [(there[name][0] - value) / step for name, (value, _) in told.items()]
-        variance = np.maximum(np.diag(slopes @ self.covariance @ slopes.T), 0.0)
-        exact = catalogue()[self.site.cause].exact
-        blur = {p.name: p.blur for p in self.site.parameters}
-        variance += [(exact * value) ** 2 + blur.get(name, 0.0) ** 2 for name, (value, _) in told.items()]
-        spread = np.sqrt(variance)
-        return {name: (value, float(s), unit) for (name, (value, unit)), s in zip(told.items(), spread, strict=True)}
+        return slopes
+
+    def blur(self, name: str) -> float:
+        """Return what of a number nothing tells, one standard deviation."""
+        return next((p.blur for p in self.site.parameters if p.name == name), 0.0)
 
     def absent(self) -> dict[str, tuple[float, str]]:
         """Return name → value and unit as the rig has it, of a shape as it was found."""

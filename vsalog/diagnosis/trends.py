@@ -8,13 +8,16 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
-from vsalog.core.significance import INTERVAL, SIGNIFICANCE
+from vsalog.core.significance import INTERVAL
+from vsalog.diagnosis.causes import catalogue
+from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.document import Trend
 from vsalog.diagnosis.found import Found
 from vsalog.diagnosis.joint import JointDiagnosis
-from vsalog.diagnosis.posterior import most_probable
+from vsalog.diagnosis.onset import onset_of
+from vsalog.diagnosis.posterior import Posterior, most_probable
+from vsalog.diagnosis.selection import Choice
 
 Array = NDArray[np.float64]
 
@@ -36,60 +39,70 @@ def trends_of(found: JointDiagnosis, logs: Sequence[str], begins: Sequence[float
     if not own:
         return []
     there = {site.key for site, _ in fit}
-    every = [replace(site, log=(k, len(logs))) for site in own.values() for k in range(len(logs))]
-    more = [(site, np.array(site.start)) for site in every if site.key not in there]
+    every = {key: [replace(site, log=(k, len(logs))) for k in range(len(logs))] for key, site in own.items()}
+    more = [(site, np.array(site.start)) for sites in every.values() for site in sites if site.key not in there]
     posterior = most_probable(selection.problem, selection.weights, (*fit, *more))
-    covariance, first, numbers = posterior.covariance, posterior.linear.first, dict[tuple[str, str], Found]()
-    choice = selection.choices[0]
-    for g, (site, values) in enumerate(posterior.fit):
-        part = slice(int(first[g]), int(first[g + 1]))
-        numbers[site.key] = Found(site, values, covariance[part, part], choice, 0.0)
-    out = []
-    for site in own.values():
-        courses = [numbers[replace(site, log=(k, len(logs))).key] for k in range(len(logs))]
-        for name, (rig, unit) in courses[0].absent().items():
+    order, times = _in_time(begins)
+    dates = tuple(None if b is None else _date(b) for b in begins)
+    names, out = [*(logs[k] for k in order), None], []
+    for sites in every.values():
+        courses = [_found_in(posterior, site, selection.choices[0]) for site in sites]
+        for i, (name, (rig, unit)) in enumerate(courses[0].absent().items()):
             told = [one.numbers()[name] for one in courses]
-            out.append(_trend(found.name, site.cause, site.part, name, unit, rig, logs, begins, told))
+            values, half = np.array([t[0] for t in told]), INTERVAL * np.array([t[1] for t in told])
+            covariance, deviation = _between(posterior, courses, i, name)
+            onset = onset_of(values[order] - rig, covariance[np.ix_(order, order)], deviation, times)
+            out.append(
+                Trend(
+                    joint=found.name, cause=sites[0].cause, part=sites[0].part, number=name, unit=unit, rig=rig,
+                    logs=tuple(logs), begins=dates, values=tuple(values.tolist()),
+                    intervals=tuple(zip((values - half).tolist(), (values + half).tolist(), strict=True)),
+                    since=names[onset.since], since_interval=(names[onset.earliest], names[onset.latest]),
+                    per_day=None if onset.rate is None else onset.rate[0],
+                    per_day_interval=None if onset.rate is None else onset.rate[1:],
+                )
+            )  # fmt: skip
     return out
 
 
-def _trend(
-    joint: str, cause: str, part: str, name: str, unit: str, rig: float, logs: Sequence[str], begins: Sequence[float | None],
-    told: Sequence[tuple[float, float, str]],
-) -> Trend:  # fmt: skip
-    values, spread = np.array([t[0] for t in told]), np.array([t[1] for t in told])
-    order = np.argsort([np.inf if b is None else b for b in begins], kind="stable")
-    there = np.abs(values - rig)[order] > INTERVAL * spread[order]
-    gone = np.flatnonzero(~there)
-    since = int(gone[-1]) + 1 if gone.size else 0
-    rate = _rate(values, spread, begins)
-    return Trend(
-        joint=joint, cause=cause, part=part, number=name, unit=unit, rig=rig, logs=tuple(logs),
-        begins=tuple(None if b is None else datetime.fromtimestamp(b, UTC).isoformat(timespec="seconds") for b in begins),
-        values=tuple(values.tolist()),
-        intervals=tuple((float(v - INTERVAL * s), float(v + INTERVAL * s)) for v, s in zip(values, spread, strict=True)),
-        since=logs[int(order[since])] if since < len(logs) else None,
-        per_day=None if rate is None else rate[0],
-        per_day_interval=None if rate is None else (rate[1], rate[2]),
-    )  # fmt: skip
+def _found_in(posterior: Posterior, site: Site, choice: Choice) -> Found:
+    """Return a cause of a set with its values."""
+    g = _place(posterior, site)
+    part = _unknowns(posterior, site)
+    return Found(site, posterior.fit[g][1], posterior.covariance[part, part], choice, 0.0)
 
 
-def _rate(values: Array, spread: Array, begins: Sequence[float | None]) -> tuple[float, float, float] | None:
-    """Return the slope of a line through values over days, weighed by their spread, and its 95 % interval; None without dates.
+def _place(posterior: Posterior, site: Site) -> int:
+    return next(g for g, (other, _) in enumerate(posterior.fit) if other.key == site.key)
 
-    Where the values scatter about the line more than they are uncertain, their scatter counts.
-    """
-    dated = [i for i, b in enumerate(begins) if b is not None]
-    if len(dated) < 3 or len({begins[i] for i in dated}) < 3:
-        return None
-    days = np.array([float(begins[i]) / timedelta(days=1).total_seconds() for i in dated])  # type: ignore[arg-type]
-    days -= days.mean()
-    y, sigma = values[dated], np.maximum(spread[dated], np.finfo(np.float64).tiny)
-    A = np.stack([np.ones_like(days), days], axis=1) / sigma[:, None]
-    information = np.linalg.inv(A.T @ A)
-    line = information @ (A.T @ (y / sigma))
-    degrees = len(dated) - 2
-    scatter = max(float(np.sum((y / sigma - A @ line) ** 2)) / degrees, 1.0)
-    quantile = INTERVAL if scatter == 1.0 else float(student.isf(0.5 * SIGNIFICANCE, degrees))
-    half = quantile * float(np.sqrt(information[1, 1] * scatter))
-    return float(line[1]), float(line[1]) - half, float(line[1]) + half
+
+def _unknowns(posterior: Posterior, site: Site) -> slice:
+    g, first = _place(posterior, site), posterior.linear.first
+    return slice(int(first[g]), int(first[g + 1]))
+
+
+def _between(posterior: Posterior, courses: Sequence[Found], number: int, name: str) -> tuple[Array, float]:
+    """Return the covariance of a number in all logs, shape (n, n), and how far it may be from the rig's before a log is seen."""
+    slopes = [one.slopes()[number] for one in courses]
+    parts = [_unknowns(posterior, one.site) for one in courses]
+    covariance = np.array([[a @ posterior.covariance[i, j] @ b for j, b in zip(parts, slopes, strict=True)]
+                           for i, a in zip(parts, slopes, strict=True)])  # fmt: skip
+    # What of a number filters take off is alike in all logs.
+    values = np.array([one.numbers()[name][0] for one in courses])
+    covariance += catalogue()[courses[0].site.cause].exact ** 2 * np.outer(values, values)
+    covariance += np.diag([one.blur(name) ** 2 for one in courses])
+    variants = [posterior.linear.variants[_place(posterior, one.site)] for one in courses]
+    return covariance, max(float(np.linalg.norm(a * v.deviation)) for a, v in zip(slopes, variants, strict=True))
+
+
+def _date(begin: float) -> str:
+    return datetime.fromtimestamp(begin, UTC).isoformat(timespec="seconds")
+
+
+def _in_time(begins: Sequence[float | None]) -> tuple[list[int], Array | None]:
+    """Return the logs in the order of their dates, and these in days; with fewer than three dates all logs as they are given."""
+    dated = sorted((b, k) for k, b in enumerate(begins) if b is not None)
+    if len({b for b, _ in dated}) < 3:
+        return list(range(len(begins))), None
+    first = dated[0][0]
+    return [k for _, k in dated], np.array([b - first for b, _ in dated]) / timedelta(days=1).total_seconds()

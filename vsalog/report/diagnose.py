@@ -127,14 +127,14 @@ def _logs(found: Diagnosis) -> Iterator[Section]:
         )
         about = f"{trend.cause}, {signal_name(trend.part)}: {signal_name(trend.number)}"
         caption = f"{about} [{unit_of(trend.unit).strip() or '1'}]; rig: {number(trend.rig)}"
-        words = [
-            f"Since {trend.since} its intervals exclude the rig's value."
-            if trend.since is not None
-            else "In the last log its interval holds the rig's value."
-        ]
+        words = ["In the last log it does not differ from the rig's value."]
+        if trend.since is not None:
+            low, high = (log or "none" for log in trend.since_interval)
+            about = "" if low == high else f" (95 %: {low} … {high})"
+            words = [f"It differs from the rig's value since {trend.since}{about}."]
         if trend.per_day is not None and trend.per_day_interval is not None:
-            low, high = trend.per_day_interval
-            words.append(f"It changes by {number(trend.per_day)} a day (95 %: {number(low)} … {number(high)}).")
+            slowest, fastest = (number(rate) for rate in trend.per_day_interval)
+            words.append(f"It changes by {number(trend.per_day)} a day since then (95 %: {slowest} … {fastest}).")
         table = Table(caption, ("log", "begins", "value", "95 % interval"), values, keys=2, texts=2)
         yield Section("What differs from log to log", (table, Words(" ".join(words))))
 

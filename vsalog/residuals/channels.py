@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vsalog.core.resolution import noise_of, step_of
 from vsalog.core.signals import JointSignals
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
+from vsalog.residuals.memory import remembered
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -104,6 +105,20 @@ class Channels:
             log=None if self.log is None else self.log[part],
         )  # fmt: skip
 
+    def of_log(self, k: int) -> Channels:
+        """Return the channels of one of several logs, which follow one another."""
+        assert self.log is not None
+        first, last = np.searchsorted(self.log, (k, k + 1)).tolist()
+        return self._from_to(first, last)
+
+    def _from_to(self, first: int, last: int) -> Channels:
+        whole = None if self.whole is None else self.whole._from_to(first * self.every, last * self.every)
+        return replace(
+            self, time=remembered(_cut, self.time, first, last), starts=self.starts[first:last], log=None, whole=whole,
+            roles={r: remembered(_cut, v, first, last) for r, v in self.roles.items()},
+            raw={r: remembered(_cut, v, first, last) for r, v in self.raw.items()},
+        )  # fmt: skip
+
     def driven_by(self, raw: Mapping[str, Array]) -> Channels:
         """Return the channels with other samples before the filter, and those of what passes no filter after it, too."""
         passed = {r: np.stack([raw[r], v[1], v[2]]) if r.startswith("valve") else v for r, v in self.roles.items()}
@@ -153,6 +168,11 @@ def _first_known(*signals: Array) -> Array:
     for signal in signals[-2::-1]:
         out = np.where(np.isfinite(signal), signal, out)
     return out
+
+
+def _cut(values: Array, first: int, last: int) -> Array:
+    """Return some of the samples, shape (…, N), as an array of its own."""
+    return np.ascontiguousarray(values[..., first:last])
 
 
 def span_of(values: Array) -> float:

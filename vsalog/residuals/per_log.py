@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.residuals.balance import Equation
+from vsalog.residuals.channels import Channels
+from vsalog.residuals.memory import remembered
 
 Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,20 +33,23 @@ def each(joint: Any, change: Callable[[Any], Any]) -> Any:
     return PerLog(tuple(map(change, joint.joints))) if isinstance(joint, PerLog) else change(joint)
 
 
-def joined(formed: Sequence[Sequence[Equation]], log: Integers) -> list[Equation]:
-    """Return equations that were formed once for each log, each sample with those of its own.
-
-    Parameters
-    ----------
-    formed : of the joint in each log
-    log : shape (N,), of each sample
-    """
+def formed_in_each(
+    joint: PerLog, channels: Channels, form: Callable[[Any, Channels], list[Equation]]
+) -> list[Equation]:
+    """Form the equations of each log's samples with the joint as it is there; they follow one another as the logs do."""
     out = []
-    for same in zip(*formed, strict=True):
-        residual, shaped = (
-            np.choose(log, [np.broadcast_to(getattr(e, name), log.shape) for e in same])
-            for name in ("residual", "shaped")
-        )
+    for same in zip(*(form(one, channels.of_log(k)) for k, one in enumerate(joint.joints)), strict=True):
         flat = all(np.ndim(e.shaped) == 0 and e.shaped == 0.0 for e in same)
-        out.append(replace(same[0], residual=residual, shaped=0.0 if flat else shaped))
+        shaped = (
+            0.0
+            if flat
+            else remembered(_one_after_another, *(np.broadcast_to(e.shaped, e.residual.shape) for e in same))
+        )
+        rate = None if same[0].rate is None else remembered(_one_after_another, *(e.rate for e in same))
+        residual = remembered(_one_after_another, *(e.residual for e in same))
+        out.append(replace(same[0], residual=residual, shaped=shaped, rate=rate))
     return out
+
+
+def _one_after_another(*parts: Array) -> Array:
+    return np.concatenate(parts)

@@ -21,7 +21,7 @@ from vsalog.effects.delay import LATEST
 from vsalog.residuals.balance import Equation
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.memory import remembered
-from vsalog.residuals.per_log import PerLog, any_of, each, joined
+from vsalog.residuals.per_log import PerLog, any_of, each, formed_in_each
 from vsalog.residuals.sensing import earlier, read_earlier, true_roles, whole_delays
 
 Array = NDArray[np.float64]
@@ -206,8 +206,7 @@ def build_system(
 def formed(balance: Balance, joint: Any, channels: Channels, hold: float) -> list[Equation]:
     """Form the equations of a joint at every sample."""
     if isinstance(joint, PerLog):
-        assert channels.log is not None
-        return joined([formed(balance, one, channels, hold) for one in joint.joints], channels.log)
+        return formed_in_each(joint, channels, lambda one, part: formed(balance, one, part, hold))
     return balance(joint, true_roles(joint, channels, hold), channels.time, channels.spread)
 
 
