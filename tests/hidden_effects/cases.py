@@ -282,8 +282,8 @@ def write_case(case: Case, out: Path) -> Path:
     folder, sealed = out / case.plan.name, out / "sealed"
     folder.mkdir(parents=True, exist_ok=True)
     sealed.mkdir(exist_ok=True)
-    _write_log(case.log, case.stamps[0], folder / "log.parquet")
-    _write_log(case.holdout, case.stamps[1], folder / "holdout.parquet")
+    write_log(case.log, case.stamps[0], folder / "log.parquet")
+    write_log(case.holdout, case.stamps[1], folder / "holdout.parquet")
     rig = ALL_DEVICES[case.plan.device].rig_text(case.bench.nominal, list(case.log))
     (folder / "rig.toml").write_text(rig, encoding="utf-8")
     if case.plan.family:
@@ -293,7 +293,7 @@ def write_case(case: Case, out: Path) -> Path:
     return folder
 
 
-def _write_log(roles: dict[str, np.ndarray], stamps: np.ndarray, path: Path) -> None:
+def write_log(roles: dict[str, np.ndarray], stamps: np.ndarray, path: Path) -> None:
     columns = {"time": stamps} | {CHANNELS[role]: values for role, values in roles.items()}
     fields = [pa.field("time", pa.float64(), metadata={"unit": "s"})]
     fields += [pa.field(CHANNELS[r], pa.float64(), metadata={"unit": unit_of(r)}) for r in roles]
