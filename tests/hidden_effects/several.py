@@ -271,7 +271,7 @@ def score(name: str, case: Case, together: Any, alone: Any) -> Score:
     for number, trend in trends.items():
         # Of a payload that is not there nothing says where it is.
         known = [(i, h) for i, h in zip(trend["intervals"], case.changing, strict=True) if h.strength]
-        out.covered += [low <= h.parameters[number] <= high for (low, high), h in known]
+        out.covered += [bool(low <= h.parameters[number] <= high) for (low, high), h in known]
     if case.story in ("loads", "inertia") or not trends:
         return out
     (number,) = first.parameters
@@ -280,7 +280,8 @@ def score(name: str, case: Case, together: Any, alone: Any) -> Score:
     out.onset = len(case.days) if trend["since"] is None else trend["logs"].index(trend["since"]) - began
     values = [h.parameters[number] for h in case.changing]
     grows = (values[-1] - values[began]) / (case.days[-1] - case.days[began])
-    out.rate = trend["per_day"] is not None and trend["per_day_interval"][0] <= grows <= trend["per_day_interval"][1]
+    slowest, fastest = trend["per_day_interval"] or (np.inf, -np.inf)
+    out.rate = bool(slowest <= grows <= fastest)
     return out
 
 
