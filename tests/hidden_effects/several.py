@@ -271,7 +271,9 @@ def score(name: str, case: Case, together: Any, alone: Any) -> Score:
     for number, trend in trends.items():
         # Of a payload that is not there nothing says where it is.
         known = [(i, h) for i, h in zip(trend["intervals"], case.changing, strict=True) if h.strength]
-        out.covered += [bool(low <= h.parameters[number] <= high) for (low, high), h in known]
+        # Of a shape, as what dry friction gives way before it slides, a series has no truth to be scored by.
+        truths = [(i, h.parameters[number]) for i, h in known if number in h.parameters]
+        out.covered += [bool(low <= truth <= high) for (low, high), truth in truths]
     if case.story in ("loads", "inertia") or not trends:
         return out
     (number,) = first.parameters

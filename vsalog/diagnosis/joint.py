@@ -31,7 +31,7 @@ from vsalog.diagnosis.unknown_spring import ENCODERS, TAKEN_UP, spring_findings,
 from vsalog.residuals.balance import Motion
 from vsalog.residuals.channels import Channels, channels_of, span_of
 from vsalog.residuals.kinds import balance_for, equations_of, motion_for
-from vsalog.residuals.per_log import PerLog, any_of
+from vsalog.residuals.per_log import any_of, in_last
 from vsalog.residuals.sensing import at_joint, each_sensor, true_roles
 from vsalog.residuals.system import BELL, System, build_system
 from vsalog.residuals.windows import WITHIN, Windows, windows_of
@@ -191,7 +191,7 @@ def diagnose_joint(
             " and its motor's torque, or a drive with what it is commanded"
         )
     setting, hint = setting_of(joint, system, fitted), hint_of(name, joint, system)
-    setting = replace(setting, logs=logs, differs=differs)
+    setting = replace(setting, logs=logs, differs=differs if logs > 1 else frozenset())
     findings = [] if hint is None else [hint]
     if hint is None:
         progress(f"joint {name}: looking for causes")
@@ -207,8 +207,7 @@ def diagnose_joint(
         windows, held_out = _held_out(joint, own, holdout)
         selection = refined(selection, weighed(extended, own))
         extended = placed(joint, selection.posterior.fit)
-        # What another log differs in is not known; the last one is likely to be nearest to it.
-        latest = extended.joints[-1] if holdout is not None and isinstance(extended, PerLog) else extended
+        latest = extended if holdout is None else in_last(extended)
         gain = compared(joint, latest if selection.posterior.fit else joint, windows)
         # What happened once may not have happened in the other log.
         lasting = [(site, values) for site, values in selection.posterior.fit if not site.transient]

@@ -14,7 +14,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from vsalog._version import __version__
-from vsalog.binding.joint import bind, names_of, offered_roles, wanted_channels
+from vsalog.binding.joint import bind, names_of, offered_roles, runs_of, wanted_channels
 from vsalog.checks.recording_faults import log_findings
 from vsalog.core.errors import BindingError, DiagnosisError, RigError, VsalogError, did_you_mean, near_names
 from vsalog.core.finding import Finding, of_log
@@ -162,10 +162,9 @@ def diagnose(
             other = _one_after_another(bound_as_recorded(others, name, joint, set(signals.roles))) if others else None
             findings += [*signals.findings, *log_findings(recordings, name, joint)]
             stated = felt(joint, rig.tolerances[name])
-            together = len(logs) if not getattr(joint, "run", ()) else 1
-            parts = [(name, signals)] if together > 1 else _runs(name, signals)
+            parts = [(name, _by_log(signals, recordings, joint))] if len(logs) > 1 else _runs(name, signals)
             found += [
-                diagnose_joint(label, joint, part, other, progress, stated, together, differs[name])
+                diagnose_joint(label, joint, part, other, progress, stated, len(logs), differs[name])
                 for label, part in parts
             ]
         except VsalogError as error:
@@ -424,6 +423,13 @@ def bound_as_recorded(
         roles = set(there) if roles is None else roles
     assert roles is not None
     return bind(recordings, name, plain, [r for r in offered_roles(plain) if r in roles], noise=True)
+
+
+def _by_log(signals: JointSignals, recordings: Sequence[Recording], joint: Any) -> JointSignals:
+    """Return the signals of several logs, each of which is one run, whatever runs it holds."""
+    runs = [len(runs_of(joint, recording.path.name)) for recording in recordings]
+    log = np.repeat(np.arange(len(runs), dtype=np.int32), runs)[signals.run]
+    return dataclasses.replace(signals, run=log, run_names=tuple(names_of([r.path for r in recordings])))
 
 
 def _runs(name: str, signals: JointSignals) -> list[tuple[str, JointSignals]]:

@@ -34,6 +34,7 @@ from vsalog.diagnosis.suggest_range import Seen, seen_in
 from vsalog.effects.gravity import GRAVITY
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.kinds import balance_for
+from vsalog.residuals.per_log import in_last
 from vsalog.residuals.sensing import bare
 from vsalog.residuals.system import System, build_system
 from vsalog.rig import Rig
@@ -81,8 +82,8 @@ def suggest(rig: Rig, found: Sequence[JointDiagnosis], progress: Progress = lamb
     one, questions = next((o for o in open_ones if o[1].confused), open_ones[0])
     if not questions.asked:
         raise DiagnosisError(f"joint '{one.name}': there is nothing that another experiment could tell")
-    subject = Subject(one.name, one.joint, one.extended, one.system, one.selection.problem)
-    bench = Bench(rig, subject, seen_in(one.extended, one.system))
+    subject = Subject(one.name, one.joint, in_last(one.extended), one.system, one.selection.problem)
+    bench, questions = Bench(rig, subject, seen_in(subject.extended, one.system)), questions.in_another_log()
     progress(f"joint {one.name}: looking for the experiment that would tell most")
     return Suggestion(one.name, bench.best(questions), questions, len(rig.joints) > 1)
 

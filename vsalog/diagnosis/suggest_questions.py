@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -46,6 +46,18 @@ class Hypothesis:
         ends = np.cumsum([own.size for _, own in self.fit])
         return Hypothesis(self.site, [(s, v) for (s, _), v in zip(self.fit, np.split(values, ends), strict=False)])
 
+    def in_another_log(self) -> Hypothesis:
+        """Return it for a log that is not one of those it is of: what differs from log to log is as in the last one.
+
+        What is in question is there, whichever log it was found in.
+        """
+        asked = None if self.site is None else self.site.key
+        there = [(s, v) for s, v in self.fit if s.log is None or s.log[0] + 1 == s.log[1] or s.key == asked]
+        # One that is in question is the first of its kind.
+        there.sort(key=lambda own: own[0].key != asked)
+        kept = {(s.cause, s.part): (replace(s, log=None), v) for s, v in reversed(there)}
+        return Hypothesis(None if self.site is None else replace(self.site, log=None), tuple(reversed(kept.values())))
+
     def residual(self, system: System, joint: Any) -> Array:
         """Return the whitened equations of a joint with it put in, shape (n,)."""
         return system.whitened(placed(joint, self.fit)).ravel()
@@ -86,6 +98,11 @@ class Questions:
 
     asked: tuple[Question, ...]
     confused: bool
+
+    def in_another_log(self) -> Questions:
+        """Return what is asked of a log that is not one of those that leave it open, see `Hypothesis`."""
+        asked = [replace(q, one=q.one.in_another_log(), other=q.other.in_another_log()) for q in self.asked]
+        return replace(self, asked=tuple(asked))
 
 
 def questions_of(found: JointDiagnosis) -> Questions:

@@ -28,6 +28,11 @@ def any_of(joint: Any) -> Any:
     return joint.joints[0] if isinstance(joint, PerLog) else joint
 
 
+def in_last(joint: Any) -> Any:
+    """Return a joint as it is in the last log, which another one that is not known is likely to be nearest to."""
+    return joint.joints[-1] if isinstance(joint, PerLog) else joint
+
+
 def each(joint: Any, change: Callable[[Any], Any]) -> Any:
     """Return a joint changed in every log."""
     return PerLog(tuple(map(change, joint.joints))) if isinstance(joint, PerLog) else change(joint)
