@@ -158,3 +158,60 @@ def test_the_command_takes_several_logs_and_several_held_out_ones(tmp_path):
     assert found["verdict"] == "explained"
     assert found["gain"]["holdout"]
     assert "motor.viscous_friction" in {c["cause"] for c in found["causes"]}
+
+
+def test_one_log_has_no_other_that_it_could_differ_from(tmp_path):
+    found = diagnose(
+        log(tmp_path / "0.csv", 0, damping=0.45), None, Options(rig=rig('differs = ["motor.viscous_friction"]'))
+    ).diagnosis
+    assert [(c.cause, c.log) for c in found.causes if c.material] == [("motor.viscous_friction", None)]
+    assert not found.trends
+
+
+def test_logs_that_are_runs_of_the_rig_are_explained_together(tmp_path):
+    runs = "".join(f'[[joint.a.run]]\nname = "run{k}"\nfile = "{k}.csv"\n' for k in range(2))
+    own = Rig.from_toml(RIG.format(more="") + runs)
+    logs = [log(tmp_path / f"{k}.csv", k, damping=damping) for k, damping in enumerate((0.3, 0.45))]
+    found = diagnose(logs, None, Options(rig=own, differs=("motor.viscous_friction",))).diagnosis
+    assert [(c.cause, c.log) for c in found.causes if c.material] == [("motor.viscous_friction", "1.csv")]
+    (trend,) = found.trends
+    assert trend.since == "1.csv"
+    assert trend.per_day is None
+
+
+def test_the_next_experiment_is_for_the_machine_as_it_is_in_the_last_log(tmp_path):
+    logs = [log(tmp_path / f"{k}.csv", k, load=load) for k, load in enumerate((0.0, 1.0))]
+    outcome = diagnose(logs, None, Options(rig=rig(), differs=("link.payload",), suggest=True))
+    assert outcome.proposed is not None
+    present = {(s.cause, s.log) for q in outcome.proposed.questions.asked for s, _ in q.other.fit}
+    assert ("link.payload", None) in present
+
+
+def test_logs_without_dates_have_an_onset_in_their_order_and_no_rate(tmp_path):
+    """A relative clock: seconds from 0 on."""
+    logs = []
+    for k, damping in enumerate((0.3, 0.3, 0.4, 0.5)):
+        dated = np.loadtxt(log(tmp_path / f"{k}.csv", k, damping=damping), delimiter=",", skiprows=1)
+        dated[:, 0] -= dated[0, 0]
+        header = "time [us],theta,torque,q,spring"
+        np.savetxt(tmp_path / f"{k}.csv", dated, delimiter=",", header=header, comments="", fmt="%.17g")
+        logs.append(tmp_path / f"{k}.csv")
+    found = diagnose(logs, None, Options(rig=rig(), differs=("motor.viscous_friction",))).diagnosis
+    (trend,) = found.trends
+    assert trend.begins == (None,) * 4
+    assert trend.since == "2.csv"
+    assert trend.per_day is None
+
+
+def test_a_log_that_lacks_a_role_of_the_first_is_refused(tmp_path):
+    first, other = (log(tmp_path / f"{k}.csv", k) for k in range(2))
+    values = np.loadtxt(other, delimiter=",", skiprows=1)[:, :4]
+    np.savetxt(other, values, delimiter=",", header="timestamp [us],theta,torque,q", comments="", fmt="%.17g")
+    (tmp_path / "rig.toml").write_text(RIG.format(more=""))
+    done = vsalog_run("diagnose", first.name, other.name, "--rig", "rig.toml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "1.csv" in done.stderr
+    assert "torque_sensor" in done.stderr
+    assert not list(tmp_path.glob("diagnosis.*"))
+    # The other way round they have what both have.
+    assert vsalog_run("diagnose", other.name, first.name, "--rig", "rig.toml", cwd=tmp_path).returncode == 0
