@@ -407,6 +407,23 @@ def test_runs_at_different_rates_come_onto_the_slowest_grid():
     np.testing.assert_allclose(signals.roles["deflection"][second], signals.time[second] / 1.1, atol=1e-9)
 
 
+@pytest.mark.parametrize(("ratio", "own"), [(1.0004, True), (1.0006, False), (1.015, False)])
+def test_runs_whose_rates_differ_are_told_in_true_time(ratio, own):
+    """By a part in a thousand of a second derivative at most, as much as a filter takes off: 1.5 % would be 3 % of an inertia."""
+    name, joint = joint_of(RUNS)
+    x = 30.0 * T**2
+    rec = recording(**{"a.phi": (T, x), "a.tau": (T, x), "b.phi": (ratio * T, x), "b.tau": (ratio * T, x)})
+    signals = bind([rec], name, joint, ("deflection", "torque_sensor", "setpoint"))
+    accelerations = [
+        np.polyfit(
+            signals.period * np.arange(np.sum(signals.run == k)), signals.roles["deflection"][signals.run == k], 2
+        )[0]
+        for k in range(2)
+    ]
+    np.testing.assert_allclose(accelerations, [30.0, 30.0 / ratio**2], rtol=1e-3)
+    assert np.array_equal(signals.roles["deflection"][signals.run == 0], x) == own
+
+
 @pytest.mark.parametrize("roles", [("deflection",), ("deflection", "torque_sensor")])
 def test_what_gives_way_in_series_is_taken_off(roles):
     """A dynamometer of 500 N·m/rad in series: the angle it turns by is not the joint's."""

@@ -22,6 +22,10 @@ LONGEST_GAP = 2.5
 MOST_JITTER = 0.02
 """How far stamps may stray from an even spacing and are on the grid as they are [periods]: what a recorder's clock jitters by."""
 
+MOST_RATE_ERROR = 5e-4
+"""Part by which a run's rate may differ from the grid's for its samples to be taken as they are [1]: a second derivative is then
+off by twice that, a part in a thousand, as it is by a filter. Jitter averages out, a rate does not."""
+
 
 @dataclass(frozen=True, slots=True)
 class Bound:

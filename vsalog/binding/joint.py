@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vsalog.binding.clock_skew import clock_findings
 from vsalog.binding.drive_model import acting_findings, is_motor_torque, made_of
-from vsalog.binding.grid import MOST_JITTER
+from vsalog.binding.grid import MOST_RATE_ERROR
 from vsalog.binding.neighbours import Neighbours
 from vsalog.binding.role import Role
 from vsalog.binding.role_source import constant_of, motor_of, origin_of, source_of
@@ -296,7 +296,7 @@ def _at_one_rate(
 ) -> list[BoundRun]:
     """Return runs on grids of one period: their own where these are alike, else the longest, on which none is invented."""
     periods = np.array([run.period for run in runs])
-    if np.ptp(periods) <= MOST_JITTER * periods[0]:
+    if np.ptp(periods) <= MOST_RATE_ERROR * periods.max():
         return runs
     return [BoundRun(*bound, noise=noise, period=int(periods.max())) for bound in bounds]
 

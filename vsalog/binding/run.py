@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding.findings import binding_findings
-from vsalog.binding.grid import OffGrid, after_long_silence, common_segments, on_grid
+from vsalog.binding.grid import MOST_RATE_ERROR, OffGrid, after_long_silence, common_segments, on_grid
 from vsalog.binding.role import Ahead, Role
 from vsalog.binding.unwrapping import SameTurn, turnable, turned_on
 from vsalog.core.column import PART
@@ -117,7 +117,9 @@ class BoundRun:
 
     def _pieces(self) -> Iterator[tuple[Stamps, Flags]]:
         fastest = min(self.moving.values(), key=lambda role: role.period)
-        for segment, even in zip(self.segments, fastest.even(self.segments, self.period), strict=True):
+        alike = abs(fastest.period - self.period) <= MOST_RATE_ERROR * self.period
+        on_it = fastest.even(self.segments, self.period) if alike else [False] * len(self.segments)
+        for segment, even in zip(self.segments, on_it, strict=True):
             first, last = fastest.rows(segment) if even else (0, (segment[1] - segment[0]) // self.period + 1)
             for begin in range(first, last, PART):
                 end = min(begin + PART, last)
