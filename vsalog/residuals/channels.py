@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,19 +106,23 @@ class Channels:
             log=None if self.log is None else self.log[part],
         )  # fmt: skip
 
-    def of_log(self, k: int) -> Channels:
-        """Return the channels of one of several logs, which follow one another."""
+    def in_logs(self) -> list[Channels]:
+        """Return the channels of each of several logs, which follow one another."""
         assert self.log is not None
-        first, last = np.searchsorted(self.log, (k, k + 1)).tolist()
-        return self._from_to(first, last)
+        return self._cut_at(tuple(np.searchsorted(self.log, np.arange(int(self.log[-1]) + 2)).tolist()))
 
-    def _from_to(self, first: int, last: int) -> Channels:
-        whole = None if self.whole is None else self.whole._from_to(first * self.every, last * self.every)
-        return replace(
-            self, time=remembered(_cut, self.time, first, last), starts=self.starts[first:last], log=None, whole=whole,
-            roles={r: remembered(_cut, v, first, last) for r, v in self.roles.items()},
-            raw={r: remembered(_cut, v, first, last) for r, v in self.raw.items()},
-        )  # fmt: skip
+    def _cut_at(self, edges: tuple[int, ...]) -> list[Channels]:
+        whole = None if self.whole is None else self.whole._cut_at(tuple(e * self.every for e in edges))
+        time, starts = remembered(_pieces, self.time, edges), remembered(_pieces, self.starts, edges)
+        roles = {r: remembered(_pieces, v, edges) for r, v in self.roles.items()}
+        raw = {r: remembered(_pieces, v, edges) for r, v in self.raw.items()}
+        return [
+            replace(
+                self, time=time[k], starts=starts[k], log=None, whole=None if whole is None else whole[k],
+                roles={r: v[k] for r, v in roles.items()}, raw={r: v[k] for r, v in raw.items()},
+            )
+            for k in range(len(edges) - 1)
+        ]  # fmt: skip
 
     def driven_by(self, raw: Mapping[str, Array]) -> Channels:
         """Return the channels with other samples before the filter, and those of what passes no filter after it, too."""
@@ -170,9 +175,9 @@ def _first_known(*signals: Array) -> Array:
     return out
 
 
-def _cut(values: Array, first: int, last: int) -> Array:
-    """Return some of the samples, shape (…, N), as an array of its own."""
-    return np.ascontiguousarray(values[..., first:last])
+def _pieces(values: NDArray[Any], edges: tuple[int, ...]) -> list[NDArray[Any]]:
+    """Return the samples, shape (…, N), between edges, as arrays of their own."""
+    return [np.ascontiguousarray(values[..., a:b]) for a, b in pairwise(edges)]
 
 
 def span_of(values: Array) -> float:

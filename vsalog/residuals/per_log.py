@@ -43,7 +43,7 @@ def formed_in_each(
 ) -> list[Equation]:
     """Form the equations of each log's samples with the joint as it is there; they follow one another as the logs do."""
     out = []
-    for same in zip(*(form(one, channels.of_log(k)) for k, one in enumerate(joint.joints)), strict=True):
+    for same in zip(*map(form, joint.joints, channels.in_logs()), strict=True):
         flat = all(np.ndim(e.shaped) == 0 and e.shaped == 0.0 for e in same)
         shaped = (
             0.0
