@@ -77,6 +77,38 @@ def log(path, seed, rate=500.0, month=0.0, **changed):
     return path
 
 
+def held_log(path, seed, rate):
+    """The same joint under a torque that its drive holds from sample to sample, by Runge and Kutta's method within each."""
+    time, m, parts = np.arange(0.0, 6.0, 1.0 / rate), RIGHT, 4
+    step, held = 1.0 / rate / parts, torque(time)
+
+    def rates(x, u):
+        theta, omega, q, v = x
+        spring = m["stiffness"] * (q - theta)
+        pull = -spring - 0.1 * v - m["weight"] * np.sin(q)
+        return np.array([omega, (u - m["damping"] * omega + spring) / 0.06, v, pull / 0.05])
+
+    x, states = np.zeros(4), []
+    for u in held:
+        states.append(x)
+        for _ in range(parts):
+            a = rates(x, u)
+            b = rates(x + 0.5 * step * a, u)
+            c = rates(x + 0.5 * step * b, u)
+            d = rates(x + step * c, u)
+            x = x + step / 6.0 * (a + 2.0 * b + 2.0 * c + d)
+    states, rng = np.array(states), np.random.default_rng(seed)
+    begin = datetime(2026, 1, 5, tzinfo=UTC).timestamp() + seed * MONTH
+    columns = [
+        np.round((begin + time) * 1e6), states[:, 0] + 1e-5 * rng.standard_normal(time.size), held,
+        states[:, 2] + 1e-5 * rng.standard_normal(time.size),
+        m["stiffness"] * (states[:, 2] - states[:, 0]) + 0.01 * rng.standard_normal(time.size),
+    ]  # fmt: skip
+    header = "timestamp [us],theta,torque,q,spring"
+    np.savetxt(path, np.stack(columns, axis=1), delimiter=",", header=header, comments="", fmt="%.17g")
+    return path
+
+
 def rig(more=""):
     return Rig.from_toml(RIG.format(more=more))
 
@@ -215,3 +247,11 @@ def test_a_log_that_lacks_a_role_of_the_first_is_refused(tmp_path):
     assert not list(tmp_path.glob("diagnosis.*"))
     # The other way round they have what both have.
     assert vsalog_run("diagnose", other.name, first.name, "--rig", "rig.toml", cwd=tmp_path).returncode == 0
+
+
+def test_torques_that_drives_hold_for_other_times_are_no_delay(tmp_path):
+    logs = [held_log(tmp_path / f"{k}.csv", k, rate) for k, rate in enumerate((500.0, 250.0))]
+    for differs in ((), ("link.payload",)):
+        found = diagnose(logs, None, Options(rig=rig(), differs=differs)).diagnosis
+        assert found.causes == ()
+        assert found.verdict.startswith("consistent")

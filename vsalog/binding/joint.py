@@ -7,6 +7,7 @@ clock jumps back, the run ends and another begins.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from types import MappingProxyType
@@ -158,9 +159,10 @@ def bind(
     findings = (
         f for clock, run, drive in zip(clocks, runs, drives, strict=True) for f in (*clock, *run.findings(), *drive)
     )
-    return out.signals(
+    signals = out.signals(
         name, runs[0].period * 1e-9, tuple(names), _least_steps(resolutions, wanted), tuple(findings), _noisiest(noises)
     )
+    return replace(signals, periods=tuple(run.sampled * 1e-9 for run in runs)) if len(runs) > 1 else signals
 
 
 class _Rows:

@@ -30,7 +30,7 @@ class BoundRun:
     roles : by name, or a constant
     origin : the log's first stamp [ns]
     noise : whether the noise of roles that have to be interpolated is worked out
-    period : of the grid [ns]; that of the fastest channel when absent
+    period : of the grid [ns]; that of the fastest channel, `sampled`, when absent
 
     Raises
     ------
@@ -45,7 +45,8 @@ class BoundRun:
         self.moving = {name: role for name, role in roles.items() if isinstance(role, Role)}
         if not self.moving:
             raise BindingError(f"joint '{joint}': every role is a constant; there is nothing to estimate from")
-        self.period = min(role.period for role in self.moving.values()) if period is None else period
+        self.sampled = min(role.period for role in self.moving.values())
+        self.period = self.sampled if period is None else period
         if self.period <= 0:
             raise BindingError(f"{log}: the time stamps of joint '{joint}' do not advance")
         self.segments = common_segments(log, joint, (role.stretches() for role in self.moving.values()))

@@ -51,6 +51,7 @@ class JointSignals:
     resolution : role → least step of the sensor [SI], 0 where none was found
     findings : what a person should know about how the signals came about
     interpolated : role → noise of those whose samples were taken between the grid's; empty where it was not asked for
+    periods : of each run, its own sample time [s]; empty where that is the grid's
     """
 
     joint: str
@@ -64,6 +65,7 @@ class JointSignals:
     resolution: Mapping[str, float] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
     interpolated: Mapping[str, Interpolated] = field(default_factory=dict)
+    periods: tuple[float, ...] = ()
 
     def __len__(self) -> int:
         return int(self.time.shape[0])

@@ -429,7 +429,11 @@ def _by_log(signals: JointSignals, recordings: Sequence[Recording], joint: Any) 
     """Return the signals of several logs, each of which is one run, whatever runs it holds."""
     runs = [len(runs_of(joint, recording.path.name)) for recording in recordings]
     log = np.repeat(np.arange(len(runs), dtype=np.int32), runs)[signals.run]
-    return dataclasses.replace(signals, run=log, run_names=tuple(names_of([r.path for r in recordings])))
+    first = np.cumsum([0, *runs[:-1]])
+    periods = tuple(signals.periods[k] for k in first)
+    return dataclasses.replace(
+        signals, run=log, run_names=tuple(names_of([r.path for r in recordings])), periods=periods
+    )
 
 
 def _runs(name: str, signals: JointSignals) -> list[tuple[str, JointSignals]]:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.binding.grid import MOST_RATE_ERROR
 from vsalog.core.resolution import noise_of, step_of
 from vsalog.core.signals import JointSignals
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
@@ -75,6 +76,7 @@ class Channels:
     every : of the filtered samples only every so-manieth is kept
     whole : the channels with all samples; none where these are they
     log : shape (N,), which of several logs each sample is of; none where there is one
+    held : of each of several logs, its own sample time over the grid's: for so long its drive held a torque; empty for one log
     """
 
     period: float
@@ -88,6 +90,7 @@ class Channels:
     every: int = 1
     whole: Channels | None = None
     log: Integers | None = None
+    held: tuple[float, ...] = ()
 
     def __len__(self) -> int:
         return int(self.time.shape[0])
@@ -106,6 +109,10 @@ class Channels:
             log=None if self.log is None else self.log[part],
         )  # fmt: skip
 
+    def held_at(self, sample: int) -> float:
+        """Return for how long a drive held a torque then, over the sample time."""
+        return self.held[0 if self.log is None else int(self.log[sample])] if self.held else 1.0
+
     def in_logs(self) -> list[Channels]:
         """Return the channels of each of several logs, which follow one another."""
         assert self.log is not None
@@ -116,9 +123,10 @@ class Channels:
         time, starts = remembered(_pieces, self.time, edges), remembered(_pieces, self.starts, edges)
         roles = {r: remembered(_pieces, v, edges) for r, v in self.roles.items()}
         raw = {r: remembered(_pieces, v, edges) for r, v in self.raw.items()}
+        wholes = [None] * (len(edges) - 1) if whole is None else whole
         return [
             replace(
-                self, time=time[k], starts=starts[k], log=None, whole=None if whole is None else whole[k],
+                self, time=time[k], starts=starts[k], log=None, held=self.held[k : k + 1], whole=wholes[k],
                 roles={r: v[k] for r, v in roles.items()}, raw={r: v[k] for r, v in raw.items()},
             )
             for k in range(len(edges) - 1)
@@ -207,7 +215,19 @@ def channels_of(signals: JointSignals, several: bool = False) -> Channels:
     left = float(np.linalg.norm(savgol_weights(window, DEGREE)))
     spread = {role: replace(own, share=1.0).floor * left for role, own in noise.items()}
     log = signals.run.astype(np.int64) if several else None
-    return Channels(period, signals.time, filtered, raw, signals.starts, noise, window, spread, log=log)
+    held = tuple(own / period if abs(own / period - 1.0) > MOST_RATE_ERROR else 1.0 for own in signals.periods)
+    return Channels(
+        period,
+        signals.time,
+        filtered,
+        raw,
+        signals.starts,
+        noise,
+        window,
+        spread,
+        log=log,
+        held=held if several else (),
+    )
 
 
 def filtered(values: Array, starts: Flags, period: float, window: int) -> Array:

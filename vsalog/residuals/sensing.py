@@ -186,6 +186,7 @@ def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str,
         else remembered(_true, values, offered.get(role, Signal()), channels.time, channels.period)
         for role, values in channels.roles.items()
     }
+    hold *= channels.held[0] if len(channels.held) == 1 else 1.0
     drive = getattr(joint, "drive", None)
     if drive is not None and is_commanded(joint, channels.raw):
         position = true.get("motor_position", true.get("link_position") if isinstance(joint, RigidJoint) else None)

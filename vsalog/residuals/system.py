@@ -205,6 +205,8 @@ def build_system(
 
 def formed(balance: Balance, joint: Any, channels: Channels, hold: float) -> list[Equation]:
     """Form the equations of a joint at every sample."""
+    if hold and len(set(channels.held)) > 1 and not isinstance(joint, PerLog):
+        joint = PerLog((joint,) * len(channels.held))  # each log's drive held its torques as long as that log's samples
     if isinstance(joint, PerLog):
         return formed_in_each(joint, channels, lambda one, part: formed(balance, one, part, hold))
     return balance(joint, true_roles(joint, channels, hold), channels.time, channels.spread)

@@ -254,7 +254,10 @@ class MechanicalPlayer:
                 given |= {command: bridged(channels.raw[command][part]) for command in self._drives(name)}
             elif name not in self.moved:
                 torque = channels.raw[role][part]
-                given[role] = torque if hold else table(time, torque)
+                held = channels.held_at(part.start)
+                # What was held for another time than a sample has been interpolated: it acts half of that time later.
+                late = 0.5 * held * channels.period if hold else 0.0
+                given[role] = torque if hold and held == 1.0 else table(time + late, torque)
             elif motion is not None:
                 given[role] = Motion(self._position(name, roles, motion.motors)[0][part])
         if self.link_moves and motion is not None and motion.link is not None:
