@@ -235,18 +235,44 @@ def test_logs_without_dates_have_an_onset_in_their_order_and_no_rate(tmp_path):
     assert trend.per_day is None
 
 
-def test_a_log_that_lacks_a_role_of_the_first_is_refused(tmp_path):
-    first, other = (log(tmp_path / f"{k}.csv", k) for k in range(2))
-    values = np.loadtxt(other, delimiter=",", skiprows=1)[:, :4]
-    np.savetxt(other, values, delimiter=",", header="timestamp [us],theta,torque,q", comments="", fmt="%.17g")
+@pytest.mark.parametrize("first", [0, 1])
+def test_logs_are_looked_at_with_the_roles_that_all_have(tmp_path, first):
+    for k in range(2):
+        log(tmp_path / f"{k}.csv", k)
+    values = np.loadtxt(tmp_path / "1.csv", delimiter=",", skiprows=1)[:, :4]
+    np.savetxt(
+        tmp_path / "1.csv", values, delimiter=",", header="timestamp [us],theta,torque,q", comments="", fmt="%.17g"
+    )
     (tmp_path / "rig.toml").write_text(RIG.format(more=""))
-    done = vsalog_run("diagnose", first.name, other.name, "--rig", "rig.toml", cwd=tmp_path)
+    names = [f"{k}.csv" for k in (first, 1 - first)]
+    done = vsalog_run("diagnose", *names, "--rig", "rig.toml", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert "torque_sensor" not in {e["signal"] for e in found["logs"]}
+    assert "spring" in {f["evidence"].get("channel") for f in found["findings"] if f["code"].startswith("channel.")}
+
+
+def test_a_held_out_log_needs_the_roles_of_the_others(tmp_path):
+    for k in range(2):
+        log(tmp_path / f"{k}.csv", k)
+    values = np.loadtxt(tmp_path / "1.csv", delimiter=",", skiprows=1)[:, :4]
+    np.savetxt(
+        tmp_path / "1.csv", values, delimiter=",", header="timestamp [us],theta,torque,q", comments="", fmt="%.17g"
+    )
+    (tmp_path / "rig.toml").write_text(RIG.format(more=""))
+    done = vsalog_run("diagnose", "0.csv", "--holdout", "1.csv", "--rig", "rig.toml", cwd=tmp_path)
     assert done.returncode == 2
     assert "1.csv" in done.stderr
     assert "torque_sensor" in done.stderr
     assert not list(tmp_path.glob("diagnosis.*"))
-    # The other way round they have what both have.
-    assert vsalog_run("diagnose", other.name, first.name, "--rig", "rig.toml", cwd=tmp_path).returncode == 0
+
+
+def test_the_last_log_is_the_one_of_the_latest_date(tmp_path):
+    logs = [log(tmp_path / f"{k}.csv", k, month=k, damping=damping) for k, damping in enumerate((0.3, 0.45))]
+    held_out = log(tmp_path / "2.csv", 2, month=2, damping=0.45)
+    outcome = diagnose(logs[::-1], held_out, Options(rig=rig(), differs=("motor.viscous_friction",)))
+    assert outcome.diagnosis.log == "0.csv, 1.csv"
+    assert all(g.rmse_after < 0.3 * g.rmse_before for g in outcome.diagnosis.gain.signals if g.unit == "rad")
 
 
 def test_torques_that_drives_hold_for_other_times_are_no_delay(tmp_path):

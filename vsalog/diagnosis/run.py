@@ -128,8 +128,6 @@ def diagnose(
     """
     logs, holdouts = _listed(log), _listed(holdout)
     rig = rig_for(logs[0], options)
-    names = names_of(logs)
-    title = ", ".join(names)
     wanted = pick_joints(rig.joints, options.joints)
     usable = {name: _alone(rig, name, joint) for name, joint in wanted.items()}
     differs = {name: _differing(joint, options.differs) for name, joint in usable.items()}
@@ -147,6 +145,13 @@ def diagnose(
     whole = dataclasses.replace(options, start=None, end=None)
     others = [read_wanted(path, usable, whole) for path in holdouts]
     begins = [_begin(recording) for recording in recordings]
+    if None not in begins:
+        # What differs from log to log is as it was in the last one, by their dates.
+        order = sorted(range(len(logs)), key=lambda k: begins[k] or 0.0)
+        logs, hashes = [logs[k] for k in order], [hashes[k] for k in order]
+        recordings, begins = [recordings[k] for k in order], [begins[k] for k in order]
+    names = names_of(logs)
+    title = ", ".join(names)
     found, findings, left_out = list[JointDiagnosis](), list[Finding](), list[Finding]()
     for name, joint in usable.items():
         lacking = [
@@ -396,7 +401,7 @@ def bound_as_recorded(
     Parameters
     ----------
     recording, name, joint : of the log or logs, and the rig
-    roles : that are needed; all that the first log has when absent
+    roles : that are needed; all that every log has when absent
     gains : in the joint's units; else in those that its sensors count in
 
     Raises
@@ -405,7 +410,7 @@ def bound_as_recorded(
         A role that is needed, or every one, is missing.
     """
     recordings = [recording] if isinstance(recording, Recording) else list(recording)
-    plain = bare(joint, gains=gains)
+    plain, kept = bare(joint, gains=gains), set(offered_roles(joint)) if roles is None else roles
     for one in recordings:
         offered = offered_roles(plain)
         there = [r for r in offered if wanted_channels(plain, one.path.name, [r]) <= set(one.channels)]
@@ -420,9 +425,8 @@ def bound_as_recorded(
                 f"{one.path.name}: lacks {', '.join(missing)}, which the log to be diagnosed has; another log needs the same"
                 " roles"
             )
-        roles = set(there) if roles is None else roles
-    assert roles is not None
-    return bind(recordings, name, plain, [r for r in offered_roles(plain) if r in roles], noise=True)
+        kept = kept & set(there)
+    return bind(recordings, name, plain, [r for r in offered_roles(plain) if r in kept], noise=True)
 
 
 def _by_log(signals: JointSignals, recordings: Sequence[Recording], joint: Any) -> JointSignals:
