@@ -24,7 +24,7 @@ from vsalog.rig.schema import (
     UnknownTransmission,
 )
 from vsalog.simulation.accuracy import COARSE
-from vsalog.simulation.inputs import Input, Motion, bridged, table
+from vsalog.simulation.inputs import Input, Motion, TorqueInput, bridged, table
 from vsalog.simulation.machine import BRISTLE_SPEED, DEFLECTING, Machine, build
 from vsalog.simulation.play import play
 
@@ -253,11 +253,7 @@ class MechanicalPlayer:
             if self.commanded and name == "motor":
                 given |= {command: bridged(channels.raw[command][part]) for command in self._drives(name)}
             elif name not in self.moved:
-                torque = channels.raw[role][part]
-                held = channels.held_at(part.start)
-                # What was held for another time than a sample has been interpolated: it acts half of that time later.
-                late = 0.5 * held * channels.period if hold else 0.0
-                given[role] = torque if hold and held == 1.0 else table(time + late, torque)
+                given[role] = acting(channels.raw[role][part], time, channels, part.start, hold)
             elif motion is not None:
                 given[role] = Motion(self._position(name, roles, motion.motors)[0][part])
         if self.link_moves and motion is not None and motion.link is not None:
@@ -265,6 +261,16 @@ class MechanicalPlayer:
         if "external_torque" in roles:
             given["external_torque"] = table(time, roles["external_torque"][0][part])
         return given
+
+
+def acting(recorded: Array, time: Array, channels: Channels, first: int, hold: bool) -> TorqueInput:
+    """Return what drives a machine, recorded from a sample on: held from sample to sample, or smooth.
+
+    What was held for another time than a sample has been interpolated; it acts half of that time later.
+    """
+    held = channels.held_at(first)
+    late = 0.5 * held * channels.period if hold else 0.0
+    return recorded if hold and held == 1.0 else table(time + late, recorded)
 
 
 def remembers(joint: Any) -> bool:

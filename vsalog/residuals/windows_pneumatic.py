@@ -14,7 +14,7 @@ from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.residuals.balance_pneumatic import ANGLE, PRESSURES, pneumatic_motion
 from vsalog.residuals.channels import DEGREE, Channels
 from vsalog.residuals.sensing import VALVES, true_roles
-from vsalog.residuals.windows_mechanical import FREE, NUDGES
+from vsalog.residuals.windows_mechanical import FREE, NUDGES, acting
 from vsalog.rig.schema import PneumaticJoint
 from vsalog.simulation.accuracy import COARSE
 from vsalog.simulation.inputs import TorqueInput, table
@@ -102,7 +102,7 @@ class PneumaticPlayer:
             inputs: dict[str, TorqueInput] = {}
             for role in VALVES:
                 voltage = self.roles[role][0][part]
-                inputs[role] = voltage if hold else table(time, voltage)
+                inputs[role] = acting(voltage, time, channels, int(first), hold)
             if "external_torque" in self.roles:
                 inputs["external_torque"] = table(time, self.roles["external_torque"][0][part])
             begin = state * np.array([1.0, 1.0, bar, bar])
