@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from .alike import difference
+from .alike import BROUGHT, difference
 from .bench import Bench, Hidden, wild
 from .cases import VARIANTS, write_log
 from .devices import DEVICES
@@ -308,6 +308,7 @@ def _apart(document: Any, hidden: Sequence[Hidden]) -> bool:
 def _false(document: Any, hidden: Sequence[Hidden]) -> list[str]:
     """Return the material causes that were not hidden, and have nothing that was in their class."""
     keys, names = {_key(h) for h in hidden}, {h.effect.cause for h in hidden}
+    keys |= {(brought, h.part) for h in hidden for brought in BROUGHT.get(h.effect.cause, ())}
     return sorted(
         {
             f"{c['cause']}@{c['part']}"
