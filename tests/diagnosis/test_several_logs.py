@@ -34,7 +34,7 @@ motor_torque = {{ channel = "torque", unit = "N*m" }}
 link_position = {{ channel = "q", unit = "rad" }}
 torque_sensor = {{ channel = "spring", unit = "N*m" }}
 """
-RIGHT = {"damping": 0.3, "stiffness": 40.0, "weight": 2.0, "load": 0.0}
+RIGHT = {"damping": 0.3, "stiffness": 40.0, "weight": 2.0, "load": 0.0, "inertia": 0.05}
 MONTH = 30.0 * 86400.0
 
 
@@ -46,7 +46,7 @@ def log(path, seed, rate=500.0, month=0.0, **changed):
     """A motor, a spring, a link in the plane of gravity, integrated by scipy; `load` is an inertia with its weight."""
     m = RIGHT | changed
     time = np.arange(0.0, 5.0, 1.0 / rate)
-    inertia, weight = 0.05 + 0.04 * m["load"], m["weight"] + 1.96 * m["load"]
+    inertia, weight = m["inertia"] + 0.04 * m["load"], m["weight"] + 1.96 * m["load"]
 
     def rates(t, x):
         theta, omega, q, v = x
@@ -151,6 +151,19 @@ def test_a_payload_of_each_log_leaves_the_other_causes_right(tmp_path):
     # 0.04 kg·m² and 1.96 N·m are 1 kg at 0.2 m.
     assert causes["link.payload", "1.csv"].parameters["mass"].value == pytest.approx(1.0, rel=0.05)
     assert causes["link.payload", "1.csv"].parameters["distance"].value == pytest.approx(0.2, rel=0.05)
+
+
+def test_payloads_in_all_logs_are_no_surer_than_the_links_inertia(tmp_path):
+    """What of the link's inertia is wrong may be part of each payload: 1 kg, and 0.4 kg, at 0.2 m."""
+    logs = [log(tmp_path / f"{k}.csv", k, load=load, inertia=0.055) for k, load in enumerate((1.0, 0.4))]
+    found = diagnose(logs, None, Options(rig=rig(), differs=("link.payload",))).diagnosis
+    trends = {t.number: t for t in found.trends}
+    for (low, high), mass in zip(trends["mass"].intervals, (1.0, 0.4), strict=True):
+        assert low < mass < high
+    assert all(low < 0.2 < high for low, high in trends["distance"].intervals)
+    for cause in found.causes:
+        number = cause.parameters["distance"]
+        assert abs(number.value - 0.2) < 1.96 * number.std
 
 
 def test_logs_that_are_right_have_no_causes(tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.common_causes import scales
 from vsalog.diagnosis.linear import Placed, placed
-from vsalog.diagnosis.selection import Choice, Selection
+from vsalog.diagnosis.selection import APART, Choice, Selection
 from vsalog.diagnosis.subsets import precisions
 from vsalog.residuals.system import System
 
@@ -136,7 +137,7 @@ def found_by(selection: Selection, joint: Any) -> list[Found]:
     if not posterior.fit:
         return out
     covariance = posterior.covariance
-    more = np.maximum(_between(selection, np.sqrt(np.diag(covariance))), _undetermined(selection))
+    more = np.maximum(_between(selection, np.sqrt(np.diag(covariance))), np.diag(undetermined(selection)))
     if posterior.simulated is None:
         more += np.square(
             [p.rounded * v for site, values in posterior.fit for p, v in zip(site.parameters, values, strict=True)]
@@ -174,26 +175,58 @@ def _between(selection: Selection, spread: Array) -> Array:
     return np.where(far > 0.0, np.maximum(((far + INTERVAL_BELOW * spread) / INTERVAL) ** 2 - spread**2, 0.0), 0.0)
 
 
-def _undetermined(selection: Selection) -> Array:
-    """Return the variance that the other members of the causes' classes add to each value where they are present too, shape (p,).
+def undetermined(selection: Selection) -> Array:
+    """Return the covariance, shape (p, p), that the other members of the causes' classes add where they are present too.
 
     A class is a direction that the log cannot determine: along it a value is known by the priors of all members together.
     """
     variants, candidates = selection.stage.unknowns.variants, selection.stage.candidates
     inside = np.array([v.inside for v in variants], dtype=np.bool_)
     chosen = inside.copy()
-    rivals = {r.key for choice in selection.choices for r in choice.rivals}
+    rivals = {r.key for choice in selection.choices for r in choice.rivals} | _hidden_by_logs(selection)
     for g, variant in enumerate(variants):
         alone = not (candidates.conflict[g] & chosen).any()
         chosen[g] |= alone and variant.instead is None and variant.site.key in rivals
     H = np.diag(precisions(selection.stage.unknowns.now)) + candidates.information
     own, all_of = candidates.unknowns(inside), candidates.unknowns(chosen)
     among = np.searchsorted(all_of, own)
-    more = np.diag(np.linalg.inv(H[np.ix_(all_of, all_of)]))[among] - np.diag(np.linalg.inv(H[np.ix_(own, own)]))
+    together, by_themselves = np.linalg.inv(H[np.ix_(all_of, all_of)]), np.linalg.inv(H[np.ix_(own, own)])
     there = [v for v in variants if v.inside]
-    ends = np.cumsum([v.deviation.size for v in there])[:-1]
-    added = {v.site.key: m * v.deviation**2 for v, m in zip(there, np.split(np.maximum(more, 0.0), ends), strict=True)}
-    return np.concatenate([added[site.key] for site, _ in selection.posterior.fit])
+    deviation = np.concatenate([np.zeros(0), *(v.deviation for v in there)])
+    more = (together[np.ix_(among, among)] - by_themselves) * np.outer(deviation, deviation)
+    first = np.cumsum([0, *(v.deviation.size for v in there)])
+    parts = {v.site.key: np.arange(a, b) for v, (a, b) in zip(there, pairwise(first), strict=True)}
+    order = np.concatenate([np.zeros(0, dtype=np.int64), *(parts[site.key] for site, _ in selection.posterior.fit)])
+    return np.asarray(more[np.ix_(order, order)])
+
+
+def _hidden_by_logs(selection: Selection) -> set[tuple[str, str]]:
+    """Return the shared causes that those found in every log could hide: with them the set is about as probable.
+
+    Payloads in all logs are known less well than the link: what of its inertia is wrong may be part of each of them.
+    """
+    logs = [site for site, _ in selection.posterior.fit if site.log is not None]
+    everywhere = any(sum(s.cause == o.cause and s.part == o.part for o in logs) == s.log[1] for s in logs if s.log)
+    if not everywhere:
+        return set()
+    variants, candidates = selection.stage.unknowns.variants, selection.stage.candidates
+    inside = np.array([v.inside for v in variants], dtype=np.bool_)
+    best, out = candidates.scored(inside), set[tuple[str, str]]()
+    for g, variant in enumerate(variants):
+        site = variant.site
+        if (
+            inside[g]
+            or (candidates.conflict[g] & inside).any()
+            or not site.named
+            or site.log is not None
+            or site.starts
+        ):
+            continue
+        more = inside.copy()
+        more[g] = True
+        if candidates.scored(more) - best < APART:
+            out.add(site.key)
+    return out
 
 
 def loss_of(system: System, joint: Any) -> float:

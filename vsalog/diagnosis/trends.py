@@ -13,7 +13,7 @@ from vsalog.core.significance import INTERVAL
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.document import Trend
-from vsalog.diagnosis.found import Found
+from vsalog.diagnosis.found import Found, undetermined
 from vsalog.diagnosis.joint import JointDiagnosis
 from vsalog.diagnosis.onset import onset_of
 from vsalog.diagnosis.posterior import Posterior, most_probable
@@ -42,16 +42,17 @@ def trends_of(found: JointDiagnosis, logs: Sequence[str], begins: Sequence[float
     every = {key: [replace(site, log=(k, len(logs))) for k in range(len(logs))] for key, site in own.items()}
     more = [(site, np.array(site.start)) for sites in every.values() for site in sites if site.key not in there]
     posterior = most_probable(selection.problem, selection.weights, (*fit, *more))
+    covariance = posterior.covariance if more else posterior.covariance + undetermined(selection)
     order, times = _in_time(begins)
     dates = tuple(None if b is None else _date(b) for b in begins)
     names, out = [*(logs[k] for k in order), None], []
     for sites in every.values():
-        courses = [_found_in(posterior, site, selection.choices[0]) for site in sites]
+        courses = [_found_in(posterior, covariance, site, selection.choices[0]) for site in sites]
         for i, (name, (rig, unit)) in enumerate(courses[0].absent().items()):
             told = [one.numbers()[name] for one in courses]
             values, half = np.array([t[0] for t in told]), INTERVAL * np.array([t[1] for t in told])
-            covariance, deviation = _between(posterior, courses, i, name)
-            onset = onset_of(values[order] - rig, covariance[np.ix_(order, order)], deviation, times)
+            between, deviation = _between(posterior, covariance, courses, i, name)
+            onset = onset_of(values[order] - rig, between[np.ix_(order, order)], deviation, times)
             out.append(
                 Trend(
                     joint=found.name, cause=sites[0].cause, part=sites[0].part, number=name, unit=unit, rig=rig,
@@ -65,11 +66,11 @@ def trends_of(found: JointDiagnosis, logs: Sequence[str], begins: Sequence[float
     return out
 
 
-def _found_in(posterior: Posterior, site: Site, choice: Choice) -> Found:
+def _found_in(posterior: Posterior, covariance: Array, site: Site, choice: Choice) -> Found:
     """Return a cause of a set with its values."""
     g = _place(posterior, site)
     part = _unknowns(posterior, site)
-    return Found(site, posterior.fit[g][1], posterior.covariance[part, part], choice, 0.0)
+    return Found(site, posterior.fit[g][1], covariance[part, part], choice, 0.0)
 
 
 def _place(posterior: Posterior, site: Site) -> int:
@@ -81,18 +82,24 @@ def _unknowns(posterior: Posterior, site: Site) -> slice:
     return slice(int(first[g]), int(first[g + 1]))
 
 
-def _between(posterior: Posterior, courses: Sequence[Found], number: int, name: str) -> tuple[Array, float]:
+def _between(
+    posterior: Posterior, covariance: Array, courses: Sequence[Found], number: int, name: str
+) -> tuple[Array, float]:
     """Return the covariance of a number in all logs, shape (n, n), and how far it may be from the rig's before a log is seen."""
     slopes = [one.slopes()[number] for one in courses]
     parts = [_unknowns(posterior, one.site) for one in courses]
-    covariance = np.array([[a @ posterior.covariance[i, j] @ b for j, b in zip(parts, slopes, strict=True)]
-                           for i, a in zip(parts, slopes, strict=True)])  # fmt: skip
+    between = np.array(
+        [
+            [a @ covariance[i, j] @ b for j, b in zip(parts, slopes, strict=True)]
+            for i, a in zip(parts, slopes, strict=True)
+        ]
+    )
     # What of a number filters take off is alike in all logs.
     values = np.array([one.numbers()[name][0] for one in courses])
-    covariance += catalogue()[courses[0].site.cause].exact ** 2 * np.outer(values, values)
-    covariance += np.diag([one.blur(name) ** 2 for one in courses])
+    between += catalogue()[courses[0].site.cause].exact ** 2 * np.outer(values, values)
+    between += np.diag([one.blur(name) ** 2 for one in courses])
     variants = [posterior.linear.variants[_place(posterior, one.site)] for one in courses]
-    return covariance, max(float(np.linalg.norm(a * v.deviation)) for a, v in zip(slopes, variants, strict=True))
+    return between, max(float(np.linalg.norm(a * v.deviation)) for a, v in zip(slopes, variants, strict=True))
 
 
 def _date(begin: float) -> str:
