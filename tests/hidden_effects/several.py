@@ -34,7 +34,7 @@ BEGAN = datetime(2026, 1, 12, 8, tzinfo=UTC).timestamp()
 # How visible what is hidden is in the log where it is largest, in multiples of noise.
 SIZES = 10.0, 100.0
 ATTEMPTS = 300
-# What is wrong in all logs alike, in every second series.
+# What is wrong in all logs alike, in about half of the series.
 ALIKE = ("motor.viscous_friction", "sensor.torque_gain", "motor.inertia", "link.viscous_friction")
 # Two encoders look alike in a log where they differ by less than the first, and not where they differ by more than the second, in
 # multiples of the noise of an average: some 300 averages of a log add up.
