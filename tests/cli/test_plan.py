@@ -100,7 +100,7 @@ def test_the_motion_that_is_written_plays_keeps_its_limits_and_is_worth_more(run
 
 SERVO = Path(__file__).parents[2] / "sample_logs" / "so101_servo" / "so101.rig.toml"
 SLOW = """
-duration = 20.0
+duration = 40.0
 period = 0.02
 [[joint.rotation.commanded_position]]
 type = "sine"
@@ -131,6 +131,9 @@ def test_a_slow_command_hides_a_drives_limit_and_the_proposed_one_tells_it(run, 
     code, out, _ = run(*asked, "--max-speed", "0.1 rad/s", "--json")
     (joint,) = json.loads(out)["joints"]
     assert (code, joint["motion"]) == (0, None)
+    code, out, error = run(*asked, "-o", "next.toml")
+    assert (code, out) == (2, "")
+    assert "--force" in error
     assert joint["no_motion"]
 
 

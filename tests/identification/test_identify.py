@@ -141,6 +141,13 @@ def test_what_cannot_be_is_refused_and_nothing_written(sea, arguments, said):
     assert not (sea / "refused.toml").exists()
 
 
+def test_a_log_does_not_judge_the_fit_to_itself(sea):
+    arguments = ("one.csv", "--rig", "guess.rig.toml", "--holdout", "one.csv", "-o", "new.toml")
+    done = vsalog_run("identify", *arguments, cwd=sea)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert not (sea / "new.toml").exists()
+
+
 def test_files_that_are_there_or_read_are_kept(sea):
     (sea / "there.toml").write_text("mine")
     done = vsalog_run("identify", "one.csv", "--rig", "guess.rig.toml", "-o", "there.toml", cwd=sea)

@@ -47,17 +47,15 @@ def export(
     control is its torque on the joint's side of the gear, in N·m. `vsalog export sea --to mjcf -o sea.xml` is ready for
     MuJoCo; `vsalog export rig.toml --to urdf --unsupported comment -o robot.urdf` leaves out what URDF lacks, such as springs.
     """
-    from vsalog.core.errors import WriteError
     from vsalog.export.run import export as exported
     from vsalog.report.export import export_document
-    from vsalog.report.outputs import keep_inputs
+    from vsalog.report.outputs import keep_inputs, require_new
     from vsalog.report.terminal import console_for, print_document
     from vsalog.rig.load import Rig
     from vsalog.writers.atomic import check_path, write_text
 
+    require_new(output, force)
     if output is not None:
-        if output.exists() and not force:
-            raise WriteError(f"{output}: is there already; --force overwrites it")
         check_path(output)
         keep_inputs([output], [Path(rig)])
     source = Rig.load(Path(rig) if Path(rig).is_file() else rig).with_settings(settings)

@@ -71,18 +71,16 @@ def identify(
     may be off by ten times what is usual for their kind. Writes the rig with what was identified: after `vsalog identify
     exp1.mcap`, `vsalog diagnose exp2.mcap --rig identified.rig.toml` asks for causes.
     """
-    from vsalog.core.errors import WriteError
     from vsalog.identification.run import Options
     from vsalog.identification.run import identify as run
     from vsalog.report.html import page_of
     from vsalog.report.identify import identification_document
-    from vsalog.report.outputs import inputs_of, keep_inputs
+    from vsalog.report.outputs import inputs_of, keep_inputs, require_new
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_out
     from vsalog.writers.atomic import check_path, together, write_text
 
-    if output.exists() and not force:
-        raise WriteError(f"{output}: is there already; --force overwrites it, -o names another")
+    require_new(output, force)
     written = [output, *([] if report is None else [report])]
     keep_inputs(written, inputs_of([log, *holdouts], rig))
     for path in written:

@@ -32,18 +32,17 @@ def init(
     Each guess stands with its confidence and why; what the log does not tell stands as a comment to fill in. The result
     loads as it is: `vsalog init exp1.mcap > rig.toml`, look it over, then `vsalog estimate exp1.mcap`.
     """
-    from vsalog.core.errors import RigError, WriteError
+    from vsalog.core.errors import RigError
     from vsalog.readers import read
     from vsalog.report.inspect import init_document
-    from vsalog.report.outputs import keep_inputs
+    from vsalog.report.outputs import keep_inputs, require_new
     from vsalog.report.terminal import console_for, print_document
     from vsalog.rig.guess import guess_roles
     from vsalog.rig.load import Rig, preset_text
     from vsalog.rig.template import preset_template, rig_template
     from vsalog.writers.atomic import write_text
 
-    if output is not None and output.exists() and not force:
-        raise WriteError(f"{output.name} is there already; --force overwrites it")
+    require_new(output, force)
     if output is not None:
         keep_inputs([output], [log, *(log.iterdir() if log.is_dir() else ())])
     if preset is not None:

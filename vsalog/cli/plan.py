@@ -68,6 +68,7 @@ def _sensors(context: click.Context, parameter: click.Parameter, values: tuple[s
 @click.option(
     "--report", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE", help="The plan as a page, too."
 )
+@click.option("--force", is_flag=True, help="Overwrite the scenario if it is there.")
 @click.option("--json", "as_json", is_flag=True, help="Print the plan as one JSON document on stdout.")
 def plan(
     rig: str,
@@ -80,6 +81,7 @@ def plan(
     settings: dict[str, str],
     output: Path | None,
     report: Path | None,
+    force: bool,
     as_json: bool,
 ) -> None:
     """Say which causes of a simulation's error the sensors of RIG can tell apart, before any experiment.
@@ -90,13 +92,14 @@ def plan(
     """
     from vsalog.diagnosis.plan import Options, sensors_in_si
     from vsalog.diagnosis.suggest_range import Limits
-    from vsalog.report.outputs import keep_inputs
+    from vsalog.report.outputs import keep_inputs, require_new
     from vsalog.report.plan import plan_document, write_plan
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_out
 
     limits = Limits(max_torque, max_speed, max_angle)
     options = Options(joints, settings, scenario, limits, sensors_in_si(sensors))
+    require_new(output, force)
     keep_inputs([path for path in (output, report) if path is not None], [Path(rig), Path(scenario or "")])
     with Progress() as progress, progress.saying_when_compiling():
         found, files = write_plan(rig, options, output, report, progress.say)

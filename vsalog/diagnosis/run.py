@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -135,11 +135,7 @@ def diagnose(
     for i, own in enumerate(hashes):
         if own in hashes[:i]:
             raise DiagnosisError(f"{logs[i].name}: is given twice, and would count as two logs")
-    for path in holdouts:
-        if sha256(path) in hashes:
-            raise DiagnosisError(
-                f"{path.name}: is the log itself, and so holds nothing out; leave --holdout away, or name another"
-            )
+    require_other(holdouts, hashes)
     progress(f"reading {', '.join(path.name for path in logs)}")
     recordings = [read_wanted(path, usable, options) for path in logs]
     whole = dataclasses.replace(options, start=None, end=None)
@@ -263,6 +259,15 @@ def _one_after_another(signals: JointSignals) -> JointSignals:
         begin = 0.0 if a == 0 else time[a - 1] + signals.period
         time[a:b] += begin - time[a]
     return dataclasses.replace(signals, time=time)
+
+
+def require_other(holdouts: Sequence[Path], hashes: Collection[str]) -> None:
+    """Refuse logs to be held out that are among those that are learnt from, known by their SHA-256."""
+    for path in holdouts:
+        if sha256(path) in hashes:
+            raise DiagnosisError(
+                f"{path.name}: is the log itself, and so holds nothing out; leave --holdout away, or name another"
+            )
 
 
 def left_out_for(name: str, error: VsalogError) -> Finding:

@@ -119,6 +119,8 @@ def identify(
     rig = diagnosis.rig_for(log, asked)
     wanted = pick_joints(rig.joints, options.joints)
     whole = dataclasses.replace(asked, start=None, end=None)
+    log_sha256 = sha256(log)
+    diagnosis.require_other(holdouts, [log_sha256])
     progress(f"reading {log.name}")
     recording = diagnosis.read_wanted(log, wanted, asked)
     others = {path.name: diagnosis.read_wanted(path, wanted, whole) for path in holdouts}
@@ -144,7 +146,7 @@ def identify(
     document = Identification(
         vsalog=__version__,
         log=log.name,
-        log_sha256=sha256(log),
+        log_sha256=log_sha256,
         holdouts=tuple(path.name for path in holdouts),
         rig=rig.to_toml(),
         settings={f"set {k}": v for k, v in options.set.items()}

@@ -45,6 +45,16 @@ def experiment_words(proposed: Suggestion) -> str:
 
 def swings(file: ScenarioFile, joint: str) -> list[tuple[str, float, float, str]]:
     """Return what is driven in a joint, from where to where, and the unit; what is held is left out."""
+    driven = _driven(file, joint)
+    return [(name, float(v.min()), float(v.max()), unit) for name, v, unit in driven if np.ptp(v) > 0.0]
+
+
+def _begins(file: ScenarioFile, joint: str) -> list[tuple[str, float, str]]:
+    """Return what is driven in a joint, where it begins, and the unit."""
+    return [(name, float(values[0]), unit) for name, values, unit in _driven(file, joint)]
+
+
+def _driven(file: ScenarioFile, joint: str) -> list[tuple[str, Array, str]]:
     time = np.linspace(0.0, file.duration, 2000)
     out = []
     for key in file.joint[joint].__struct_fields__:
@@ -52,9 +62,7 @@ def swings(file: ScenarioFile, joint: str) -> list[tuple[str, float, float, str]
         if drive:
             parts = drive.reference if isinstance(drive, ServoDrive) else drive
             values = sum_of_parts(parts, driven_unit(key), file.duration, Path(), ("joint", joint, key))(time)
-            if np.ptp(values) > 0.0:
-                name = signal_name(key.replace("servo", "position"))
-                out.append((name, float(values.min()), float(values.max()), driven_unit(key)))
+            out.append((signal_name(key.replace("servo", "position")), values, driven_unit(key)))
     return out
 
 
@@ -143,6 +151,8 @@ def scenario_text(proposed: Suggestion, by: str = "vsalog diagnose --suggest", n
         else:
             what = f"{_name(question, 'one', questions)} of {_size(*question.size)}: shows as"
         lines.append(f"{what} {_times(question.now)} the noise of an average {now}, {_times(float(there))} here.")
+    begins = [f"{what} at {first:.4g} {unit}" for what, first, unit in _begins(best.candidate.file, joint)]
+    lines.append(f"It begins with {listed(begins)}: bring the joint there first.")
     payload = best.payload
     if payload is not None:
         key = f"joint.{shown(joint)}.link.payload"

@@ -124,6 +124,18 @@ def inputs_of(logs: Iterable[Path], rig: str | Path | None = None) -> list[Path]
     return [*logs, *parts, *(path for path in rigs if path is not None)]
 
 
+def require_new(output: Path | None, force: bool) -> None:
+    """Refuse to write over a file that is there.
+
+    Raises
+    ------
+    WriteError
+        It is there, and `force` is not given.
+    """
+    if output is not None and output.exists() and not force:
+        raise WriteError(f"{output}: is there already; --force overwrites it, another name keeps both")
+
+
 def keep_inputs(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
     """Refuse to write over what is read, before anything is done.
 

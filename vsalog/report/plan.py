@@ -169,7 +169,12 @@ def _items(joint: document.JointPlan, scenario: str, written: bool) -> Iterator[
     if joint.classes:
         heads = ("causes that are confused", "why", "sensor that splits them", "the proposed motion")
         rows = tuple(
-            (_names(c.members), KINDS[c.kind], signal_name(c.sensor) if c.sensor else "none that was tried", _told(c))
+            (
+                _names(c.members),
+                KINDS[c.kind],
+                signal_name(c.sensor) if c.sensor else "none that was tried",
+                _told(c, joint.classes),
+            )
             for c in joint.classes
         )
         yield Table("Classes of causes", heads, rows, texts=4)
@@ -185,10 +190,12 @@ def _items(joint: document.JointPlan, scenario: str, written: bool) -> Iterator[
         yield Words(f"No motion is proposed: {joint.no_motion}.")
 
 
-def _told(one: document.ClassOfCauses) -> str:
+def _told(one: document.ClassOfCauses, classes: tuple[document.ClassOfCauses, ...]) -> str:
     if one.kind != "confused":
         return "no motion splits them"
-    return "splits them" if one.by_motion else f"splits them in fewer than {percent(1.0 - SIGNIFICANCE)} of logs"
+    never = any(c.kind != "confused" and set(c.members) <= set(one.members) for c in classes)
+    splits = "splits them, but for those that no motion splits" if never else "splits them"
+    return splits if one.by_motion else f"splits them in fewer than {percent(1.0 - SIGNIFICANCE)} of logs"
 
 
 def _names(members: tuple[document.Member, ...]) -> str:
