@@ -21,6 +21,8 @@ moto_server = pytest.importorskip("moto.server")
 SERVER = """
 from moto.server import ThreadedMotoServer
 import sys, threading
+
+pytestmark = pytest.mark.share(2)
 server = ThreadedMotoServer(ip_address="127.0.0.1", port=int(sys.argv[1]), verbose=False)
 server.start()
 print("ready", flush=True)

@@ -11,6 +11,8 @@ import pytest
 from vsalog.diagnosis.run import Options, diagnose
 from vsalog.rig import Rig
 
+pytestmark = pytest.mark.share(2)
+
 PERIOD, LOOP, DURATION = 0.01, 1e-3, 40.0
 MACHINE = {
     "inertia": 0.03, "damping": 0.3, "coulomb": 0.15, "link": 0.02, "weight": 0.8, "kp": 20.0, "kd": 0.6, "delay": 0.01,
