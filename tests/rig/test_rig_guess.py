@@ -75,7 +75,14 @@ PUSH = np.sin(5.0 * TIME)
         ("link acceleration", "rad/s^2", "link_acceleration"),
         ("joint_link_acc", None, "link_acceleration"),
         ("accelerometer_y", "m/s^2", "accelerometer_y"),
+        ("motor_velocity", "rad/s", "motor_velocity"),
+        ("velocity", None, "link_velocity"),
+        ("link_speed", "deg/s", "link_velocity"),
         # what could be something else is left alone
+        ("deflection_velocity", "rad/s", None),
+        ("velocity_error", "rad/s", None),
+        ("imu.angular_velocity.z", "rad/s", None),
+        ("link_velocity", "m/s", None),
         ("accelerometer_y", "V", None),
         ("accelerometer", None, None),
         ("link acceleration", "m/s^2", None),
@@ -131,7 +138,7 @@ def test_an_arm_with_one_position_per_joint_is_rigid_and_says_what_is_missing():
     for joint in guess.joints:
         assert joint.kind == "rigid"
         assert "a second position" in joint.missing["motor_position"]
-        assert set(joint.roles) == {"link_position", "motor_torque"}
+        assert set(joint.roles) == {"link_position", "link_velocity", "motor_torque"}
 
 
 def test_a_geared_motor_is_told_by_its_range_and_side():
@@ -165,7 +172,7 @@ def test_a_sensor_that_counts_the_other_way_round_gets_a_sign():
     assert joint.roles["torque_sensor"].sign == -1
 
 
-def test_rates_and_what_never_changes_are_no_roles_and_a_command_is_its_own():
+def test_what_never_changes_is_no_role_and_commands_and_rates_are_their_own():
     still = np.zeros(TIME.size)
     joint = only_joint(
         table(
@@ -178,6 +185,7 @@ def test_rates_and_what_never_changes_are_no_roles_and_a_command_is_its_own():
     )  # fmt: skip
     assert channels_of(joint) == {
         "motor_position": "motor_position", "link_position": "link_position", "commanded_position": "position_command",
+        "motor_velocity": "motor_velocity", "link_velocity": "dq",
     }  # fmt: skip
     assert joint.missing["motor_torque"] == "not found: 'motor_torque' never changes"
     assert "guess.no_torque" in codes(joint)

@@ -215,7 +215,7 @@ def _factor(recording: Recording, channel: Channel, role: str, signal: Signal, j
                 )
             # The torque constant is the rotor's, whichever side the signal is said to be on.
             return float(signal.sign) * si_factor(unit, "A") * motor.torque_constant * motor.gear_ratio
-    elif base in ("motor_position", "setpoint"):
+    elif base in ("motor_position", "motor_velocity", "setpoint"):
         factor /= gear
     if base == "setpoint" and unit is not None and _converts(unit, "m"):
         return float(signal.sign) * si_factor(unit, "m")

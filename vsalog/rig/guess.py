@@ -79,9 +79,11 @@ def _by_joint(candidates: list[Candidate]) -> dict[str, list[Candidate]]:
     """Group candidates by the joint their names name."""
     groups: dict[str, list[Candidate]] = defaultdict(list)
     for candidate in candidates:
-        groups["_".join(candidate.meaning.joint)].append(candidate)
+        if candidate.meaning.quantity != "velocity":
+            groups["_".join(candidate.meaning.joint)].append(candidate)
     _merge_strays(groups)
     _merge_nameless(groups)
+    _add_velocities(groups, [c for c in candidates if c.meaning.quantity == "velocity"])
     return _named(_split_numbered(groups))
 
 
@@ -113,6 +115,15 @@ def _merge_nameless(groups: dict[str, list[Candidate]]) -> None:
     target = named[0] if has_position[named[0]] else ""
     source = "" if target else named[0]
     groups[target].extend(groups.pop(source))
+
+
+def _add_velocities(groups: dict[str, list[Candidate]], velocities: list[Candidate]) -> None:
+    """A velocity belongs to the joint that its name names, or to the only one; others are of something else."""
+    for candidate in velocities:
+        key = "_".join(candidate.meaning.joint)
+        only = next(iter(groups)) if len(groups) == 1 and not key else key
+        if only in groups:
+            groups[only].append(candidate)
 
 
 def _split_numbered(groups: dict[str, list[Candidate]]) -> dict[str, list[Candidate]]:

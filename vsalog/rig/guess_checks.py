@@ -57,6 +57,10 @@ def _gear(checked: Checked, channels: Mapping[str, Channel]) -> None:
         guess = _changed(guess, f"it moves {ratio:.4g} times as far as the link: before the gear", side="rotor")
         checked.findings.append(Finding(code="guess.gear_ratio", value=checked.gear_ratio))
     checked.roles["motor_position"] = guess
+    if "motor_velocity" in checked.roles:
+        checked.roles["motor_velocity"] = msgspec.structs.replace(
+            checked.roles["motor_velocity"], side=guess.side, sign=guess.sign
+        )
 
 
 def _torque(checked: Checked, channels: Mapping[str, Channel], suffix: str) -> None:

@@ -10,7 +10,7 @@ from vsalog.core.recording import Channel
 from vsalog.rig import guess_data
 from vsalog.rig.guess_checks import confirm
 from vsalog.rig.guess_types import Candidate, JointGuess, Kind, RoleGuess
-from vsalog.rig.roles import COMMANDS
+from vsalog.rig.roles import COMMANDS, VELOCITIES
 from vsalog.rig.schema import AntagonisticSignals, SerialSignals, SingleSignals
 
 _ROLES: dict[str, tuple[str, ...]] = {
@@ -22,8 +22,8 @@ _ROLES: dict[str, tuple[str, ...]] = {
 
 # What no estimator reads: recorded in few logs, and not missed in the others.
 EXTRA = (
-    "commanded_position", "commanded_velocity", "link_acceleration", "external_torque", "secondary_torque", "accelerometer_x",
-    "accelerometer_y", "accelerometer_z",
+    "commanded_position", "commanded_velocity", *VELOCITIES, "link_acceleration", "external_torque", "secondary_torque",
+    "accelerometer_x", "accelerometer_y", "accelerometer_z",
 )  # fmt: skip
 
 
@@ -64,7 +64,7 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
         findings.append(Finding(code="guess.two_motors", value=confidence, limit=0.7))
     if kind != "rigid" and not any(role.startswith(("motor_torque", "torque_sensor")) for role in roles):
         findings.append(Finding(code="guess.no_torque"))
-    gaps = [role for role in _ROLES[kind] if role not in roles and role not in EXTRA]
+    gaps = [role for role in _ROLES[kind] if role not in roles and _base(role) not in EXTRA]
     whys = {role: _why_missing(role, kind, roles, still) for role in gaps}
     return JointGuess(
         name,
@@ -130,6 +130,8 @@ def _by_name(candidate: Candidate, group: list[Candidate]) -> Iterator[tuple[str
         yield meaning.quantity, 0.8, "its name says so", None
     elif meaning.quantity == "position":
         yield _position(part, group)
+    elif meaning.quantity == "velocity" and part in ("", "motor", "link"):
+        yield _velocity(part, group)
     elif meaning.quantity == "current" and part in ("", "motor"):
         unit = None if channel.unit else "A"
         sure = 0.5 if part else 0.35
@@ -156,6 +158,13 @@ def _position(part: str, group: list[Candidate]) -> tuple[str, float, str, str |
     return "link_position", 0.5, "the only position of this joint", None
 
 
+def _velocity(part: str, group: list[Candidate]) -> tuple[str, float, str, str | None]:
+    """Return whose velocity it is: of the only position, where its name does not say."""
+    parts = {c.meaning.part for c in group if c.meaning.quantity == "position"}
+    is_motors = part == "motor" if part else parts == {"motor"}
+    return "motor_velocity" if is_motors else "link_velocity", 0.8, "its name says so", None
+
+
 def _torque(part: str, channel: Channel) -> Iterator[tuple[str, float, str, str | None]]:
     if part == "motor":
         yield "motor_torque", 0.85, "its name says motor and torque", None
@@ -180,7 +189,9 @@ def _numbered(options: list[_Option], numbers: list[int]) -> Iterator[_Option]:
     for option in options:
         number = option.candidate.meaning.index
         role = option.role
-        if role in ("link_position", "setpoint", *EXTRA) or (role == "torque_sensor" and number is None):
+        if role in ("link_position", "setpoint", *(extra for extra in EXTRA if extra != "motor_velocity")) or (
+            role == "torque_sensor" and number is None
+        ):
             yield option
         elif number in numbers:
             yield _Option(
@@ -257,7 +268,7 @@ def _role_guess(option: _Option, findings: list[Finding]) -> RoleGuess:
 
 def _why_missing(role: str, kind: Kind, roles: dict[str, RoleGuess], still: list[Candidate]) -> tuple[str, bool]:
     """Say why a role has no channel; return whether an estimate may need it, too."""
-    base = role.removesuffix("_1").removesuffix("_2")
+    base = _base(role)
     constant = [c.channel.name for c in still if _could_be(base, c)]
     if constant:
         return f"not found: '{constant[0]}' never changes", True
@@ -278,6 +289,10 @@ def _why_missing(role: str, kind: Kind, roles: dict[str, RoleGuess], still: list
 
 def _has_both(role: str, roles: dict[str, RoleGuess]) -> bool:
     return role.replace("deflection", "motor_position") in roles and "link_position" in roles
+
+
+def _base(role: str) -> str:
+    return role.removesuffix("_1").removesuffix("_2")
 
 
 def _could_be(base: str, candidate: Candidate) -> bool:

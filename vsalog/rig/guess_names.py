@@ -33,6 +33,7 @@ OTHER = _words(
     "force duty frame mode flag"
 )
 VELOCITY = _words("velocity velocities vel speed speeds omega dq qd")
+BODY = _words("imu gyro twist odom angular linear base cartesian tcp")
 MOTOR = _words("motor mot rotor servo actuator primary drive")
 LINK = _words("link output load")
 SENSOR = _words("sensor spring transmission loadcell ft measured meas elastic wrench")
@@ -79,8 +80,8 @@ class Meaning:
 
     Attributes
     ----------
-    quantity : ``position``, ``commanded_position``, ``commanded_velocity``, ``deflection``, ``torque``, ``current``,
-        ``setpoint``, ``length``, ``link_acceleration``, ``accelerometer_x`` (``_y``, ``_z``) or ``other``
+    quantity : ``position``, ``velocity``, ``commanded_position``, ``commanded_velocity``, ``deflection``, ``torque``,
+        ``current``, ``setpoint``, ``length``, ``link_acceleration``, ``accelerometer_x`` (``_y``, ``_z``) or ``other``
     part : ``motor``, ``link``, ``sensor``, ``secondary``, ``external`` or ""
     index : the number behind the part, e.g. 2 of ``motor_2``; None without one
     joint : the words that are left: the joint's name
@@ -113,7 +114,7 @@ def meaning_of(channel: Channel, *, with_stream: bool = True) -> Meaning:
     quantity = _quantity(field_words, label_words, topic_words, channel.unit)
     named = label_words if label else [*topic_words, *field_words]
     part, index, joint = _part(named)
-    if label and not (part or joint) and _named_quantity(field_words):
+    if label and not (part or joint) and (quantity == "velocity" or _named_quantity(field_words)):
         joint = label_words  # a joint may be called as a quantity is: Rotation
     if label and not part and any(word in SENSOR for word in topic_words) and quantity == "torque":
         part = "sensor"
@@ -157,6 +158,8 @@ def _quantity(field: list[str], label: list[str], topic: list[str], unit: str | 
         return role
     if not is_truth and _is_command([*words, *topic]) and _is_velocity(field, unit):
         return "commanded_velocity"
+    if not is_truth and _is_joint_velocity(field, [*words, *topic], unit):
+        return "velocity"
     if any(word in OTHER for word in field) or by_unit == "other" or is_truth:
         return "other"
     if _is_command(words):
@@ -187,6 +190,12 @@ def _is_velocity(field: list[str], unit: str | None) -> bool:
         return unit is None or bool(si_factor(unit, "rad/s"))
     except UnitError:
         return False
+
+
+def _is_joint_velocity(field: list[str], words: list[str], unit: str | None) -> bool:
+    """Tell whether a channel is how fast a position changes: no body's velocity, error, or rate of something else."""
+    derived = any(word in DEFLECTION or (word in OTHER and word not in VELOCITY) for word in field)
+    return _is_velocity(field, unit) and not derived and not any(word in BODY for word in words)
 
 
 def _acceleration(field: list[str], words: list[str], unit: str | None) -> str | None:

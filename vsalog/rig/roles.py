@@ -22,6 +22,8 @@ from vsalog.rig.effect_tables import Sensor, composed
 ROLE_UNITS: dict[str, tuple[str, ...]] = {
     "motor_position": ("rad",),
     "link_position": ("rad",),
+    "motor_velocity": ("rad/s",),
+    "link_velocity": ("rad/s",),
     "link_acceleration": ("rad/s^2",),
     "deflection": ("rad",),
     "commanded_position": ("rad",),
@@ -94,6 +96,9 @@ else:
 SignalSpec = str | float | Signal
 
 
+VELOCITIES = ("motor_velocity", "link_velocity")
+"""What a driver makes of its encoders, which positions are held against."""
+
 COMMANDS = ("commanded_position", "commanded_velocity")
 """What a drive may be commanded."""
 
@@ -102,7 +107,7 @@ class SingleSignals(Base, frozen=True):
     """The roles of a joint with one transmission.
 
     `commanded_position` and `commanded_velocity` are what the motor's drive is told, on the joint's side; `external_torque` is a
-    push on the link;
+    push on the link; `motor_velocity` and `link_velocity` are what a driver reports next to its positions;
     `link_acceleration` is that of the joint, q̈; `accelerometer_x`, `accelerometer_y` and `accelerometer_z` are the axes of an
     accelerometer on the link, mounted as the chain says.
     """
@@ -112,6 +117,8 @@ class SingleSignals(Base, frozen=True):
     commanded_position: SignalSpec | None = None
     commanded_velocity: SignalSpec | None = None
     link_position: SignalSpec | None = None
+    motor_velocity: SignalSpec | None = None
+    link_velocity: SignalSpec | None = None
     link_acceleration: SignalSpec | None = None
     deflection: SignalSpec | None = None
     torque_sensor: SignalSpec | None = None
@@ -142,6 +149,9 @@ class AntagonisticSignals(Base, frozen=True):
     motor_torque_1: SignalSpec | None = None
     motor_torque_2: SignalSpec | None = None
     link_position: SignalSpec | None = None
+    motor_velocity_1: SignalSpec | None = None
+    motor_velocity_2: SignalSpec | None = None
+    link_velocity: SignalSpec | None = None
     link_acceleration: SignalSpec | None = None
     deflection_1: SignalSpec | None = None
     deflection_2: SignalSpec | None = None

@@ -129,7 +129,7 @@ def _column(joint: Joint, role: str, signal: Signal, values: Array) -> RecordedC
         # As binding undoes it: only what a motor has is on either side of a gear.
         if role.startswith(("motor_torque", "secondary_torque")):
             recorded = recorded / ratio
-        elif role.startswith("motor_position") or (role == "setpoint" and usual == "rad"):
+        elif role.startswith(("motor_position", "motor_velocity")) or (role == "setpoint" and usual == "rad"):
             recorded = recorded * ratio
     if unit is not None and unit != usual:
         recorded = recorded / si_factor(unit, usual)
