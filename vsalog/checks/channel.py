@@ -46,18 +46,18 @@ class Lines(NamedTuple):
     Attributes
     ----------
     longest : samples per sample of a slower sensor that are looked for
-    fewest : samples of each phase of which a share is taken
+    samples : of each phase that are looked at
+    fewest : bends of a signal of which a share is taken
     straight : part of a signal's usual bend from sample to sample below which three samples lie on a line
-    between, at_knots : parts of the samples that lie on the line between their neighbours at all phases but one, at least, and
-        at that one, at most; phases of a measured signal are alike, and of forty samples that do so with a probability of
-        `between` half or fewer do with one below 1e-15
+    at_knots : part of the bends that are at one phase, at least. Those of a measured signal are at any: that 38 of 40 are at one
+        of two has a probability of 2e-9
     """
 
     longest: int = 64
+    samples: int = 40
     fewest: int = 40
     straight: float = 1e-3
-    between: float = 0.95
-    at_knots: float = 0.5
+    at_knots: float = 0.95
 
 
 LINES = Lines()
@@ -99,27 +99,20 @@ def channel_findings(recordings: Sequence[Recording], name: str, joint: Joint) -
 def samples_per_knot(x: Array) -> int:
     """Return how many samples lie from one bend of a signal to the next, where it is straight in between; 0 for no number.
 
-    Those that are interpolated twofold or more have one phase at which the signal bends and others at which it does not. Of a
-    measured channel this is found with less than `FALSE_ALARM_OF_MANY`: see `Lines.between`, for each phase that is tried.
+    Those that are interpolated twofold or more have one phase at which the signal bends and others at which it does not; a
+    reading that is repeated, or an encoder's step, bends twice. Of a measured channel this is found with less than
+    `FALSE_ALARM_OF_MANY`: see `Lines.at_knots`, for each number that is tried.
     """
-    x = x[: 8 * LINES.longest * LINES.fewest]
-    bend, steps = np.abs(np.diff(x, 2)), np.diff(x)
-    moving = np.flatnonzero((steps[1:] != 0.0) | (steps[:-1] != 0.0))
-    bend = bend[moving]
+    x = x[: 8 * LINES.longest * LINES.samples]
+    bend = np.abs(np.diff(x, 2))
     if not bend.size or float(bend.max()) == 0.0:
         return 0
-    straight = bend <= LINES.straight * float(np.median(bend[bend > ROUNDING * bend.max()]))
-    found = dict[int, float]()
-    for n in range(2, LINES.longest + 1):
-        counts = np.bincount(moving % n, minlength=n)
-        if int(counts.min()) < LINES.fewest:
-            break
-        shares = np.bincount(moving % n, straight, n) / counts
-        knot = int(np.argmin(shares))
-        if shares[knot] <= LINES.at_knots and np.delete(shares, knot).min() >= LINES.between:
-            found[n] = float(shares[knot])
-    # Of a number and its divisors, that at which it always bends.
-    return min(found, key=found.__getitem__, default=0)
+    knots = np.flatnonzero(bend > LINES.straight * float(np.median(bend[bend > ROUNDING * bend.max()])))
+    if knots.size < LINES.fewest:
+        return 0
+    at_one = (n for n in range(2, LINES.longest + 1) if np.bincount(knots % n).max() >= LINES.at_knots * knots.size)
+    # The divisors of a number have the same knots.
+    return max(at_one, default=0)
 
 
 def wraps(x: Array, turn: float) -> int:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from vsalog.core.resolution import step_of
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import FALSE_ALARM_OF_MANY
 from vsalog.estimators.device import Device, TransmissionView
@@ -52,7 +53,8 @@ def is_fine(signals: JointSignals, role: str) -> bool:
     taken = levels(signals.roles[role])
     if taken.size < 2:
         return False
-    step = max(signals.resolution.get(role, 0.0), float(np.diff(taken).min()))
+    # A signal without steps is given those of its noise, which are none.
+    step = max(step_of(signals.roles[role]) or 0.0, float(np.diff(taken).min()))
     return float(taken[-1] - taken[0]) > FEWEST_LEVELS * step
 
 

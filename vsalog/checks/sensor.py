@@ -8,11 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from vsalog.checks.samples import FEWEST_LEVELS, SAME_MOTION, is_fine, is_noisy, levels, rests, runs, unlikely_run
 from vsalog.core.finding import Evidence, Finding, Text
 from vsalog.core.finding_texts import add_texts
 from vsalog.core.precision import ROUNDING
+from vsalog.core.resolution import step_of
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import FALSE_ALARM_OF_MANY
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE
@@ -52,14 +54,14 @@ def passing(signals: JointSignals) -> Iterator[Finding]:
     for role in signals.roles:
         if role.startswith((*MEASURED, "pressure", "motor_torque")) and is_fine(signals, role):
             yield from list(_saturated(signals, role)) or _clipped(signals, role)
-        if "position" in role or role.startswith("deflection"):
+        if role.startswith(MEASURED) and "torque" not in role:
             yield from _frozen(signals, role)
         if role.startswith((*MEASURED, "motor_torque")):
             yield from _repeated(signals, role)
 
 
 def _saturated(signals: JointSignals, role: str) -> Iterator[Finding]:
-    """Yield an end of the range at which a noisy signal rests, for longer than chance lets it."""
+    """Yield an end of the range at which a noisy signal rests for longer than chance lets it, or which it reaches too often."""
     x = signals.roles[role]
     finite = x[np.isfinite(x)]
     for end, extreme in (("highest", float(finite.max())), ("lowest", float(finite.min()))):
@@ -68,7 +70,8 @@ def _saturated(signals: JointSignals, role: str) -> Iterator[Finding]:
             continue
         still = float(np.mean(np.diff(x[~there]) == 0.0))
         first, after = runs(there)
-        long = after - first >= unlikely_run(still, finite.size)
+        piled = _piled_up(x, there, len(first))
+        long = piled | (after - first >= unlikely_run(still, finite.size))
         resting = int((after - first)[long].sum())
         if resting > NEGLIGIBLE_SHARE * finite.size:
             yield Finding(
@@ -81,32 +84,62 @@ def _saturated(signals: JointSignals, role: str) -> Iterator[Finding]:
             )
 
 
+def _piled_up(x: NDArray[np.float64], there: NDArray[np.bool_], times: int) -> bool:
+    """Tell whether a noisy signal comes to an end of its range more often than a range has its last level reached.
+
+    What turns there as a sine does comes to its last level 1.4 times as often as to the last but one, and noise makes it less:
+    twice is too often.
+    """
+    extreme = x[there][0]
+    others = levels(x[~there])
+    step = max(step_of(x) or 0.0, float(np.diff(others).min(initial=np.inf)))
+    next_to = np.abs(x - extreme) < 1.5 * step
+    beside = len(runs(next_to & ~there)[0])
+    return float(special.bdtrc(times - 1, times + beside, 2.0 / 3.0)) <= FALSE_ALARM_OF_MANY
+
+
 def _clipped(signals: JointSignals, role: str) -> Iterator[Finding]:
     """Yield the ends of the range that a signal without noise reaches at full speed, and more than once.
 
-    What turns or comes to rest gets slower before; what is cut off does not.
+    What turns or comes to rest gets slower before; what is cut off does not. A joint that sticks where it turns does so at other
+    values, too.
     """
     x = signals.roles[role]
     finite = x[np.isfinite(x)]
     if is_noisy(x, np.isfinite(x)):
         return
     step = max(signals.resolution.get(role, 0.0), float(np.ptp(finite)) * ROUNDING)
+    first, after = runs(np.diff(x) == 0.0)
+    long = after - first >= CUT.stays - 1
+    resting = [(begin, over + 1) for begin, over in zip(first[long].tolist(), after[long].tolist(), strict=True)]
+    ends = {"highest": float(finite.max()), "lowest": float(finite.min())}
+    turning = [rest for rest in resting if x[rest[0]] not in ends.values() and _turns(x, *rest)]
+    if sum(_kinks(x, *rest, CUT.steps * step) for rest in turning) >= CUT.fewest:
+        return
     kinks, found = 0, list[Finding]()
-    for end, extreme in (("highest", float(finite.max())), ("lowest", float(finite.min()))):
-        first, after = runs(x == extreme)
-        long = after - first >= CUT.stays
-        way, here = np.abs(x - extreme), 0
-        for begin, over in zip(first[long].tolist(), after[long].tolist(), strict=True):
-            # A rest at either end of the log begins or ends nowhere.
-            sides = [(begin, -1)] * (begin > 0) + [(over - 1, 1)] * (over < x.size)
-            here += sum(_kinked(way, at, ahead, CUT.steps * step, over - begin) for at, ahead in sides)
+    for end, extreme in ends.items():
+        here = sum(_kinks(x, *rest, CUT.steps * step) for rest in resting if x[rest[0]] == extreme)
         kinks += here
         if here:
+            first, after = runs(x == extreme)
+            long = after - first >= CUT.stays
             share, begin = float((after - first)[long].sum()) / finite.size, float(signals.time[first[np.argmax(long)]])
             evidence: Evidence = {"end": end, "at": extreme, "begin": begin}
             found.append(Finding(code="sensor.clipped", joint=signals.joint, part=role, value=share, evidence=evidence))
     if kinks >= CUT.fewest:
         yield from found
+
+
+def _turns(x: NDArray[np.float64], begin: int, over: int) -> bool:
+    """Tell whether a signal leaves a rest to the side that it came from."""
+    return begin > 0 and over < x.size and (x[begin - 1] - x[begin]) * (x[over] - x[begin]) > 0.0
+
+
+def _kinks(x: NDArray[np.float64], begin: int, over: int, enough: float) -> int:
+    """Return how often a signal comes to a rest, or leaves it, without getting slower; one at an end of the log has one side."""
+    way = np.abs(x - x[begin])
+    sides = [(begin, -1)] * (begin > 0) + [(over - 1, 1)] * (over < x.size)
+    return sum(_kinked(way, at, ahead, enough, over - begin) for at, ahead in sides)
 
 
 def _frozen(signals: JointSignals, role: str) -> Iterator[Finding]:
@@ -121,7 +154,11 @@ def _frozen(signals: JointSignals, role: str) -> Iterator[Finding]:
     others[ends] = np.nan
     if not ends.size or not np.isfinite(others).any():
         return
-    usual, jump = float(np.nanmax(others)), float(np.nanmax(steps[ends], initial=0.0))
+    # An encoder that rests goes on by a step of its own.
+    usual, jump = (
+        max(float(np.nanmax(others)), float(np.diff(levels(x)).min())),
+        float(np.nanmax(steps[ends], initial=0.0)),
+    )
     if jump > CUT.jump * usual:
         last = int(ends[np.nanargmax(steps[ends])])
         begin = next(one.start for one in found if one.stop - 1 == last)
@@ -149,7 +186,12 @@ def _kinked(way: NDArray[np.float64], at: int, ahead: int, enough: float, length
     if 2 * half >= side.size or not np.isfinite(side[: 2 * half + 1]).all():
         return False
     near, beyond = side[half] - side[0], side[2 * half] - side[half]
-    return bool(near > 0.0 and beyond < CUT.kink * near)
+    # What sticks and slips was never at an even speed: it stays longer at a value than that speed takes to the next.
+    values = side[: 2 * half + 1]
+    first, after = runs(np.diff(values) == 0.0)
+    stays = int((after - first).max(initial=0)) + 1
+    even = stays <= 2.0 * max(1.0, 2.0 * half * enough / CUT.steps / max(float(np.ptp(values)), enough))
+    return bool(even and near > 0.0 and beyond < CUT.kink * near)
 
 
 def _repeated(signals: JointSignals, role: str) -> Iterator[Finding]:

@@ -29,6 +29,11 @@ from vsalog.estimators.device import Device, deflection_of, has_deflection
 def passing(device: Device, signals: JointSignals) -> Iterator[Finding]:
     """Yield what may befall a torque for a while."""
     yield from _stuck_while_moving(device, signals)
+    yield from passing_alone(signals)
+
+
+def passing_alone(signals: JointSignals) -> Iterator[Finding]:
+    """Yield what of that a torque shows by itself."""
     for role in signals.roles:
         if role.startswith("torque_sensor"):
             yield from _coarse(signals, role)
