@@ -104,8 +104,9 @@ def faults(args: argparse.Namespace, folder: Path) -> bool:
                 if sound is None:
                     continue
                 roles = roles_of(sound)
+                drawn = np.random.default_rng([seed, PRESETS.index(preset), MOTIONS.index(motion)])
                 for one in injected(sound, roles, np.random.default_rng(seed)):
-                    if args.kinds and one.kind not in args.kinds.split(","):
+                    if drawn.random() >= args.share or (args.kinds and one.kind not in args.kinds.split(",")):
                         continue
                     if not observable(one, sound, roles):
                         unseen[one.kind] += 1
@@ -155,6 +156,7 @@ def main() -> int:
     parser.add_argument("--presets", default=",".join(PRESETS))
     parser.add_argument("--motions", default=",".join(MOTIONS))
     parser.add_argument("--kinds", default="", help="those of the faults; all when absent")
+    parser.add_argument("--share", type=float, default=1.0, help="part of the faults that are tried, drawn at random")
     parser.add_argument("--seeds", type=int, default=1, help="logs of each machine and motion that faults are put into")
     parser.add_argument("--count", type=int, default=500, help="sound logs")
     parser.add_argument("--logs", type=Path, help="a folder where logs are kept")

@@ -11,6 +11,7 @@ from tests.recording_faults.inject import exchanged, injected, on_other_clock, w
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.checks.fault_search import exchanged_between, faults_of
 from vsalog.checks.recording_faults import findings_of
+from vsalog.core.resolution import step_of
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import FALSE_ALARM
 from vsalog.inspection.joint_faults import joint_faults
@@ -168,8 +169,21 @@ def test_every_command_reports_a_magnitude(samples, tmp_path, run):
 def test_the_torques_of_a_real_servo_are_found_to_be_magnitudes(samples):
     log = read(samples / "so101_servo" / "chirp_sweep")
     found = list(joint_faults(log, guess_roles(log)))
-    assert [finding.code for finding in found] == ["torque.unsigned"] * 6
-    assert {finding.part for finding in found} == {"motor_torque"}
+    magnitudes = [finding for finding in found if finding.code == "torque.unsigned"]
+    assert len({finding.joint for finding in magnitudes}) == 6
+    assert {finding.part for finding in magnitudes} == {"motor_torque"}
+
+
+def test_the_units_of_a_real_gripper_s_position_and_velocity_are_found_to_differ(samples):
+    """Its position is a part of its range, its velocity in rad/s: one encoder step and one step in a period say so."""
+    log = read(samples / "so101_servo" / "chirp_sweep")
+    guess = guess_roles(log)
+    roles = {joint.name: joint.roles for joint in guess.joints}
+    # The other joints are of the same servos, and report radians.
+    step = {name: step_of(log.channels[its["link_position"].channel].values) for name, its in roles.items()}
+    (found,) = [finding for finding in joint_faults(log, guess) if finding.code == "signal.scale"]
+    assert (found.joint, "link_velocity" in found.part) == ("Jaw", True)
+    assert found.evidence["factor"] == pytest.approx(step["Elbow"] / step["Jaw"], rel=0.05)
 
 
 def test_exchanging_twice_is_nothing(vsa2):

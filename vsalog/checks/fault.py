@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
+
+FREE: Mapping[str, int] = {"scale": 1, "late": 1, "drift": 2, "gravity": 2}
+"""Numbers that are fitted when a fault is undone, of those kinds that have any."""
 
 Kind = Literal["sign", "unit", "scale", "late", "drift", "exchanged", "unsigned", "gravity"]
 
@@ -17,25 +20,31 @@ class Rule(NamedTuple):
     ----------
     left : part of its squares that an equation still leaves at most, once the fault is undone: it was most of what was wrong
     holds : part of its target's squares that this equation leaves at most then: one that does not hold tells nothing
-    blocks : of time, whose likelihoods are compared
+    blocks : of time, whose likelihoods are compared: the widest filter reaches into the next by a twentieth
     quiet : part of a mean block's squares below which a block says nothing
     as_likely : log-likelihood per independent sample by which faults differ that are as likely as one another
     most : faults of one joint that are looked for, one after another
     longest_delay : that is looked for [s]: a few packets of the slowest bus; what is later than that is on another clock
     delays : steps of the grid on either side of 0 on which delays are looked for
     scale : factor beyond which one torque is out of proportion to another: gears lose less than half of a torque
+    drive_delay : by which a drive acts later than it is told, at most [s]: two cycles of commands at 20 Hz
+    drive_delays : steps of these that are tried
+    kept : part of a joint's samples that its commands and velocities cover at least, to be held against the others
     unit_tolerance : part by which a factor differs from a unit's at most, as filters and encoders' steps make it
     """
 
     left: float = 0.5
     holds: float = 0.5
-    blocks: int = 16
+    blocks: int = 24
     quiet: float = 0.01
     as_likely: float = 0.05
     most: int = 3
     longest_delay: float = 0.25
     delays: int = 10
     scale: float = 2.0
+    drive_delay: float = 0.1
+    drive_delays: int = 2
+    kept: float = 0.9
     unit_tolerance: float = 0.02
 
 
@@ -81,6 +90,7 @@ class Found:
 
 
 def unit_factors(role: str) -> Iterator[float]:
-    """Yield by what a role is multiplied in a unit that it is often recorded in: degrees, and N·mm or kN·m."""
-    degrees = math.degrees(1.0)
+    """Yield by what a role is multiplied in a unit that it is often recorded in: degrees, N·mm or kN·m, turns a minute."""
+    degrees, rpm = math.degrees(1.0), 30.0 / math.pi
     yield from (1e3, 1e-3) if "torque" in role else (degrees, 1.0 / degrees)
+    yield from (rpm,) if "velocity" in role else ()

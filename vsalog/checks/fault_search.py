@@ -19,18 +19,18 @@ Ibragimov, Müller, "t-statistic based correlation and heterogeneity robust infe
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
-from vsalog.checks.fault import RULE, Fault, Found
+from vsalog.checks.fault import FREE, RULE, Fault, Found
 from vsalog.checks.late_channels import late
 from vsalog.checks.scaled_channels import scaled
-from vsalog.checks.smoothed_motion import motion_of
+from vsalog.checks.smoothed_motion import exchanged, motion_of
 from vsalog.checks.undone_channels import Channels, Faults, Trial
 from vsalog.checks.unsigned_torque import unsigned
-from vsalog.core.dependence import mean_above_zero
+from vsalog.core.dependence import above_zero
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import FALSE_ALARM
 
@@ -63,9 +63,12 @@ def exchanged_between(joints: Joints) -> tuple[tuple[str, str], Found] | None:
     ----------
     joints : of one log, by name
     """
-    known = {name: channels for name, its in joints.items() if (channels := _channels(its)) is not None}
-    wrong = [name for name, channels in known.items() if _wrong(channels, ())]
-    tried = [one for pair in combinations(wrong, 2) for one in _exchanged(joints, known, pair)]
+    alone = {name: channels for name, its in joints.items() if (channels := _channels(its)) is not None}
+    wrong = [name for name, channels in alone.items() if _wrong(channels, ())]
+    # What is exchanged has to have passed through one filter.
+    width = max((alone[name].motion.width for name in wrong), default=None)
+    known = {name: its for name in wrong if (its := _channels(joints[name], (), width)) is not None}
+    tried = [one for pair in combinations(known, 2) for one in _exchanged(joints, known, pair)]
     if not tried:
         return None
     ratio, p, left, names, role = max(tried)
@@ -95,85 +98,116 @@ def _exchanged(
     for role in sorted(set(known[a].roles) & set(known[b].roles)):
         ratio, blocks, worst = 0.0, np.zeros(RULE.blocks), 0.0
         for name, its in zip(pair, map(with_exchanged(joints, a, b, role).__getitem__, pair), strict=True):
-            there = _channels(its)
-            touched = known[name].touched(Fault("exchanged", (role,)))
-            if there is None or not touched <= set(there.equations):
+            other = known[b if name == a else a].motion
+            there = Channels(its, exchanged(known[name].motion, other, role), ())
+            touched = known[name].touched(Fault("exchanged", (role,)), ())
+            if not touched <= set(there.equations):
                 worst = 1.0
                 continue
             now, then = known[name].trial((), touched), there.trial((), touched)
             ratio += then.better(now)
             blocks += then.block_ratios(now)
-            worst = max(worst, _part_left(now, then)[0])
-        yield ratio, mean_above_zero(blocks), worst, pair, role
+            worst = max(worst, _part_left(now, then))
+        yield ratio, above_zero(blocks), worst, pair, role
 
 
-def _channels(signals: JointSignals, unknown_scale: Collection[str] = ()) -> Channels | None:
-    """Return the channels of a joint; None where its equations cannot be formed."""
-    motion = motion_of(signals, RULE.longest_delay)
+def _channels(
+    signals: JointSignals, unknown_scale: Collection[str] = (), width: float | None = None
+) -> Channels | None:
+    """Return the channels of a joint, filtered so widely; None where its equations cannot be formed."""
+    motion = motion_of(signals, RULE.longest_delay, width)
     channels = None if motion is None else Channels(signals, motion, unknown_scale)
     return channels if channels is not None and channels.equations else None
 
 
 def _wrong(channels: Channels, undone: Faults) -> set[str]:
     """Return the equations that leave more than noise."""
-    now, floor = channels.trial(undone), _floor(channels, undone)
-    return {e for e in channels.equations if now.left(e) > floor[e]}
+    now = channels.trial(undone)
+    return {e for e in channels.equations if now.left(e) > channels.noise(e, undone)}
 
 
-def _floor(channels: Channels, undone: Faults) -> dict[str, float]:
-    """Return what noise makes of what each equation leaves."""
-    return {e: channels.noise(e, undone) for e in channels.equations}
+@dataclass(frozen=True)
+class _Tried:
+    """A fault that explains channels: how much better, how likely by chance, and what part of the squares is left."""
+
+    fault: Fault
+    trial: Trial
+    ratio: float
+    p: float
+    left: float
 
 
 def _likeliest(channels: Channels, undone: Faults) -> Found | None:
     """Return the likeliest fault beyond those that are undone; None where none is."""
     now, wrong = channels.trial(undone), _wrong(channels, undone)
-    tried = list[tuple[float, Fault, Trial]]()
-    for fault in _candidates(channels, undone, wrong) if wrong else ():
-        trial = channels.trial((*undone, fault), channels.touched(fault))
-        tried.append((trial.better(now), fault, trial))
-    if not tried:
+    candidates = list(_candidates(channels, undone, wrong)) if wrong else []
+    explaining = [one for fault in candidates if (one := _tried(channels, undone, fault, now, len(candidates)))]
+    if not explaining:
         return None
-    # Equations that are left with no more than noise are explained alike.
-    floor = _floor(channels, (*undone, max(tried, key=lambda one: one[0])[1]))
-    tried = [(trial.better(now, floor), fault, trial) for _, fault, trial in tried]
-    likeliest = max(ratio for ratio, *_ in tried)
-    # Of faults that are as likely, the one that is about the fewest equations: the others' are sound. A unit has no free number.
-    tried.sort(
-        key=lambda one: (one[0] < likeliest - RULE.as_likely, len(one[2].squares), one[1].kind == "scale", -one[0])
-    )
-    ratio, fault, trial = tried[0]
-    p = min(1.0, len(tried) * mean_above_zero(trial.block_ratios(now)))
-    left, holds = _part_left(now, trial)
-    if ratio <= 0.0 or p > FALSE_ALARM or left > RULE.left or holds > RULE.holds:
-        return None
-    same = (f for r, f, t in tried[1:] if ratio - r < RULE.as_likely and t.squares.keys() == trial.squares.keys())
-    return Found(fault, tuple(dict.fromkeys(same)), p, left)
+    # A torque that is never negative is a magnitude before it is anything else: its delay or scale means nothing yet.
+    magnitudes = [one for one in explaining if one.fault.kind == "unsigned"]
+    best = max(magnitudes or explaining, key=lambda one: one.ratio)
+    alike = [one for one in explaining if one is best or not _is_better(channels, undone, best.fault, one.fault)]
+    # Of faults that are as likely, the one that is about the fewest equations, and has the fewest numbers to be fitted.
+    chosen = min(alike, key=lambda one: (len(one.trial.squares), FREE.get(one.fault.kind, 0), -one.ratio))
+    same = (one.fault for one in alike if one is not chosen and one.trial.squares.keys() == chosen.trial.squares.keys())
+    return Found(chosen.fault, tuple(dict.fromkeys(same)), chosen.p, chosen.left)
 
 
-def _part_left(now: Trial, then: Trial) -> tuple[float, float]:
-    """Return the part that the equation leaves which is explained best, of what it left before and of its target's squares."""
-    return min((then.left(e) / now.left(e), then.left(e)) for e in then.squares)
+def _tried(channels: Channels, undone: Faults, fault: Fault, now: Trial, many: int) -> _Tried | None:
+    """Return how a fault explains channels, as one of many; None where it does not."""
+    trial = channels.trial((*undone, fault), channels.touched(fault, undone))
+    ratio, p = trial.better(now), min(1.0, many * above_zero(trial.block_ratios(now)))
+    left = _part_left(now, trial)
+    return None if ratio <= 0.0 or p > FALSE_ALARM or left > RULE.left else _Tried(fault, trial, ratio, p, left)
+
+
+def _is_better(channels: Channels, undone: Faults, one: Fault, other: Fault) -> bool:
+    """Tell whether a fault explains channels better than another, by more than chance does once in a thousand."""
+    about = channels.touched(one, undone) | channels.touched(other, undone)
+    mine, its = channels.trial((*undone, one), about), channels.trial((*undone, other), about)
+    return mine.better(its) > 0.0 and above_zero(mine.block_ratios(its)) <= FALSE_ALARM
+
+
+def _part_left(now: Trial, then: Trial) -> float:
+    """Return the part of its squares that an equation still leaves, of the one that is explained best and holds."""
+    return min((then.left(e) / now.left(e) for e in then.squares if then.holds[e] <= RULE.holds), default=1.0)
 
 
 def _candidates(channels: Channels, undone: Faults, wrong: set[str]) -> Iterator[Fault]:
     """Yield the faults that equations which are wrong tell of."""
     for fault in _all(channels, undone, wrong):
-        if channels.touched(fault) & wrong:
+        if channels.touched(fault, undone) & wrong:
             yield fault
 
 
 def _all(channels: Channels, undone: Faults, wrong: set[str]) -> Iterator[Fault]:
     for role in channels.roles:
-        yield Fault("sign", (role,), factor=-1.0)
-        yield from scaled(channels, undone, role)
+        for together in _measured_together(channels, role):
+            yield Fault("sign", together, factor=-1.0)
+            yield from scaled(channels, undone, together)
         if "torque" in role:
             magnitude = unsigned(channels, undone, role)
             yield from () if magnitude is None else (magnitude,)
             if "link_position" in channels.motion.values and not channels.unknown_scale:
                 yield Fault("gravity", (role,))
-        if channels.touched(Fault("late", (role,))) & wrong:
+        if channels.touched(Fault("late", (role,)), undone) & wrong:
             yield from late(channels, undone, role)
     for a, b in combinations(channels.roles, 2):
-        if ("torque" in a) == ("torque" in b):
+        if _quantity(a) == _quantity(b):
             yield Fault("exchanged", (a, b))
+
+
+def _measured_together(channels: Channels, role: str) -> Iterator[tuple[str, ...]]:
+    """Yield a role, and a position with what a drive says of it in the same unit and on the same side: velocity, command."""
+    yield (role,)
+    others = [
+        r for r in channels.roles if r in ("commanded_position", role.replace("_position", "_velocity")) and r != role
+    ]
+    if role.startswith(("motor_position", "link_position")):
+        for many in range(1, len(others) + 1):
+            yield from ((role, *some) for some in combinations(others, many))
+
+
+def _quantity(role: str) -> str:
+    return next(quantity for quantity in ("torque", "velocity", "") if quantity in role)

@@ -5,7 +5,10 @@ With q the link's position, θ the motor's, φ = q − θ, τ_e the flexibility 
 - spring: τ_e rises with φ, plus damping, d φ̇ with d ≥ 0 (De Luca and Book, "Robots with flexible elements", 2016, §11.1);
 - motor: τ_m + τ_e = B θ̈ + D θ̇ + C sign(θ̇) with B, D, C ≥ 0, and where τ_e is not recorded the spring stands for it;
 - body: a rigid joint's torque is M q̈ + D q̇ + C sign(q̇) + a gravity torque, a sine and a cosine of q, with M, D, C ≥ 0;
-- pair: θ is q but for a deflection that is small next to both.
+- pair: θ is q but for a deflection that is small next to both;
+- rate: a velocity v is the derivative of its position, and at most behind it by a filter's lag: v = q̇ − T v̇ with T ≥ 0;
+- drive: a commanded position q_c is ahead of the position by what moves inertia against damping and friction with the stiffness
+  of the drive, less what is fed forward: q_c − q = a q̈ + b q̇ + c sign(q̇) with c ≥ 0. A drive may act late, never early.
 
 Coefficients are unknown; their signs are not, nor is the torque sensor's coefficient in the motor's equation. These tell a wrong
 sign, a wrong unit, a delay, a magnitude and an exchanged channel.
@@ -23,6 +26,8 @@ from numpy.typing import NDArray
 from vsalog.core.dependence import hats
 
 Array = NDArray[np.float64]
+
+COMMAND = "commanded_position"
 
 
 class Shape(NamedTuple):
@@ -49,7 +54,7 @@ class Equation:
 
     Attributes
     ----------
-    name : ``spring``, ``motor``, ``body`` or ``pair``, with the transmission's suffix
+    name : ``spring``, ``motor`` or ``pair`` with the transmission's suffix, ``body``, ``rate`` or ``drive`` with the target
     target : the role that y is made of
     roles : that it reads
     y, scale : shape (R,); and the target as it stands in y, whose spread is the measure of what is left
@@ -86,7 +91,7 @@ def equation(name: str, roles: Rows, knots: Array | None = None, unknown_scale: 
     unknown_scale : roles in a unit that is none of a torque's: a motor's torque among them is any multiple of the sensor's
     """
     kind, _, suffix = name.partition(" ")
-    build = {"spring": _spring, "motor": _motor, "body": _body, "pair": _pair}[kind]
+    build = {"spring": _spring, "motor": _motor, "body": _body, "pair": _pair, "rate": _rate, "drive": _drive}[kind]
     found = build(name, roles, suffix, knots)
     if kind == "motor" and found.target in unknown_scale:
         rest = found.y - found.scale
@@ -105,6 +110,19 @@ def _needs(roles: Rows) -> Iterator[tuple[str, frozenset[str]]]:
         if "motor_position" not in roles and "deflection" not in roles:
             yield "body motor_torque", frozenset({"link_position", "motor_torque"})
             yield "body torque_sensor", frozenset({"link_position", "torque_sensor"})
+        yield f"drive {COMMAND}", frozenset({COMMAND, _driven(roles)})
+    for role in roles:
+        if "_velocity" in role:
+            yield f"rate {role}", frozenset({role, position_of(role)})
+
+
+def position_of(velocity: str) -> str:
+    """Return the role whose derivative a velocity is."""
+    return velocity.replace("_velocity", "_position")
+
+
+def _driven(roles: Rows) -> str:
+    return "motor_position" if "motor_position" in roles else "link_position"
 
 
 def _deflects(roles: Rows, suffix: str) -> set[str]:
@@ -170,3 +188,17 @@ def _pair(name: str, roles: Rows, _: str, __: Array | None) -> Equation:
     free = np.ones((q.size, 1))
     used = frozenset({"link_position", "motor_position"})
     return Equation(name, "link_position", used, q - theta, q, free, np.empty((q.size, 0)))
+
+
+def _rate(name: str, roles: Rows, velocity: str, _: Array | None) -> Equation:
+    v, q = roles[velocity], roles[position_of(velocity)]
+    free, used = np.ones((v.shape[1], 1)), frozenset({velocity, position_of(velocity)})
+    return Equation(name, velocity, used, v[0] - q[1], v[0], free, -v[1][:, None])
+
+
+def _drive(name: str, roles: Rows, command: str, _: Array | None) -> Equation:
+    moved = _driven(roles)
+    q, goal = roles[moved], roles[command][0]
+    *lead, friction = _resistance(q).T
+    free = np.column_stack((np.ones(goal.size), *lead))
+    return Equation(name, command, frozenset({command, moved}), goal - q[0], goal, free, friction[:, None])

@@ -9,20 +9,23 @@ from dataclasses import replace
 import numpy as np
 
 from vsalog.checks.fault import RULE, Fault
+from vsalog.checks.joint_equations import COMMAND
 from vsalog.checks.undone_channels import Channels, Faults
 
 
 def late(channels: Channels, undone: Faults, role: str) -> Iterator[Fault]:
     """Yield that a role is late, and that it becomes later, where the equations leave less then."""
     one = Fault("late", (role,))
-    touched = channels.touched(one)
+    touched = channels.touched(one, undone)
     now = channels.trial(undone, touched)
     period = channels.signals.period
     longest, half = (channels.motion.reach - 1) * period, float(channels.time[-1])
     step, fine = RULE.longest_delay / RULE.delays, period / 4.0
+    # A drive may be as slow as it likes, and never acts before it is told.
+    earliest = 0.0 if role == COMMAND else -longest
 
     def left(delay: float, rate: float) -> float:
-        if abs(delay) + abs(rate) * half > longest:
+        if abs(delay) + abs(rate) * half > longest or delay < earliest:
             return math.inf
         return -channels.trial((*undone, replace(one, delay=delay, rate=rate)), touched).better(now)
 
@@ -30,6 +33,8 @@ def late(channels: Channels, undone: Faults, role: str) -> Iterator[Fault]:
     delay = least(lambda d: left(d, 0.0), longest, step, fine, seed)
     if delay is not None and abs(delay) >= period:
         yield replace(one, delay=delay)
+    if role == COMMAND:
+        return
     delay, rate = delay or 0.0, 0.0
     if left(seed, seed_rate) < left(delay, 0.0):
         delay, rate = seed, seed_rate

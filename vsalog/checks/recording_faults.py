@@ -25,6 +25,9 @@ from vsalog.rig.schema import Joint
 READ = ("motor_position", "link_position", "deflection", "motor_torque", "torque_sensor", "setpoint")
 """Roles, without their numbers, that the equations read."""
 
+TOO = ("motor_velocity", "link_velocity", "commanded_position")
+"""Roles that they read along with these, where these are not cut short by them."""
+
 CODES: Mapping[Kind, str] = {
     "sign": "signal.sign",
     "unit": "signal.unit",
@@ -82,11 +85,12 @@ def log_findings(
     """
     found = list(channel_findings(recordings, name, joint))
     if look is None:
-        offered = offered_roles(joint)
-        roles = [role for role in read_roles(offered) if _recorded(recordings, joint, role)]
+        roles = [role for role in offered_roles(joint) if _recorded(recordings, joint, role)]
         # What cannot be bound is said by those who need it.
         with suppress(VsalogError):
-            look = bind(recordings, name, joint, roles, setpoints) if roles else None
+            look = bind(recordings, name, joint, read, setpoints) if (read := read_roles(roles)) else None
+        if look is not None:
+            look = with_more(look, recordings, joint, roles, setpoints)
     # How fast a clock runs against another `inspect` tells, of all of a log: a stretch of one, or several logs, are no measure.
     together = () if look is None else findings_of(look)
     return [*found, *(finding for finding in together if finding.code != CODES["drift"])]
@@ -102,6 +106,32 @@ def _recorded(recordings: Sequence[Recording], joint: Joint, role: str) -> bool:
 def read_roles(roles: Collection[str]) -> list[str]:
     """Return those of a joint's roles that the equations read."""
     return [role for role in roles if role.removesuffix("_1").removesuffix("_2") in READ]
+
+
+def with_more(
+    signals: JointSignals,
+    recordings: Sequence[Recording],
+    joint: Joint,
+    roles: Collection[str],
+    setpoints: Sequence[float | None] = (),
+    *,
+    acting: bool = True,
+) -> JointSignals:
+    """Return a joint's signals with its velocities and commands, where these cover them.
+
+    Parameters
+    ----------
+    signals : of the roles of `read_roles`
+    recordings, joint, setpoints, acting : as of `bind`
+    roles : of the joint that are recorded
+    """
+    more = [role for role in roles if role.removesuffix("_1").removesuffix("_2") in TOO]
+    with suppress(VsalogError):
+        if more:
+            every = bind(recordings, signals.joint, joint, [*read_roles(roles), *more], setpoints, acting=acting)
+            whole = len(every) >= RULE.kept * len(signals) and every.starts.sum() <= signals.starts.sum()
+            return every if whole else signals
+    return signals
 
 
 def findings_of(signals: JointSignals, unknown_scale: Collection[str] = ()) -> Iterator[Finding]:
@@ -135,15 +165,13 @@ def exchanged_joints(joints: Mapping[str, JointSignals]) -> tuple[Finding | None
 
 def _finding(signals: JointSignals, found: Found) -> Finding:
     fault = found.fault
-    roles = dict.fromkeys(
-        (*fault.roles, *(role for one in found.instead if one.kind == fault.kind for role in one.roles))
-    )
+    alike = (fault, *(one for one in found.instead if one.kind == fault.kind))
     value, limit, unit = _measured(signals, fault)
     evidence: Evidence = {"factor": fault.factor, "p_value": found.p_value, "left": found.left}
     return Finding(
         code=CODES[fault.kind],
         joint=signals.joint,
-        part=(" and " if fault.kind == "exchanged" else " or ").join(roles),
+        part=" or ".join(dict.fromkeys(" and ".join(one.roles) for one in alike)),
         value=found.left if value is None else value,
         limit=RULE.left if value is None else limit,
         unit=unit,

@@ -18,16 +18,28 @@ from vsalog.checks.undone_channels import Channels, Faults
 Array = NDArray[np.float64]
 
 
-def scaled(channels: Channels, undone: Faults, role: str) -> Iterator[Fault]:
-    """Yield that a role is in another unit or out of proportion, where an equation tells."""
+def scaled(channels: Channels, undone: Faults, roles: tuple[str, ...]) -> Iterator[Fault]:
+    """Yield that roles are in another unit or out of proportion by one factor, where an equation tells of the first."""
+    role = roles[0]
     if role in channels.unknown_scale:
         return
     for factor in unit_factors(role):
-        yield Fault("unit", (role,), factor=factor)
+        if _is_told(channels, undone, unit := Fault("unit", roles, factor=factor)):
+            yield unit
     for name in channels.equations:
         slope = _slope(channels, channels.equation(name, undone), undone, role) if role in channels.read[name] else 0.0
         if slope > 0.0 and abs(math.log(slope)) > math.log(RULE.scale):
-            yield _refined(channels, undone, role, slope)
+            yield _refined(channels, undone, roles, slope)
+
+
+def _is_told(channels: Channels, undone: Faults, unit: Fault) -> bool:
+    """Tell whether half and twice a unit's factor explain channels worse: of a torque next to nothing no factor is told."""
+    touched, now = channels.touched(unit, undone), channels.trial(undone)
+    by_unit = channels.trial((*undone, unit), touched).better(now)
+    others = (replace(unit, factor=by * unit.factor) for by in (0.5, 2.0))
+    return by_unit > RULE.as_likely and all(
+        by_unit > channels.trial((*undone, other), touched).better(now) + RULE.as_likely for other in others
+    )
 
 
 def _slope(channels: Channels, eq: Equation, undone: Faults, role: str) -> float:
@@ -42,6 +54,11 @@ def _slope(channels: Channels, eq: Equation, undone: Faults, role: str) -> float
         # τ_m = s (B θ̈ + … − τ_e): the sensor's torque becomes a column.
         _, x = residual_of(eq.scale, eq.free, np.column_stack((eq.positive, eq.scale - eq.y)))
         return float(x[-1]) or _by_grid(channels, undone, role)
+    if kind in ("rate", "drive"):
+        # y is the target less what it should be.
+        target, should = eq.scale - eq.scale.mean(), eq.scale - eq.y
+        slope = float(target @ (should - should.mean()) / np.sum((should - should.mean()) ** 2))
+        return slope if role == eq.target else 1.0 / slope if slope > 0.0 else 0.0
     if kind == "pair" and role == motor:
         q, theta = eq.scale - eq.scale.mean(), eq.scale - eq.y
         return float((theta - theta.mean()) @ q / (q @ q))
@@ -56,17 +73,19 @@ def _slope(channels: Channels, eq: Equation, undone: Faults, role: str) -> float
 
 
 def _by_grid(channels: Channels, undone: Faults, role: str) -> float:
-    """Return the power of two that explains the channels best."""
+    """Return the power of two nearest to one that explains the channels as well as any: what is next to nothing has many."""
     one = Fault("scale", (role,))
-    touched, now = channels.touched(one), channels.trial(undone)
-    powers = [2.0**k for k in range(-10, 11)]
-    return max(powers, key=lambda s: channels.trial((*undone, replace(one, factor=s)), touched).better(now))
+    touched, now = channels.touched(one, undone), channels.trial(undone)
+    powers = sorted((2.0**k for k in range(-10, 11)), key=lambda s: abs(math.log(s)))
+    ratios = {s: channels.trial((*undone, replace(one, factor=s)), touched).better(now) for s in powers}
+    enough = max(ratios.values()) - RULE.as_likely
+    return next(s for s in powers if ratios[s] >= enough)
 
 
-def _refined(channels: Channels, undone: Faults, role: str, slope: float) -> Fault:
+def _refined(channels: Channels, undone: Faults, roles: tuple[str, ...], slope: float) -> Fault:
     """Return the factor near one that explains the channels best, as a unit where it is one's."""
-    one = Fault("scale", (role,))
-    touched, now = channels.touched(one), channels.trial(undone)
+    one = Fault("scale", roles)
+    touched, now = channels.touched(one, undone), channels.trial(undone)
 
     def left(exponent: float) -> float:
         fault = replace(one, factor=slope * math.exp(exponent))
@@ -74,7 +93,9 @@ def _refined(channels: Channels, undone: Faults, role: str, slope: float) -> Fau
 
     finest = 0.05 * RULE.unit_tolerance
     factor = slope * math.exp(least(left, 0.25, 0.05, finest) or 0.0)
-    for unit in unit_factors(role):
-        if abs(factor / unit - 1.0) < RULE.unit_tolerance:
-            return Fault("unit", (role,), factor=unit)
+    # A torque may be out of proportion by as much as gears lose, whatever its unit.
+    tolerance = math.log(RULE.scale if "torque" in roles[0] else 1.0 + RULE.unit_tolerance)
+    for unit in unit_factors(roles[0]):
+        if abs(math.log(factor / unit)) < tolerance:
+            return Fault("unit", roles, factor=unit)
     return replace(one, factor=factor)

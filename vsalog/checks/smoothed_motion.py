@@ -7,7 +7,7 @@ filter's width is no part of what is compared.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from vsalog.core.precision import ROUNDING
-from vsalog.core.resolution import ROUNDED, noise_of, sensor_noise
+from vsalog.core.resolution import ROUNDED, noise_of, sensor_noise, step_of
 from vsalog.core.signals import JointSignals
 
 Array = NDArray[np.float64]
@@ -52,6 +52,7 @@ class Motion:
     Attributes
     ----------
     period : of the samples [s]
+    width : standard deviation of the filter [samples]
     values : role → value, rate and acceleration, shape (3, N); what the filter reached across a gap is not `known`
     known : role → shape (N,)
     noise : role → what the filter makes of as much noise and of such steps as its sensor has, shape (3, N)
@@ -60,6 +61,7 @@ class Motion:
     """
 
     period: float
+    width: float
     values: Mapping[str, Array]
     known: Mapping[str, Flags]
     noise: Mapping[str, Array]
@@ -67,13 +69,24 @@ class Motion:
     reach: int
 
 
-def motion_of(signals: JointSignals, longest_delay: float) -> Motion | None:
+def exchanged(one: Motion, other: Motion, role: str) -> Motion:
+    """Return a joint's motion with another one's role, which passed through the same filter."""
+    return replace(
+        one,
+        values={**one.values, role: other.values[role]},
+        known={**one.known, role: other.known[role]},
+        noise={**one.noise, role: other.noise[role]},
+    )
+
+
+def motion_of(signals: JointSignals, longest_delay: float, width: float | None = None) -> Motion | None:
     """Pass a joint's moving roles through the narrowest filter that leaves encoders' noise out of accelerations.
 
     Parameters
     ----------
     signals : of the joint
     longest_delay : by which rows may be moved [s]
+    width : standard deviation of the filter [samples]; that of the narrowest which does where absent
 
     Returns
     -------
@@ -83,7 +96,7 @@ def motion_of(signals: JointSignals, longest_delay: float) -> Motion | None:
     count, widest = len(signals), FILTER.widest * len(signals)
     if widest < FILTER.narrowest or not moving:
         return None
-    width = _width(signals, moving, widest)
+    width = width or _width(signals, moving, widest)
     reach = int(min(longest_delay / signals.period, count / 8))
     edge = int(FILTER.reach * width) + 1 + reach
     if count < 2 * edge + FILTER.rows // 10:
@@ -96,12 +109,12 @@ def motion_of(signals: JointSignals, longest_delay: float) -> Motion | None:
         values[role], known[role] = _passed(x, gap, width, signals.period)
         again = _read_again(x, values[role][0], signals.resolution.get(role, 0.0))
         noise[role] = _passed(again - values[role][0], gap, width, signals.period)[0]
-    return Motion(signals.period, values, known, noise, rows, reach)
+    return Motion(signals.period, width, values, known, noise, rows, reach)
 
 
 def _width(signals: JointSignals, moving: Mapping[str, Array], widest: float) -> float:
     """Return the standard deviation of the narrowest filter that leaves noise out of accelerations [samples]."""
-    positions = [role for role in moving if "position" in role or role.startswith("deflection")]
+    positions = [role for role in moving if role.startswith(("motor_position", "link_position", "deflection"))]
     noises = {role: noise_of(moving[role], signals.resolution.get(role, 0.0)) or 0.0 for role in positions}
     width = FILTER.narrowest
     while width < widest and any(_is_noisy(moving[role], noises[role], width) for role in positions):
@@ -123,6 +136,9 @@ def _read_again(recorded: Array, smooth: Array, step: float) -> Array:
     """Return what a sensor of the same step and noise would read of the smooth signal, its steps at other places."""
     # Any noise does; always the same makes findings repeatable.
     draw = np.random.default_rng(0)
+    if step_of(recorded) is None:
+        # What has no steps is given those of its noise: it is white, as theirs is not.
+        return np.asarray(smooth + sensor_noise(recorded, step, ROUNDING) * draw.standard_normal(smooth.size))
     total = sensor_noise(recorded, 0.0, ROUNDING)
     white = float(np.sqrt(max(total**2 - (step * ROUNDED) ** 2, 0.0))) if step else total
     read = smooth + white * draw.standard_normal(smooth.size)

@@ -5,37 +5,39 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.checks.constrained_fit import residual_of
 from vsalog.checks.fault import RULE, Fault
-from vsalog.checks.joint_equations import Equation, equation, names_of
+from vsalog.checks.joint_equations import COMMAND, Equation, equation, names_of
 from vsalog.checks.smoothed_motion import Motion
 from vsalog.core.signals import JointSignals
 
 Array = NDArray[np.float64]
 Faults = Sequence[Fault]
 
-# Equations that hold at every instant; a link is late behind its motor by its inertia.
-TIMED = ("spring", "motor", "body")
+# Equations that hold at every instant; a link is late behind its motor by its inertia, and a motor behind its command.
+TIMED = ("spring", "motor", "body", "rate")
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What equations leave once some faults are undone: name → squares over those of the target, by blocks of time."""
+    """What equations leave once some faults are undone.
+
+    Attributes
+    ----------
+    squares : name → squares over those of the target as it was recorded, by blocks of time
+    holds : name → squares over those of the equation's largest term
+    """
 
     squares: Mapping[str, Array]
+    holds: Mapping[str, float]
 
-    def better(self, other: Trial, floor: Mapping[str, float] = MappingProxyType({})) -> float:
-        """Return the log-likelihood ratio of this over another, which has the equations of this one.
-
-        What an equation leaves counts as no less than its floor, where it has one.
-        """
-        least = {e: _above_0(floor.get(e, 0.0)) for e in self.squares}
-        return sum(math.log(max(other.left(e), least[e]) / max(self.left(e), least[e])) for e in self.squares)
+    def better(self, other: Trial) -> float:
+        """Return the log-likelihood ratio of this over another, which has the equations of this one."""
+        return sum(math.log(_above_0(other.left(e)) / _above_0(self.left(e))) for e in self.squares)
 
     def block_ratios(self, other: Trial) -> Array:
         """Return the log-likelihood ratio in each block; one in which next to nothing is left says next to nothing."""
@@ -63,6 +65,7 @@ class Channels:
     ----------
     equations : that the roles are enough for; none where too few rows are known
     read : equation → roles that it reads
+    magnitudes : torques that are never negative, and come to zero
     signs : role → signs that it has where it is taken for a magnitude, shape (R,)
     """
 
@@ -77,9 +80,12 @@ class Channels:
         self.equations = names_of(motion.values) if enough else ()
         self.block = np.arange(rows.size) * RULE.blocks // max(rows.size, 1)
         self.time = (rows - 0.5 * float(rows[0] + rows[-1])) * signals.period if enough else np.zeros(0)
+        self.magnitudes = {
+            r for r, x in signals.roles.items() if "torque" in r and r in motion.values and np.nanmin(x) == 0.0
+        }
         self.signs: dict[str, Array] = {}
         self._plain = {role: values[:, rows] for role, values in motion.values.items()}
-        self._kept: dict[tuple[object, ...], Array] = {}
+        self._kept: dict[tuple[object, ...], tuple[Array, float]] = {}
         self.read = {e: equation(e, self._plain, None, self.unknown_scale).roles for e in self.equations}
 
     @property
@@ -87,16 +93,23 @@ class Channels:
         """Roles that equations read and that a fault may be in, in order."""
         return sorted(frozenset[str]().union(*self.read.values()) - {"setpoint"})
 
-    def touched(self, fault: Fault) -> set[str]:
-        """Return the equations that tell of a fault."""
-        timed = fault.kind in ("late", "drift", "unsigned", "gravity")
+    def touched(self, fault: Fault, undone: Faults) -> set[str]:
+        """Return the equations that tell of a fault beyond others that are undone.
+
+        Of time a drive's tells that a command comes after the motion, only. Of what may be a magnitude nothing else is told.
+        """
+        timed = fault.kind in ("late", "drift", "unsigned", "gravity") and fault.roles != (COMMAND,)
+        signed = {role for one in undone if one.kind == "unsigned" for role in one.roles}
+        unsure = frozenset[str]() if fault.kind == "unsigned" else self.magnitudes - signed
         return {
-            e for e in self.equations if set(fault.roles) & self.read[e] and (not timed or e.split(" ")[0] in TIMED)
+            e
+            for e, read in self.read.items()
+            if set(fault.roles) & read and not unsure & read and (not timed or e.split(" ")[0] in TIMED)
         }
 
     def trial(self, faults: Faults, equations: Collection[str] | None = None) -> Trial:
         """Return what equations leave with faults undone; all equations where none are named."""
-        squares: dict[str, Array] = {}
+        squares, holds = dict[str, Array](), dict[str, float]()
         for e in self.equations if equations is None else equations:
             about = [fault for fault in faults if set(fault.roles) & self.read[e]]
             signs = (id(self.signs[role]) for fault in about if fault.kind == "unsigned" for role in fault.roles)
@@ -104,12 +117,27 @@ class Channels:
             if key not in self._kept:
                 eq = self.equation(e, faults)
                 left, _ = residual_of(eq.y, eq.free, eq.positive)
-                self._kept[key] = np.bincount(self.block, left**2, RULE.blocks) / self._spread(eq.target, faults)
-            squares[e] = self._kept[key]
-        return Trial(squares)
+                blocks = np.bincount(self.block, left**2, RULE.blocks)
+                largest = max(_squares(eq.scale), _squares(eq.y - eq.scale))
+                self._kept[key] = blocks / self._spread(eq.target, faults), float(blocks.sum()) / _above_0(largest)
+            squares[e], holds[e] = self._kept[key]
+        return Trial(squares, holds)
 
     def equation(self, name: str, faults: Faults) -> Equation:
         """Return an equation of the channels with faults undone."""
+        return self._equation(name, self._acting(name, faults))
+
+    def _acting(self, name: str, faults: Faults) -> Faults:
+        """Return faults, and of a drive the delay at which it acts that explains most."""
+        if not name.startswith("drive"):
+            return faults
+        delays = np.linspace(0.0, RULE.drive_delay, RULE.drive_delays + 1).tolist()
+        tried = [(*faults, Fault("late", (COMMAND,), delay=-delay)) for delay in delays]
+        equations = (self._equation(name, acting) for acting in tried)
+        left = [float(np.sum(residual_of(eq.y, eq.free, eq.positive)[0] ** 2)) for eq in equations]
+        return tried[int(np.argmin(left))]
+
+    def _equation(self, name: str, faults: Faults) -> Equation:
         eq = equation(name, {role: self.values(role, faults) for role in self.read[name]}, None, self.unknown_scale)
         if any(f.kind == "gravity" and set(f.roles) & eq.roles for f in faults):
             q = self.values("link_position", faults)[0]
@@ -132,7 +160,8 @@ class Channels:
 
     def noise(self, name: str, faults: Faults) -> float:
         """Return what sensors' noise and steps make of what an equation leaves, over its target's squares."""
-        eq = self.equation(name, faults)
+        faults = self._acting(name, faults)
+        eq = self._equation(name, faults)
         _, x = residual_of(eq.y, eq.free, eq.positive)
         read = {role: self.values(role, faults) + self._error(role, faults) for role in self.read[name]}
         noisy = equation(name, read, eq.knots, self.unknown_scale)
@@ -152,7 +181,11 @@ class Channels:
     def _spread(self, role: str, faults: Faults) -> float:
         """Return the squares of a role as it stands in the log, about its mean, in the unit that undoing faults gives it."""
         recorded = self.values(role, [fault for fault in faults if fault.kind != "unsigned"])[0]
-        return _above_0(float(np.sum((recorded - recorded.mean()) ** 2)))
+        return _above_0(_squares(recorded))
+
+
+def _squares(x: Array) -> float:
+    return float(np.sum((x - x.mean()) ** 2))
 
 
 def _above_0(x: float) -> float:

@@ -149,6 +149,17 @@ def mean_above_zero(scores: Array) -> float:
     return float(special.stdtr(scores.size - 1, -scores.sum() / size)) if size > 0.0 else float(scores.sum() <= 0.0)
 
 
+def above_zero(scores: Array) -> float:
+    """Return the probability that chance makes independent scores, shape (B,), so large: in the mean, or so many above zero.
+
+    Student's test sees few that are large, the sign test many of which some are much larger than others; twice the smaller
+    probability is that of either (Bonferroni).
+    """
+    count = int(np.count_nonzero(scores > 0.0))
+    signs = float(special.bdtrc(count - 1, scores.size, 0.5)) if count else 1.0
+    return min(1.0, 2.0 * min(mean_above_zero(scores), signs))
+
+
 def one_more_above(new: float, scores: Array) -> float:
     """Return the probability that one more of independent scores, shape (B,), is so large (Student's prediction interval)."""
     size = float(scores.std(ddof=1)) * float(np.sqrt(1.0 + 1.0 / scores.size))

@@ -9,10 +9,10 @@ import numpy as np
 from msgspec.structs import replace
 
 from vsalog.binding.joint import bind, offered_roles, wanted_channels
-from vsalog.checks import sensor
+from vsalog.checks import sensor, torque
 from vsalog.checks.channel import channel_findings
 from vsalog.checks.check import without_superseded
-from vsalog.checks.recording_faults import RecordingFaults, exchanged_joints, findings_of, read_roles
+from vsalog.checks.recording_faults import RecordingFaults, exchanged_joints, findings_of, read_roles, with_more
 from vsalog.checks.signals import signal_findings
 from vsalog.core.errors import VsalogError
 from vsalog.core.finding import Finding
@@ -37,11 +37,12 @@ def joint_faults(recording: Recording, guess: Guess) -> Iterator[Finding]:
     bound: dict[str, JointSignals] = {}
     plain = {name: _as_recorded(joint) for name, joint in joints.items()}
     for name, joint in plain.items():
-        roles = [role for role in read_roles(offered_roles(joint)) if _is_recorded(recording, joint, role)]
+        roles = [role for role in offered_roles(joint) if _is_recorded(recording, joint, role)]
         # What cannot be bound is said by those who need it.
         with suppress(VsalogError):
-            if roles:
-                bound[name] = bind([recording], name, joint, roles, acting=False)
+            if read := read_roles(roles):
+                signals = bind([recording], name, joint, read, acting=False)
+                bound[name] = with_more(signals, [recording], joint, roles, acting=False)
     exchanged, put_right = exchanged_joints(bound) if len(bound) > 1 else (None, bound)
     if exchanged is not None:
         yield exchanged
@@ -57,7 +58,11 @@ def _alone(
     found = [finding for finding in signals.findings if finding.code in BOUND]
     found += channel_findings([recording], name, joint)
     rigid = isinstance(joint, RigidJoint)
-    found += sensor.passing(signals) if rigid else signal_findings(device_of(name, joint), put_right)
+    found += (
+        (*sensor.passing(signals), *torque.passing_alone(signals))
+        if rigid
+        else signal_findings(device_of(name, joint), put_right)
+    )
     yield from without_superseded((*found, *findings_of(put_right, currents)), RecordingFaults.supersedes)
 
 
