@@ -111,3 +111,39 @@ def test_a_position_that_stood_still_and_jumped_was_frozen():
     assert found.value == pytest.approx(abs(frozen[3400] - frozen[3399]))
     rests = read_by_encoder(np.where(T < 6.0, 0.0, 1.0 - np.cos(np.maximum(T - 6.0, 0.0))))
     assert "sensor.frozen" not in passing(rests)
+
+
+NOISY = SWING + 0.02 * RNG.standard_normal(T.size)
+
+
+def test_noise_that_was_cut_off_piles_up_at_the_end():
+    plateau = np.where(np.sin(2.0 * T) > 0.0, 0.5, -0.5) + 0.02 * RNG.standard_normal(T.size)
+    for values in (plateau, read_by_encoder(plateau, 1e-3), NOISY):
+        high = float(np.quantile(values, 0.85))
+        assert passing(np.minimum(values, high), "motor_torque", 0.0)["sensor.saturated"].evidence["end"] == "highest"
+        assert "sensor.saturated" not in passing(values, "motor_torque", 0.0)
+
+
+def test_a_magnitude_s_turn_at_zero_is_no_saturation():
+    for values in (np.abs(NOISY), read_by_encoder(np.abs(NOISY), 6.5e-3)):
+        assert "sensor.saturated" not in passing(values, "motor_torque", 0.0)
+
+
+def test_a_joint_that_sticks_where_it_turns_was_not_cut_off():
+    """At an even speed between turns, at each of which it rests for a while; the turns are some encoder steps apart."""
+    tops = STEP * 4000 * np.array([1.0, 0.9995, 1.0, 0.9995, 0.9995, 1.0, 0.9995, 1.0, 0.9995, 0.9995])
+    corners = np.column_stack((np.zeros(10), np.zeros(10), tops, tops)).ravel()
+    moving = np.interp(T, np.arange(40) * 0.5, corners)
+    assert "sensor.clipped" not in passing(read_by_encoder(moving))
+    assert "sensor.clipped" in passing(read_by_encoder(np.clip(1.05 * moving, 0.1 * tops[0], 0.9 * tops[0])))
+
+
+def test_an_encoder_that_rests_and_goes_on_by_one_step_was_not_stuck():
+    rests = np.where(T < 13.0, 0.0, STEP)
+    assert "sensor.frozen" not in passing(rests)
+
+
+def test_slow_motion_over_an_encoder_s_steps_is_found_to_be_interpolated():
+    slow = read_by_encoder(0.002 * np.sin(0.7 * T))
+    assert samples_per_knot(np.interp(T, T[::6], slow[::6])) == 6
+    assert samples_per_knot(slow) == 0

@@ -76,7 +76,7 @@ class Outliers:
         if known.size <= 2 * LONGEST_OUTLIER or not _greatest(steps, self._turn, self._wraps) > self._jump:
             return None
         left = _left(known, _middle(known), self._turn, self._wraps, self._usual)
-        return _everywhere(values, kept, _alone(known, left, self._usual, self._turn))
+        return _everywhere(values, kept, _alone(known, left, self._usual, self._turn if self._wraps else None))
 
 
 def _known(values: Array) -> tuple[Flags | None, Array, Array]:

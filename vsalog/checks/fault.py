@@ -25,6 +25,7 @@ class Rule(NamedTuple):
     as_likely : log-likelihood per independent sample by which faults differ that are as likely as one another
     most : faults of one joint that are looked for, one after another
     longest_delay : that is looked for [s]: a few packets of the slowest bus; what is later than that is on another clock
+    fastest : rate of a clock against another, at most [s/s]: an oscillator without a crystal is right to a hundredth
     delays : steps of the grid on either side of 0 on which delays are looked for
     scale : factor beyond which one torque is out of proportion to another: gears lose less than half of a torque
     drive_delay : by which a drive acts later than it is told, at most [s]: two cycles of commands at 20 Hz
@@ -40,6 +41,7 @@ class Rule(NamedTuple):
     as_likely: float = 0.05
     most: int = 3
     longest_delay: float = 0.25
+    fastest: float = 0.01
     delays: int = 10
     scale: float = 2.0
     drive_delay: float = 0.1

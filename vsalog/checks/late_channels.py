@@ -25,7 +25,7 @@ def late(channels: Channels, undone: Faults, role: str) -> Iterator[Fault]:
     earliest = 0.0 if role == COMMAND else -longest
 
     def left(delay: float, rate: float) -> float:
-        if abs(delay) + abs(rate) * half > longest or delay < earliest:
+        if abs(delay) + abs(rate) * half > longest or delay < earliest or abs(rate) > RULE.fastest:
             return math.inf
         return -channels.trial((*undone, replace(one, delay=delay, rate=rate)), touched).better(now)
 
@@ -39,7 +39,7 @@ def late(channels: Channels, undone: Faults, role: str) -> Iterator[Fault]:
     if left(seed, seed_rate) < left(delay, 0.0):
         delay, rate = seed, seed_rate
     for _ in range(2):
-        widest = (longest - abs(delay)) / half
+        widest = min((longest - abs(delay)) / half, RULE.fastest)
         better = least(lambda r, d=delay: left(d, r), widest, step / half, fine / half, rate)  # type: ignore[misc]
         if better is None:
             return

@@ -88,9 +88,11 @@ def _piled_up(x: NDArray[np.float64], there: NDArray[np.bool_], times: int) -> b
     """Tell whether a noisy signal comes to an end of its range more often than a range has its last level reached.
 
     What turns there as a sine does comes to its last level 1.4 times as often as to the last but one, and noise makes it less:
-    twice is too often.
+    twice is too often. At zero a magnitude turns, and a current rests.
     """
-    extreme = x[there][0]
+    extreme = float(x[there][0])
+    if extreme == 0.0:
+        return False
     others = levels(x[~there])
     step = max(step_of(x) or 0.0, float(np.diff(others).min(initial=np.inf)))
     next_to = np.abs(x - extreme) < 1.5 * step

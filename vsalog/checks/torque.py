@@ -29,17 +29,19 @@ from vsalog.estimators.device import Device, deflection_of, has_deflection
 def passing(device: Device, signals: JointSignals) -> Iterator[Finding]:
     """Yield what may befall a torque for a while."""
     yield from _stuck_while_moving(device, signals)
-    yield from passing_alone(signals)
-
-
-def passing_alone(signals: JointSignals) -> Iterator[Finding]:
-    """Yield what of that a torque shows by itself."""
+    yield from stuck(signals)
     for role in signals.roles:
         if role.startswith("torque_sensor"):
             yield from _coarse(signals, role)
         if "torque" in role and is_fine(signals, role):
-            yield from _stuck(signals, role)
             yield from _dropouts(signals, role)
+
+
+def stuck(signals: JointSignals) -> Iterator[Finding]:
+    """Yield the torques that stand still for a while though they are noisy elsewhere."""
+    for role in signals.roles:
+        if "torque" in role and is_fine(signals, role):
+            yield from _stuck(signals, role)
 
 
 def _coarse(signals: JointSignals, role: str) -> Iterator[Finding]:

@@ -131,11 +131,21 @@ class Channels:
         """Return faults, and of a drive the delay at which it acts that explains most."""
         if not name.startswith("drive"):
             return faults
-        delays = np.linspace(0.0, RULE.drive_delay, RULE.drive_delays + 1).tolist()
-        tried = [(*faults, Fault("late", (COMMAND,), delay=-delay)) for delay in delays]
-        equations = (self._equation(name, acting) for acting in tried)
-        left = [float(np.sum(residual_of(eq.y, eq.free, eq.positive)[0] ** 2)) for eq in equations]
-        return tried[int(np.argmin(left))]
+
+        def acting(delay: float) -> Faults:
+            return (*faults, Fault("late", (COMMAND,), delay=-delay))
+
+        def left(delay: float) -> float:
+            eq = self._equation(name, acting(delay))
+            return float(np.sum(residual_of(eq.y, eq.free, eq.positive)[0] ** 2))
+
+        step = RULE.drive_delay / RULE.drive_delays
+        tried = {k * step: left(k * step) for k in range(RULE.drive_delays + 1)}
+        while step > self.signals.period:
+            step *= 0.5
+            best = min(tried, key=tried.__getitem__)
+            tried |= {d: left(d) for d in (best - step, best + step) if 0.0 <= d <= RULE.drive_delay}
+        return acting(min(tried, key=tried.__getitem__))
 
     def _equation(self, name: str, faults: Faults) -> Equation:
         eq = equation(name, {role: self.values(role, faults) for role in self.read[name]}, None, self.unknown_scale)
@@ -162,10 +172,11 @@ class Channels:
         """Return what sensors' noise and steps make of what an equation leaves, over its target's squares."""
         faults = self._acting(name, faults)
         eq = self._equation(name, faults)
-        _, x = residual_of(eq.y, eq.free, eq.positive)
+        left, x = residual_of(eq.y, eq.free, eq.positive)
+        a = np.linalg.lstsq(eq.free, eq.y - left - eq.positive @ x, rcond=None)[0]
         read = {role: self.values(role, faults) + self._error(role, faults) for role in self.read[name]}
         noisy = equation(name, read, eq.knots, self.unknown_scale)
-        more = noisy.y - eq.y - (noisy.positive - eq.positive) @ x
+        more = noisy.y - eq.y - (noisy.positive - eq.positive) @ x - (noisy.free - eq.free) @ a
         return float(np.sum((more - more.mean()) ** 2)) / self._spread(eq.target, faults)
 
     def _moved(self, role: str, delay: float, rate: float) -> Array:

@@ -59,7 +59,7 @@ def _alone(
     found += channel_findings([recording], name, joint)
     rigid = isinstance(joint, RigidJoint)
     found += (
-        (*sensor.passing(signals), *torque.passing_alone(signals))
+        (*sensor.passing(signals), *torque.stuck(signals))
         if rigid
         else signal_findings(device_of(name, joint), put_right)
     )
