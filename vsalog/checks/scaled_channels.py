@@ -73,13 +73,20 @@ def _slope(channels: Channels, eq: Equation, undone: Faults, role: str) -> float
 
 
 def _by_grid(channels: Channels, undone: Faults, role: str) -> float:
-    """Return the power of two nearest to one that explains the channels as well as any: what is next to nothing has many."""
+    """Return the least power of two, up or down, that leaves no more than noise; else the one that explains the channels best.
+
+    Of what is next to nothing many leave no more. Gears make less of a difference.
+    """
     one = Fault("scale", (role,))
     touched, now = channels.touched(one, undone), channels.trial(undone)
     powers = sorted((2.0**k for k in range(-10, 11)), key=lambda s: abs(math.log(s)))
-    ratios = {s: channels.trial((*undone, replace(one, factor=s)), touched).better(now) for s in powers}
-    enough = max(ratios.values()) - RULE.as_likely
-    return next(s for s in powers if ratios[s] >= enough)
+    trials = {s: channels.trial((*undone, replace(one, factor=s)), touched) for s in powers}
+    for s, trial in trials.items():
+        if abs(math.log(s)) > math.log(RULE.scale) and all(
+            trial.left(e) <= channels.noise(e, (*undone, replace(one, factor=s))) for e in touched
+        ):
+            return s
+    return max(powers, key=lambda s: trials[s].better(now))
 
 
 def _refined(channels: Channels, undone: Faults, roles: tuple[str, ...], slope: float) -> Fault:
