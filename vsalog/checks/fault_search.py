@@ -6,12 +6,13 @@ undone; log(squares left as recorded / squares left with the fault undone), summ
 log-likelihood ratio per independent sample. The likeliest fault is reported where
 
 - some equation leaves more than its sensors' noise and steps make of it;
-- the ratio is above zero in blocks of time, by Student's t-test over the blocks' own ratios, at `FALSE_ALARM` for all faults of a
-  joint together (Bonferroni); blocks need not have equal variances (Ibragimov and Müller 2010), and samples within a block may
-  depend on one another as they like;
+- the ratio is above zero in blocks of time, by Student's t-test or the sign test over the blocks' own ratios, at `FALSE_ALARM`
+  for all faults of a joint together (Bonferroni); blocks need not have equal variances (Ibragimov and Müller 2010), and samples
+  within a block may depend on one another as they like;
 - it explains most of what is wrong (`Rule.left`), and the equation holds then (`Rule.holds`).
 
-What is found is undone, and the search begins again, for a second fault.
+Of faults that the blocks do not tell from the likeliest the simplest is named. What is found is undone, and the search begins
+again, for a second fault.
 
 Ibragimov, Müller, "t-statistic based correlation and heterogeneity robust inference", J. Bus. Econ. Stat. 28, 2010.
 """
