@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import optimize
+from scipy import optimize, stats
 
 from vsalog.checks.constrained_fit import residual_of
 from vsalog.checks.joint_equations import equation, names_of
 from vsalog.checks.smoothed_motion import motion_of
+from vsalog.core.dependence import above_zero
 from vsalog.core.signals import JointSignals
 
 PERIOD = 1e-3
@@ -108,3 +109,28 @@ def test_the_names_follow_from_the_roles():
     assert names_of({"torque_sensor": one}) == ()
     twins = {f"{role}_{n}": one for role in ("motor_position", "torque_sensor", "motor_torque") for n in (1, 2)}
     assert names_of({"link_position": one, **twins}) == ("spring _1", "motor _1", "spring _2", "motor _2")
+
+
+@pytest.mark.parametrize("scores", [np.arange(24.0) - 6.0, np.r_[np.full(22, 0.01), 9.0, 8.0], -np.arange(24.0)])
+def test_the_probability_of_scores_above_zero_is_scipys(scores):
+    mean = stats.ttest_1samp(scores, 0.0, alternative="greater").pvalue
+    signs = stats.binomtest(int(np.sum(scores > 0.0)), scores.size, alternative="greater").pvalue
+    assert above_zero(scores) == pytest.approx(min(1.0, 2.0 * min(mean, signs)), rel=1e-9)
+
+
+def test_scores_of_chance_are_above_zero_no_oftener_than_said():
+    rng = np.random.default_rng(11)
+    size = np.exp(2.0 * rng.standard_normal((4000, 24)))
+    alarms = [above_zero(one) <= 0.01 for one in size * rng.standard_normal((4000, 24))]
+    assert stats.binomtest(int(np.sum(alarms)), 4000, 0.01, alternative="greater").pvalue > 1e-3
+
+
+def test_noise_without_steps_is_foretold_where_the_signal_rests():
+    """A signal without steps is given those of its noise: read again it is noisy at rest, too."""
+    noise = 0.01 * np.random.default_rng(4).standard_normal(T.size)
+    torque = np.where(T % 2.0 < 1.0, 0.5, -0.5) + noise
+    step = 0.01 * np.sqrt(12.0)
+    motion = motion_of(signals_of({"torque_sensor": torque, "link_position": np.sin(T)}, {"torque_sensor": step}), 0.1)
+    left, foretold = motion.values["torque_sensor"][0][2100:2900] - 0.5, motion.noise["torque_sensor"][0][2100:2900]
+    assert np.std(foretold) == pytest.approx(np.std(left), rel=0.3)
+    assert abs(foretold.mean()) < 5.0 * 0.01 / np.sqrt(800.0)
