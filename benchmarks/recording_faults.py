@@ -96,7 +96,7 @@ def observable(one: Injected, sound: Recording, roles: dict[str, dict[str, str]]
 
 def faults(args: argparse.Namespace, folder: Path) -> bool:
     """Put every fault into every log, and count what is named."""
-    counts, missed, unseen, slow = Counter[str](), Counter[str](), Counter[str](), 0.0
+    counts, missed, unseen, slow = Counter[str](), Counter[str](), Counter[str](), (0.0, "")
     for preset in args.presets.split(","):
         for motion in args.motions.split(","):
             for seed in range(1, args.seeds + 1):
@@ -113,16 +113,16 @@ def faults(args: argparse.Namespace, folder: Path) -> bool:
                         continue
                     begin = time.process_time()
                     codes = found_in(one.recording)
-                    slow = max(slow, time.process_time() - begin)
+                    what = f"{preset} {motion} {seed}: {one.kind} in {one.joint} {one.role}"
+                    slow = max(slow, (time.process_time() - begin, what))
                     counts[one.kind] += 1
                     if not NAMES[one.kind] & set(codes):
                         missed[one.kind] += 1
-                        what = f"{preset} {motion} {seed}: {one.kind} in {one.joint} {one.role}"
                         print(f"missed: {what}: {', '.join(codes) or 'nothing'}", flush=True)
     for kind in NAMES:
         print(f"{kind:25} {counts[kind] - missed[kind]:5} of {counts[kind]:5} named; {unseen[kind]} cannot be noticed")
     total, named = counts.total(), counts.total() - missed.total()
-    print(f"{named} of {total} named, {named / max(total, 1):.2%}; the slowest took {slow:.2f} s of the processor")
+    print(f"{named} of {total} named, {named / max(total, 1):.2%}; the slowest took {slow[0]:.2f} s ({slow[1]})")
     return named >= NAMED * total
 
 
