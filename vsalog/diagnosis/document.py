@@ -266,7 +266,7 @@ class Diagnosis(_Part, frozen=True):
     rig : as it stands, TOML
     settings : of this run
     verdict : in a word
-    sentences : what was found, as a colleague would say it; what makes a search of causes pointless first
+    sentences : what was found, in plain sentences; what makes a search of causes pointless first
     p_values : joint → probability of a log whose equations contradict the rig at least as much, were the rig right
     simulation_error : of the rig as it stands, on the log
     equations : the residual of each

@@ -52,7 +52,8 @@ class Combination(_Part, frozen=True):
     ----------
     joint : name
     keys : of the numbers
-    changes : of each, where the first one changes by 1 %; relative to its own value [%]
+    changes : of each, where the first one changes by 1 %; relative to its own value, or to its half-width where it is at an end
+        of its range [%]
     """
 
     joint: str

@@ -41,7 +41,10 @@ def correlations(fit: Fit) -> Array:
 
 
 def combinations(fit: Fit) -> Iterator[tuple[tuple[int, ...], tuple[float, ...]]]:
-    """Yield indices of numbers that change together without effect, and by how many per cent where the first changes by one."""
+    """Yield indices of numbers that change together without effect, and by how many per cent where the first changes by one.
+
+    Per cent are of a number's own value; of its half-width where it lies at an end of its range, as a delay of zero.
+    """
     usual = _usual(fit)
     values, vectors = np.linalg.eigh(fit.covariance / np.outer(usual, usual))
     kinds = determined(fit)
@@ -53,9 +56,9 @@ def combinations(fit: Fit) -> Iterator[tuple[tuple[int, ...], tuple[float, ...]]
         if len(members) < 2:
             continue
         unknowns = [fit.unknowns[i] for i in members]
-        now = [u.value(float(fit.values[i])) for u, i in zip(unknowns, members, strict=True)]
-        changes = np.array(
-            [u.slope(float(fit.values[i])) * v[i] * usual[i] for u, i in zip(unknowns, members, strict=True)]
-        )
-        relative = changes / np.where(np.array(now) == 0.0, 1.0, now)
+        at = fit.values[members]
+        now = np.array([u.value(x) for u, x in zip(unknowns, at.tolist(), strict=True)])
+        slopes = np.array([u.slope(x) for u, x in zip(unknowns, at.tolist(), strict=True)])
+        ends = [np.isclose(x, u.bounds).any() for u, x in zip(unknowns, at.tolist(), strict=True)]
+        relative = slopes * v[members] * usual[members] / np.where(ends, slopes * fit.half_widths[members], now)
         yield tuple(members), tuple((relative / relative[0]).tolist())
