@@ -16,13 +16,13 @@ from vsalog.core.errors import BatchError
 
 pytest.importorskip("distributed")
 pytest.importorskip("s3fs")
+
+pytestmark = pytest.mark.share(2)
 moto_server = pytest.importorskip("moto.server")
 
 SERVER = """
 from moto.server import ThreadedMotoServer
 import sys, threading
-
-pytestmark = pytest.mark.share(2)
 server = ThreadedMotoServer(ip_address="127.0.0.1", port=int(sys.argv[1]), verbose=False)
 server.start()
 print("ready", flush=True)

@@ -10,7 +10,7 @@ from benchmarks.recording_faults import NAMES, found_in, roles_of
 from tests.recording_faults.inject import exchanged, injected, on_other_clock, with_values
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.checks.fault_search import exchanged_between, faults_of
-from vsalog.checks.recording_faults import findings_of
+from vsalog.checks.recording_faults import findings_of, log_findings
 from vsalog.core.resolution import step_of
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import FALSE_ALARM
@@ -190,3 +190,18 @@ def test_exchanging_twice_is_nothing(vsa2):
     a, b = sorted(vsa2.channels)[:2]
     again = exchanged(exchanged(vsa2, a, b), a, b)
     np.testing.assert_array_equal(again.channels[a].values, vsa2.channels[a].values)
+
+
+def test_logs_of_other_setpoints_are_held_by_themselves(samples):
+    """As one, four seconds of each make a torque that leads by 9 ms: a spring of two stiffnesses."""
+    logs = [samples / "awas_exp1.mcap", samples / "awas_exp2.mcap"]
+    recordings = [read(log, None, "auto", None, "1", "5") for log in logs]
+    ((name, joint),) = find_rig(logs[0], recordings[0].rig_text).joints.items()
+    assert log_findings(recordings, name, joint) == []
+    broken = recordings[1]
+    torque = joint.signals.motor_torque.channel
+    values = -broken.channels[torque].values
+    turned = replace(broken, channels={**broken.channels, torque: replace(broken.channels[torque], values=values)})
+    assert {(f.code, f.log) for f in log_findings([recordings[0], turned], name, joint)} == {
+        ("signal.sign", "awas_exp2.mcap")
+    }

@@ -6,7 +6,7 @@ thousand (`FALSE_ALARM`) has a finding by chance.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 
 from vsalog.binding.joint import bind, offered_roles, wanted_channels
@@ -15,7 +15,7 @@ from vsalog.checks.check import Context, OfSignals
 from vsalog.checks.fault import RULE, Fault, Found, Kind
 from vsalog.checks.fault_search import exchanged_between, faults_of, with_exchanged
 from vsalog.core.errors import VsalogError
-from vsalog.core.finding import Evidence, Finding, Text
+from vsalog.core.finding import Evidence, Finding, Text, of_log
 from vsalog.core.finding_texts import add_texts
 from vsalog.core.recording import Recording
 from vsalog.core.signals import JointSignals
@@ -84,16 +84,27 @@ def log_findings(
     look : signals to look at instead of all of a log that is too long for memory
     """
     found = list(channel_findings(recordings, name, joint))
-    if look is None:
-        roles = [role for role in offered_roles(joint) if _recorded(recordings, joint, role)]
-        # What cannot be bound is said by those who need it.
-        with suppress(VsalogError):
-            look = bind(recordings, name, joint, read, setpoints) if (read := read_roles(roles)) else None
-        if look is not None:
-            look = with_more(look, recordings, joint, roles, setpoints)
-    # How fast a clock runs against another `inspect` tells, of all of a log: a stretch of one, or several logs, are no measure.
-    together = () if look is None else findings_of(look)
-    return [*found, *(finding for finding in together if finding.code != CODES["drift"])]
+    if look is not None:
+        found += findings_of(look)
+    elif len(recordings) == 1:
+        found += _together(recordings[0], name, joint, setpoints)
+    else:
+        # A fault is one recording's, and so are the spring, the load and the set-point that the equations presume.
+        for i, one in enumerate(recordings):
+            found += of_log(one.path.name, _together(one, name, joint, setpoints[i : i + 1]))
+    # How fast a clock runs against another `inspect` tells, of all of a log: a stretch of one is no measure.
+    return [finding for finding in found if finding.code != CODES["drift"]]
+
+
+def _together(recording: Recording, name: str, joint: Joint, setpoints: Sequence[float | None]) -> Iterable[Finding]:
+    """Return the faults that channels of one recording show together."""
+    roles, signals = [role for role in offered_roles(joint) if _recorded([recording], joint, role)], None
+    # What cannot be bound is said by those who need it.
+    with suppress(VsalogError):
+        if read := read_roles(roles):
+            signals = bind([recording], name, joint, read, setpoints)
+            signals = with_more(signals, [recording], joint, roles, setpoints)
+    return () if signals is None else findings_of(signals)
 
 
 def _recorded(recordings: Sequence[Recording], joint: Joint, role: str) -> bool:
