@@ -47,3 +47,14 @@ def test_what_the_log_says_nothing_of_is_as_the_prior_has_it():
     parts = _Batches.of(J, rng.standard_normal(J.shape[:2]), 1)
     assert parts.covariance[2, 2] == pytest.approx(1.0)
     assert student.isf(0.025, parts.degrees[2]) == pytest.approx(1.96, abs=1e-3)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e6, 1e9])
+def test_numbers_that_are_one_and_the_same_share_the_priors_variance(size):
+    """Of two equal columns the log tells the sum: their difference has the variance of the prior, 2, whatever their size."""
+    J, rng = drawn(3)
+    J[..., :2] = size * J[..., :1]
+    parts = _Batches.of(J, rng.standard_normal(J.shape[:2]), 1)
+    difference = np.array([1.0, -1.0, 0.0])
+    assert difference @ parts.covariance @ difference == pytest.approx(2.0, rel=1e-6)
+    assert np.isfinite(parts.degrees).all()

@@ -350,33 +350,41 @@ class _Batches:
         return cls(informations, np.concatenate([np.einsum("wrli,wrl->wi", j, e) for j, e in parts]))
 
     @property
-    def inverse(self) -> Array:
-        """Covariance of the unknowns under white errors, shape (p, p): that of their prior is one."""
-        return np.asarray(np.linalg.inv(self.informations.sum(axis=0) + np.eye(self.scores.shape[1])))
+    def root(self) -> Array:
+        """R with R Rᵀ = A⁻¹, of the information A of the log and of the prior, which is one, shape (p, p)."""
+        A = self.informations.sum(axis=0) + np.eye(self.scores.shape[1])
+        size = np.sqrt(np.diag(A))
+        eigenvalues, vectors = np.linalg.eigh(A / np.outer(size, size))
+        # Where rounding hides what is known of a direction, only the prior is sure to be.
+        known = eigenvalues > size.size * np.finfo(np.float64).eps * eigenvalues[-1]
+        spread = np.sqrt(np.where(known, eigenvalues, 1.0 / np.max(size) ** 2))
+        return np.asarray(vectors / size[:, None] / spread)
 
     @property
-    def enlarged(self) -> Array:
-        """(1 − Gᵦ A⁻¹)^−½ of each batch, shape (B, p, p)."""
-        root = np.linalg.cholesky(self.inverse)
-        leverages, vectors = np.linalg.eigh(root.T @ self.informations @ root)
+    def parts(self) -> tuple[Array, Array]:
+        """Each batch's share M of the information, and (1 − M)^−½, where all of it is one: shape (B, p, p) each."""
+        R = self.root
+        shares = R.T @ self.informations @ R
+        leverages, vectors = np.linalg.eigh(shares)
         by = 1.0 / np.sqrt(np.maximum(1.0 - leverages, np.finfo(np.float64).eps ** 0.5))
-        back = np.linalg.inv(root).T @ vectors
-        return np.asarray((back * by[:, None, :]) @ (vectors.transpose(0, 2, 1) @ root.T))
+        return shares, (vectors * by[:, None, :]) @ vectors.transpose(0, 2, 1)
 
     @property
     def covariance(self) -> Array:
         """Of the unknowns, shape (p, p)."""
-        scores = np.einsum("bij,bj->bi", self.enlarged, self.scores)
-        return np.asarray(self.inverse @ (scores.T @ scores + np.eye(scores.shape[1])) @ self.inverse)
+        R = self.root
+        scores = np.einsum("bij,bj->bi", self.parts[1], self.scores @ R)
+        return np.asarray(R @ (scores.T @ scores + R.T @ R) @ R.T)
 
     @property
     def degrees(self) -> Array:
         """Degrees of freedom of the variances, shape (p,)."""
-        inverse, enlarged = self.inverse, self.enlarged
-        by = np.einsum("ki,bij->bkj", inverse, enlarged)
-        through = np.einsum("bki,bij->kbj", by, self.informations)
+        R, (shares, enlarged) = self.root, self.parts
+        inverse = R @ R.T
+        by = np.einsum("ki,bij->bkj", R, enlarged)
+        through = np.einsum("bki,bij->kbj", by, shares)
         own = np.einsum("kbi,bki->kb", through, by)
-        Q = -through @ inverse @ through.transpose(0, 2, 1)
+        Q = -through @ through.transpose(0, 2, 1)
         Q[:, np.arange(own.shape[1]), np.arange(own.shape[1])] += own
         # What the prior says is certain.
         total = np.trace(Q, axis1=1, axis2=2) + np.sum(inverse**2, axis=1)
