@@ -17,7 +17,7 @@ from vsalog.core.errors import BatchError
 pytest.importorskip("distributed")
 pytest.importorskip("s3fs")
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 moto_server = pytest.importorskip("moto.server")
 
 SERVER = """
