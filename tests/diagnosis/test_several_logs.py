@@ -248,15 +248,20 @@ def test_logs_without_dates_have_an_onset_in_their_order_and_no_rate(tmp_path):
     assert trend.per_day is None
 
 
+def without_torque_sensor(folder):
+    """Write two logs and their rig; the second log has no torque sensor."""
+    for k in range(2):
+        log(folder / f"{k}.csv", k)
+    values = np.loadtxt(folder / "1.csv", delimiter=",", skiprows=1)[:, :4]
+    np.savetxt(
+        folder / "1.csv", values, delimiter=",", header="timestamp [us],theta,torque,q", comments="", fmt="%.17g"
+    )
+    (folder / "rig.toml").write_text(RIG.format(more=""))
+
+
 @pytest.mark.parametrize("first", [0, 1])
 def test_logs_are_looked_at_with_the_roles_that_all_have(tmp_path, first):
-    for k in range(2):
-        log(tmp_path / f"{k}.csv", k)
-    values = np.loadtxt(tmp_path / "1.csv", delimiter=",", skiprows=1)[:, :4]
-    np.savetxt(
-        tmp_path / "1.csv", values, delimiter=",", header="timestamp [us],theta,torque,q", comments="", fmt="%.17g"
-    )
-    (tmp_path / "rig.toml").write_text(RIG.format(more=""))
+    without_torque_sensor(tmp_path)
     names = [f"{k}.csv" for k in (first, 1 - first)]
     done = vsalog_run("diagnose", *names, "--rig", "rig.toml", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -266,13 +271,7 @@ def test_logs_are_looked_at_with_the_roles_that_all_have(tmp_path, first):
 
 
 def test_a_held_out_log_needs_the_roles_of_the_others(tmp_path):
-    for k in range(2):
-        log(tmp_path / f"{k}.csv", k)
-    values = np.loadtxt(tmp_path / "1.csv", delimiter=",", skiprows=1)[:, :4]
-    np.savetxt(
-        tmp_path / "1.csv", values, delimiter=",", header="timestamp [us],theta,torque,q", comments="", fmt="%.17g"
-    )
-    (tmp_path / "rig.toml").write_text(RIG.format(more=""))
+    without_torque_sensor(tmp_path)
     done = vsalog_run("diagnose", "0.csv", "--holdout", "1.csv", "--rig", "rig.toml", cwd=tmp_path)
     assert done.returncode == 2
     assert "1.csv" in done.stderr

@@ -22,7 +22,7 @@ class Rule(NamedTuple):
     holds : part of its target's squares that this equation leaves at most then: one that does not hold tells nothing
     blocks : of time, whose likelihoods are compared: the widest filter reaches into the next by a twentieth
     quiet : part of a mean block's squares below which a block says nothing
-    as_likely : log-likelihood per independent sample by which faults differ that are as likely as one another
+    gain : of log-likelihood per independent sample below which a delay or a factor is not refined: it would not be reported
     most : faults of one joint that are looked for, one after another
     longest_delay : that is looked for [s]: a few packets of the slowest bus; what is later than that is on another clock
     fastest : rate of a clock against another, at most [s/s]: an oscillator without a crystal is right to a hundredth
@@ -38,7 +38,7 @@ class Rule(NamedTuple):
     holds: float = 0.5
     blocks: int = 24
     quiet: float = 0.01
-    as_likely: float = 0.05
+    gain: float = 0.05
     most: int = 3
     longest_delay: float = 0.25
     fastest: float = 0.01

@@ -164,10 +164,9 @@ def _tried(channels: Channels, undone: Faults, fault: Fault, now: Trial, many: i
 
 
 def _is_better(channels: Channels, undone: Faults, one: Fault, other: Fault) -> bool:
-    """Tell whether a fault explains channels better than another, by more than chance does once in a thousand."""
+    """Tell whether a fault explains channels better than another."""
     about = channels.touched(one, undone) | channels.touched(other, undone)
-    mine, its = channels.trial((*undone, one), about), channels.trial((*undone, other), about)
-    return mine.better(its) > 0.0 and above_zero(mine.block_ratios(its)) <= FALSE_ALARM
+    return channels.trial((*undone, one), about).is_better(channels.trial((*undone, other), about))
 
 
 def _part_left(now: Trial, then: Trial) -> float:

@@ -66,14 +66,14 @@ def _apart(channels: Channels, undone: Faults, role: str) -> tuple[float, float]
 def least(f: Callable[[float], float], longest: float, step: float, finest: float, seed: float = 0.0) -> float | None:
     """Return where a function is least between −longest and longest: on a grid, near a seed, then by halving the step.
 
-    None where it is nowhere below its value at 0 by more than what counts as as likely.
+    None where it is nowhere below its value at 0 by more than `Rule.gain`.
     """
     count = max(1, int(longest / step))
     near = (seed + 4 * k * finest for k in range(-6, 7))
     values = {x: f(x) for x in (*(k * step for k in range(-count, count + 1)), *(x for x in near if abs(x) <= longest))}
     best = float(min(values, key=values.__getitem__))
     value = values[best]
-    if value > values[0.0] - RULE.as_likely:
+    if value > values[0.0] - RULE.gain:
         return None
     while step > finest:
         step *= 0.5

@@ -34,11 +34,11 @@ def scaled(channels: Channels, undone: Faults, roles: tuple[str, ...]) -> Iterat
 
 def _is_told(channels: Channels, undone: Faults, unit: Fault) -> bool:
     """Tell whether half and twice a unit's factor explain channels worse: of a torque next to nothing no factor is told."""
-    touched, now = channels.touched(unit, undone), channels.trial(undone)
-    by_unit = channels.trial((*undone, unit), touched).better(now)
+    touched = channels.touched(unit, undone)
+    by_unit = channels.trial((*undone, unit), touched)
     others = (replace(unit, factor=by * unit.factor) for by in (0.5, 2.0))
-    return by_unit > RULE.as_likely and all(
-        by_unit > channels.trial((*undone, other), touched).better(now) + RULE.as_likely for other in others
+    return by_unit.is_better(channels.trial(undone, touched)) and all(
+        by_unit.is_better(channels.trial((*undone, other), touched)) for other in others
     )
 
 

@@ -13,7 +13,9 @@ from vsalog.checks.constrained_fit import residual_of
 from vsalog.checks.fault import RULE, Fault
 from vsalog.checks.joint_equations import COMMAND, Equation, equation, names_of
 from vsalog.checks.smoothed_motion import Motion
+from vsalog.core.dependence import above_zero
 from vsalog.core.signals import JointSignals
+from vsalog.core.significance import FALSE_ALARM
 
 Array = NDArray[np.float64]
 Faults = Sequence[Fault]
@@ -38,6 +40,10 @@ class Trial:
     def better(self, other: Trial) -> float:
         """Return the log-likelihood ratio of this over another, which has the equations of this one."""
         return sum(math.log(_above_0(other.left(e)) / _above_0(self.left(e))) for e in self.squares)
+
+    def is_better(self, other: Trial) -> bool:
+        """Tell whether this explains the equations better than another, by more than chance does once in a thousand."""
+        return self.better(other) > 0.0 and above_zero(self.block_ratios(other)) <= FALSE_ALARM
 
     def block_ratios(self, other: Trial) -> Array:
         """Return the log-likelihood ratio in each block; one in which next to nothing is left says next to nothing."""

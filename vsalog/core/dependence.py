@@ -150,10 +150,10 @@ def mean_above_zero(scores: Array) -> float:
 
 
 def above_zero(scores: Array) -> float:
-    """Return the probability that chance makes independent scores, shape (B,), so large: in the mean, or so many above zero.
+    """Return the p-value of independent scores, shape (B,), against a mean and a median of zero or less.
 
-    Student's test sees few that are large, the sign test many of which some are much larger than others; twice the smaller
-    probability is that of either (Bonferroni).
+    The smaller one of Student's t-test and the sign test, times two (Bonferroni): the first detects a mean that few large
+    scores make, the second a majority above zero when some scores are much larger than the others.
     """
     count = int(np.count_nonzero(scores > 0.0))
     signs = float(special.bdtrc(count - 1, scores.size, 0.5)) if count else 1.0

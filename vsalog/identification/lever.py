@@ -25,7 +25,7 @@ def lever_of(recording: Recording, joint: Any, roles: set[str]) -> Lever | None:
 
 
 def bound_by(lever: Lever | None, windows: Windows, joint: Any) -> Windows:
-    """Return windows whose set-point is what a joint's own lever makes of the recorded angle.
+    """Return windows with the set-point that the lever of a joint computes from the recorded angle.
 
     Parameters
     ----------
