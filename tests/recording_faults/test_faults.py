@@ -63,6 +63,16 @@ def test_exchanged_motors_are_named(vsa2):
             assert finding.part == one.role.replace(" ", " and ")
 
 
+@pytest.mark.parametrize("role", ["torque_sensor", "motor_torque"])
+def test_gravity_that_was_taken_out_leaves_no_other_fault(samples, role):
+    """Of a spring that a set-point stiffens, whose equation has several free columns."""
+    signals = signals_of(read(samples / "awas_exp1.mcap"), samples, "awas_exp1.mcap")
+    torque, q = signals.roles[role], signals.roles["link_position"]
+    less = torque - 0.6 * np.ptp(torque) * np.sin(q)
+    found = faults_of(replace(signals, roles={**signals.roles, role: less}))
+    assert [(one.fault.kind, one.fault.roles) for one in found] == [("gravity", (role,))]
+
+
 @pytest.mark.parametrize(
     "log", ["sea_exp1.csv", "sea_exp2.bag", "vsa2_exp1.mcap", "vsa2_exp2.mcap", "awas_exp1.mcap", "awas_exp2.mcap"]
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,10 +154,14 @@ class Channels:
             tried |= {d: left(d) for d in (best - step, best + step) if 0.0 <= d <= RULE.drive_delay}
         return acting(min(tried, key=tried.__getitem__))
 
-    def _equation(self, name: str, faults: Faults) -> Equation:
-        eq = equation(name, {role: self.values(role, faults) for role in self.read[name]}, None, self.unknown_scale)
+    def _equation(
+        self, name: str, faults: Faults, more: Mapping[str, Array] = MappingProxyType({}), knots: Array | None = None
+    ) -> Equation:
+        """Return an equation of channels with faults undone, and with so much more in them, shape (3, R) each."""
+        roles = {role: self.values(role, faults) + more.get(role, 0.0) for role in self.read[name]}
+        eq = equation(name, roles, knots, self.unknown_scale)
         if any(f.kind == "gravity" and set(f.roles) & eq.roles for f in faults):
-            q = self.values("link_position", faults)[0]
+            q = (roles["link_position"] if "link_position" in roles else self.values("link_position", faults))[0]
             eq = replace(eq, free=np.column_stack((eq.free, np.sin(q), np.cos(q))))
         return eq
 
@@ -180,8 +185,8 @@ class Channels:
         eq = self._equation(name, faults)
         left, x = residual_of(eq.y, eq.free, eq.positive)
         a = np.linalg.lstsq(eq.free, eq.y - left - eq.positive @ x, rcond=None)[0]
-        read = {role: self.values(role, faults) + self._error(role, faults) for role in self.read[name]}
-        noisy = equation(name, read, eq.knots, self.unknown_scale)
+        errors = {role: self._error(role, faults) for role in self.read[name]}
+        noisy = self._equation(name, faults, errors, eq.knots)
         more = noisy.y - eq.y - (noisy.positive - eq.positive) @ x - (noisy.free - eq.free) @ a
         return float(np.sum((more - more.mean()) ** 2)) / self._spread(eq.target, faults)
 
