@@ -75,6 +75,7 @@ CASES = [
     ("qr-rls", {"filter": "kinematic", "forgetting": 0.99}),
     ("qr-rls", {"filter": "savitzky-golay", "window": 0.2, "degree": 6}),
     ("batch-ls", {"window": 0.2, "degree": 6}),
+    ("smoother", {"window": 0.02}),
     ("algebraic", {}),
     ("algebraic", {"filter": "kinematic", "span": 0.05}),
     ("impedance", {}),

@@ -35,6 +35,12 @@ from vsalog.estimators.registry import methods
     "--tune", multiple=True, callback=pairs, metavar="NAME=VALUE", help="Tune the estimator, e.g. window=0.1."
 )
 @click.option(
+    "--causal",
+    is_flag=True,
+    help="Estimate each sample from those before it, as in a control loop: filter=kinematic, and of the smoother the filter"
+    " alone.",
+)
+@click.option(
     "-o",
     "--output",
     type=click.Path(),
@@ -75,6 +81,7 @@ def estimate(
     estimator: str,
     preset_tuning: str | None,
     tune: dict[str, str],
+    causal: bool,
     settings: dict[str, str],
     output: str | None,
     mcap: Path | None,
@@ -99,7 +106,9 @@ def estimate(
     from vsalog.report.terminal import print_out
 
     preset = {} if preset_tuning is None else {"preset": preset_tuning}
-    options = Options(rig, joints, estimator, preset | tune, settings, rate, time, start, end)
+    options = Options(
+        rig, joints, estimator, preset | tune | ({"causal": "true"} if causal else {}), settings, rate, time, start, end
+    )
     if source is not None:
         from vsalog.estimation.repeat import repeated
 

@@ -32,6 +32,7 @@ USUAL = (
     "residual-rls:modality=MODEL",
     "qr-rls",
     "batch-ls",
+    "smoother",
     "direct",
     "algebraic",
     "impedance",

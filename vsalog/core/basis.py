@@ -58,6 +58,11 @@ class PolynomialBasis:
         return len(self.powers) * self.setpoint_order * (2 if self.branches else 1)
 
     @property
+    def powers_of_terms(self) -> tuple[int, ...]:
+        """The power of the deflection in each function."""
+        return tuple(i for i in self.powers for _ in range(self.setpoint_order)) * (2 if self.branches else 1)
+
+    @property
     def terms(self) -> list[str]:
         """Names of the functions, e.g. ``phi^3*c^2``, with ``loading:`` or ``unloading:`` in front where there are branches."""
         plain = [

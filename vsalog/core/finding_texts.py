@@ -12,6 +12,7 @@ from typing import Any
 from vsalog.core.finding import Finding, Severity, Text
 from vsalog.core.finding_texts_log import LOG_TEXTS
 from vsalog.core.printable import plural
+from vsalog.core.significance import FALSE_ALARM
 
 # Texts name what an error depends on; which parameter of the rig makes it, a simulation of the rig tells.
 DIAGNOSE = "'vsalog diagnose LOG' looks for the cause and extends the rig by it."
@@ -95,6 +96,11 @@ TEXTS: dict[str, Text] = {
         " estimate lags behind, which its standard deviation includes.",
         "Springs and drives that warm up do that, and torque sensors that drift: record after warming up, or estimate parts"
         " of the log.",
+    ),
+    "stiffness.changed": Text(
+        "transmission {part}: the stiffness changes by {value:+.1%} over the log, with {jumps:n sudden change}; the estimate"
+        " follows it.",
+        false_alarm=FALSE_ALARM,
     ),
     "filter.smooths_motion": Text(
         "transmission {part}: a window of {window:g} s smooths the motion away: {value:.0%} of the deflection's rate is"

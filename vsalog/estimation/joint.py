@@ -39,6 +39,8 @@ Sink = Callable[[Trace], None]
 
 # What asks for the values that a method's paper prints, among the values of its tuning.
 PRESET, PAPER = "preset", "paper"
+# What asks any method for estimates from the samples before alone.
+CAUSAL = "causal"
 # What one more sensor would add.
 SENSOR_ADDS = (
     "a joint torque sensor would need no motor data (direct) and show the link's inertia and damping too (impedance)"
@@ -93,7 +95,8 @@ def choose(name: str, joint: Joint, estimator: str, tuning: Mapping[str, str], r
     ----------
     name, joint : of the rig
     estimator : a method's name or ``auto``
-    tuning : NAME → VALUE of the method's tuning; ``preset=paper`` puts what its paper prints beneath the others
+    tuning : NAME → VALUE of the method's tuning; ``preset=paper`` puts what its paper prints beneath the others, and
+        ``causal=true`` asks any method for estimates from the samples before alone
     rig : the whole rig, for methods that look at the joint's neighbours in an arm
 
     Raises
@@ -105,13 +108,32 @@ def choose(name: str, joint: Joint, estimator: str, tuning: Mapping[str, str], r
     device = device_of(name, joint, rig=rig)
     estimator, reason = _automatic(device, offered) if estimator == "auto" else (estimator, "asked for")
     found = method(estimator)
-    values = read_tuning(found.TUNING, estimator, with_printed(found, device, tuning))
+    values = read_tuning(found.TUNING, estimator, with_printed(found, device, with_causal(found, tuning)))
     return Choice(estimator, found, values, found.roles(device, offered, values), reason)
 
 
 def no_preset(preset: str) -> str:
     """Say that there is no such preset tuning."""
     return f"there is no preset tuning '{preset}': '{PAPER}' takes the values that a method's paper prints"
+
+
+def with_causal(found: Method, tuning: Mapping[str, str]) -> dict[str, str]:
+    """Return the tuning with which a method is causal, where ``causal=true`` asks for it: a causal filter before it.
+
+    Raises
+    ------
+    EstimatorError
+        The method has no causal filter.
+    """
+    names = set(found.TUNING.__struct_fields__) - set(found.TUNING.unused)
+    if tuning.get(CAUSAL) != "true":
+        return dict(tuning)
+    if "filter" not in names:
+        raise EstimatorError(
+            f"{found.NAME} has no causal filter before it: leave out --causal, or take another estimator"
+        )
+    own = {name: value for name, value in tuning.items() if name != CAUSAL or CAUSAL in names}
+    return {"filter": "kinematic", **own}
 
 
 def with_printed(found: Method, device: Device, tuning: Mapping[str, str]) -> dict[str, str]:

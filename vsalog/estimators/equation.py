@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,19 @@ def power_kept(share: float) -> float:
     return (1.0 - share) ** 2
 
 
+class Part(NamedTuple):
+    """One of several equations of the same coefficients.
+
+    Attributes
+    ----------
+    columns : shape (N, c), the regressors of the coefficients, those of unknowns of its own, and what they add up to
+    use : shape (N,), samples to learn from
+    """
+
+    columns: Array
+    use: Flags
+
+
 @dataclass(frozen=True, slots=True)
 class EquationRows:
     """A block of an equation F ξ = y, linear in the unknowns ξ.
@@ -45,7 +58,8 @@ class EquationRows:
     `noise` is that of the regressors, where it is known, which biases a fit (`errors_in_variables.py`). `walk_step` is the
     variance of a step of the random walk that a torque's noise becomes in an integrated y (`integrated_noise.py`), None where y
     is no integral. `motion` is the motor's position and speed, as late as F: a residual may follow them (`residual_motion.py`).
-    `plain` is F and y before they were integrated, None where they are no integrals.
+    `plain` is F and y before they were integrated, None where they are no integrals. `parts` are several equations of the same
+    coefficients.
     """
 
     F: Array
@@ -60,13 +74,19 @@ class EquationRows:
     walk_step: float | None = None
     motion: tuple[Array, Array] | None = None
     plain: tuple[Array, Array] | None = None
+    parts: tuple[Part, ...] = ()
 
 
 class Equation(Protocol):
     """What is known to add up to what, for one or more transmissions."""
 
-    leading: ClassVar[int]  # unknowns before the coefficients of the first basis
-    parameters: ClassVar[tuple[str, ...]]  # names of the last of these unknowns, where they are worth a column
+    @property
+    def leading(self) -> int:
+        """Unknowns before the coefficients of the first basis."""
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the last of these unknowns, where they are worth a column."""
 
     @property
     def motor(self) -> tuple[float, float] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeGuard
 
 from vsalog.core.finding import Finding
 from vsalog.core.model import JointModel
@@ -57,6 +57,25 @@ class Fold(Protocol):
 
     def model(self, state: Any) -> JointModel:
         """Freeze what has been learnt into a model."""
+
+
+class FollowingFold(Fold, Protocol):
+    """A fold that follows a spring that changes, and chooses from a log how: what most folds need not offer.
+
+    Attributes
+    ----------
+    follows_changes : true
+    """
+
+    follows_changes: bool
+
+    def settled(self, state: Any) -> Fold:
+        """Return the same fold, which no longer chooses anything but takes what it chose."""
+
+
+def follows_changes(fold: Fold) -> TypeGuard[FollowingFold]:
+    """Tell whether a fold follows a spring that changes."""
+    return bool(getattr(fold, "follows_changes", False))
 
 
 class Method(Protocol):

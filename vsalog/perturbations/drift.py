@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from vsalog.core.finding import Finding
 from vsalog.core.significance import DETECTED
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE
+from vsalog.estimators.fold import follows_changes
 from vsalog.perturbations.trials import Shift, Subject, Trial
 
 
@@ -31,10 +32,10 @@ class Drift:
     while_learning = False
 
     def trials(self, subject: Subject) -> Sequence[Trial] | None:
-        """Return one trial, of methods that fit a model to the whole log."""
+        """Return one trial, of methods that fit one model to the whole log."""
         half = len(subject.signals) // 2
         fold = subject.fold
-        if not subject.device.transmissions or not fold.model(fold.start()).transmission:
+        if follows_changes(fold) or not subject.device.transmissions or not fold.model(fold.start()).transmission:
             return None
         return (Trial(fold, subject.signals[half:], slice(half, None)),)
 

@@ -130,7 +130,7 @@ def _equations(
 
 def sensor_equations(
     device: Device, signals: JointSignals, tuning: Tuning, conditioner: Conditioner
-) -> tuple[Equation, ...]:
+) -> tuple[TorqueEquation, ...]:
     """One equation per sensor: one for each transmission, or one that sees the sum of both."""
     views = device.transmissions
     sensors = [sensor_role(view, signals.roles) for view in views]

@@ -1,0 +1,142 @@
+"""How accurate `smoother` is, and how often its 95 % band holds the truth, beside other estimators.
+
+    python -m benchmarks.smoother [--seeds 8] [--seconds 60] [--case sea --case sea:-25 …] [--estimator NAME …]
+
+A case is a preset or one of its experiments (`awas-exp2`), with the change of the springs over the log in percent, slow
+(`sea:-25`) or at once in the middle (`sea:-25!`, the preset `sea` only, integrated by scipy). Errors are of the whole log, in
+percent of the true stiffness. Positions have zeros anywhere within an encoder's step.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from benchmarks.calibration import encoders, sensed
+from benchmarks.measure import machine
+from vsalog.reproduce.measure import Setting, estimate
+from vsalog.rig import Rig
+from vsalog.simulation.experiment import Experiment
+from vsalog.simulation.scenario import Scenario
+from vsalog.simulation.simulate import simulate
+
+PRESETS = ("sea", "vsa2", "awas", "cubic-antagonist")
+CASES = (
+    *(f"{preset}{change}" for preset in PRESETS for change in ("", ":-1", ":-5", ":-25")),
+    "sea:-1!",
+    "sea:-5!",
+    "sea:-25!",
+    "vsa2-exp2",
+    "awas-exp2",
+    "sea-exp2",
+)
+BAND, FIRST_SEED = 1.96, 7000
+
+
+def motion(case: str, seconds: float) -> tuple[str, Experiment]:
+    """Return the joint of a case and its experiment without noise."""
+    name, _, change = case.partition(":")
+    scenario = name if "-exp" in name else f"{name}-exp1"
+    rig = Rig.preset(scenario.rsplit("-exp", 1)[0]).file
+    joint, sudden = next(iter(rig.joint)), change.endswith("!")
+    part = float(change.strip("!") or 0.0) / 100.0
+    if part and not sudden:
+        own = rig.joint[joint]
+        springs = {
+            key: msgspec.structs.replace(getattr(own, key), drift=part / seconds)
+            for key in ("transmission", "transmission_1", "transmission_2")
+            if hasattr(own, key)
+        }
+        rig = msgspec.structs.replace(rig, joint={joint: msgspec.structs.replace(own, **springs)})
+    plan = Scenario.find(scenario, rig).lasting(seconds, None)
+    ideal = simulate(rig, plan.inputs(rig), seconds, period=plan.file.period, ideal=True)
+    return joint, jumped(ideal, joint, part) if sudden else ideal
+
+
+def jumped(ideal: Experiment, joint: str, part: float) -> Experiment:
+    """Return an experiment of the preset `sea` whose spring changes by a part at once, in the middle."""
+    truth = ideal.joints[joint].truth
+    t = np.arange(truth["motor_position"].size) * ideal.period
+    middle = 0.5 * t[-1]
+
+    def slope(at: float, x: np.ndarray) -> list[float]:
+        phi = x[2] - x[0]
+        spring = (1.0 + part * (at > middle)) * (20.0 * phi + 2000.0 * phi**3)
+        torque = np.interp(at, t, truth["motor_torque"])
+        return [
+            x[1],
+            (torque + spring - 0.4 * x[1]) / 0.08,
+            x[3],
+            (-spring - 0.1 * x[3] - 3.0 * np.sin(x[2])) / 0.05,
+        ]
+
+    start = [truth["motor_position"][0], 0.0, truth["link_position"][0], 0.0]
+    theta, _, q, _ = solve_ivp(slope, (0.0, t[-1]), start, t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.01).y
+    phi, now = q - theta, 1.0 + part * (t > middle)
+    changed = {
+        **truth,
+        "motor_position": theta,
+        "link_position": q,
+        "deflection": phi,
+        "torque_sensor": now * (20.0 * phi + 2000.0 * phi**3),
+        "stiffness": now * (20.0 + 6000.0 * phi**2),
+    }
+    return replace(ideal, joints={joint: replace(ideal.joints[joint], truth=changed)})
+
+
+def scored(joint: str, experiment: Experiment, estimator: str) -> list[tuple[float, float, float, float]]:
+    """Return median and RMS error [%], the share in the band and the share excited [%] of each transmission."""
+    trace, truth = estimate(experiment, Setting("", estimator, {}), joint), experiment.joints[joint].truth
+    found = []
+    for name, columns in trace.transmissions.items():
+        if name == "total":
+            continue
+        sigma = truth.get(f"stiffness_{name}", truth.get("stiffness"))
+        stiffness, std = np.asarray(columns["stiffness"]), np.asarray(columns["stiffness_std"])
+        off, excited = stiffness - sigma[: stiffness.size], np.asarray(columns["excited"], dtype=bool)
+        relative = 100.0 * np.abs(off / sigma[: stiffness.size])
+        known = np.isfinite(relative)
+        inside = np.mean(np.abs(off[excited]) < BAND * std[excited]) if excited.any() else np.nan
+        rms = float(np.sqrt(np.mean(relative[known] ** 2)))
+        found.append((float(np.median(relative[known])), rms, 100.0 * inside, 100.0 * excited.mean()))
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.smoother", description=__doc__)
+    parser.add_argument("--seeds", type=int, default=8)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--case", action="append", help=f"default: {', '.join(CASES)}")
+    parser.add_argument("--estimator", action="append", help="default: smoother")
+    given = parser.parse_args()
+    print(machine())
+    print("\n| case | estimator | median error, worst | RMS error, worst | in the band | excited | CPU time |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
+    for case in given.case or CASES:
+        joint, ideal = motion(case, given.seconds)
+        steps = encoders(joint, ideal)
+        for estimator in given.estimator or ("smoother",):
+            begin, rows = time.process_time(), []
+            for seed in range(FIRST_SEED, FIRST_SEED + given.seeds):
+                rows += scored(joint, sensed(joint, ideal, steps, seed), estimator)
+            took = (time.process_time() - begin) / given.seeds
+            median, rms, inside, excited = np.array(rows).T
+            cells = (
+                case,
+                estimator,
+                f"{np.median(median):.2g}, {median.max():.2g} %",
+                f"{np.median(rms):.2g}, {rms.max():.2g} %",
+                f"{np.nanmean(inside):.1f} %",
+                f"{excited.mean():.0f} %",
+                f"{took:.2f} s",
+            )
+            print(f"| {' | '.join(cells)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

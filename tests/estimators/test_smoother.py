@@ -1,0 +1,237 @@
+"""The smoother: springs that are constant, soften, jump; several equations; outliers; a wrong inertia."""
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from vsalog.binding.joint import bind, offered_roles
+from vsalog.core.errors import EstimatorError
+from vsalog.core.trace import Trace
+from vsalog.estimation.joint import choose
+from vsalog.estimators.device import device_of
+from vsalog.estimators.folding import run
+from vsalog.estimators.methods import smoother
+from vsalog.estimators.registry import method
+from vsalog.rig.load import Rig
+from vsalog.simulation.experiments import awas_experiment, vsa2_experiment
+
+pytestmark = pytest.mark.share(2)
+SEA = Rig.preset("sea").file
+PERIOD, SECONDS = 2e-3, 24.0
+INERTIA, DAMPING, LINK, LINK_DAMPING, WEIGHT, LINEAR, CUBIC = 0.08, 0.4, 0.05, 0.1, 3.0, 20.0, 2000.0
+
+
+def machine(softer=lambda t: 0.0, seed=0, noise=0.02, step=np.deg2rad(0.01)):
+    """A series elastic joint with the preset's numbers, integrated by scipy: its signals and true stiffness, by role.
+
+    The spring is softer by a part that depends on time.
+    """
+    t = np.arange(round(SECONDS / PERIOD)) * PERIOD
+
+    def drive(at):
+        return 3.0 * np.sin(2.0 * np.pi * 0.31 * at) + 1.5 * np.sin(2.0 * np.pi * 1.3 * at)
+
+    def slope(at, x):
+        phi = x[2] - x[0]
+        spring = (1.0 - softer(at)) * (LINEAR * phi + CUBIC * phi**3)
+        return [
+            x[1],
+            (drive(at) + spring - DAMPING * x[1]) / INERTIA,
+            x[3],
+            (-spring - LINK_DAMPING * x[3] - WEIGHT * np.sin(x[2])) / LINK,
+        ]
+
+    theta, _, q, _ = solve_ivp(slope, (0.0, t[-1]), np.zeros(4), t_eval=t, rtol=1e-7, atol=1e-9, max_step=0.02).y
+    phi, left = q - theta, 1.0 - np.array([softer(at) for at in t])
+    rng = np.random.default_rng(seed)
+    zeros = rng.uniform(0.0, step, 2)
+    signals = {
+        "motor_position": step * np.round((theta + zeros[0]) / step) - zeros[0],
+        "link_position": step * np.round((q + zeros[1]) / step) - zeros[1],
+        "motor_torque": drive(t) + noise * rng.normal(size=t.size),
+        "torque_sensor": left * (LINEAR * phi + CUBIC * phi**3) + noise * rng.normal(size=t.size),
+    }
+    return t, signals, left * (LINEAR + 3.0 * CUBIC * phi**2)
+
+
+def bound(t, signals, like=None):
+    """Signals of the preset's joint on their grid."""
+    from vsalog.core.signals import JointSignals
+
+    starts = np.zeros(t.size, dtype=bool)
+    starts[0] = True
+    return JointSignals(
+        "sea", PERIOD, np.round(t * 1e9).astype(np.int64), t, signals, starts, np.zeros(t.size, dtype=np.int32)
+    )
+
+
+def estimated(t, signals, joint=None, name="smoother", **tune):
+    joint = SEA.joint["sea"] if joint is None else joint
+    at = bound(t, signals)
+    fold = method(name).build(device_of("sea", joint, at.roles), at, method(name).TUNING(**tune))
+    blocks, state = run(fold, at)
+    return Trace.concatenate(blocks)["1"], fold, state
+
+
+def errors(columns, truth):
+    """Relative errors, and how many standard deviations they are."""
+    off = columns["stiffness"] - truth
+    return np.abs(off / truth), np.abs(off) / columns["stiffness_std"]
+
+
+@pytest.mark.parametrize(
+    ("softer", "allowed"),
+    [(lambda t: 0.0, 0.001), (lambda t: 0.24 * t / SECONDS, 0.003), (lambda t: 0.1 * (t > 13.0), 0.003)],
+    ids=["constant", "softens", "jumps"],
+)
+def test_a_spring_that_changes_is_followed_and_the_band_holds(softer, allowed):
+    inside = []
+    for seed in range(3):
+        t, signals, truth = machine(softer, seed)
+        columns, _, _ = estimated(t, signals)
+        relative, deviations = errors(columns, truth)
+        assert np.median(relative) < allowed
+        inside.append(np.mean(deviations < 1.96))
+        assert columns["excited"].mean() > 0.95
+    assert np.mean(inside) > 0.85
+
+
+def test_a_constant_spring_is_told_better_than_by_any_other_method():
+    t, signals, truth = machine(seed=5)
+    best = np.median(errors(estimated(t, signals)[0], truth)[0])
+    whole = np.sqrt(np.mean(errors(estimated(t, signals)[0], truth)[0] ** 2))
+    for name in ("direct", "residual-rls", "qr-rls", "batch-ls"):
+        other = errors(estimated(t, signals, name=name)[0], truth)[0]
+        assert best < 1.1 * np.nanmedian(other), name
+        assert whole < np.sqrt(np.nanmean(other**2)), name
+
+
+def test_what_changed_is_a_finding_with_its_size():
+    t, signals, _ = machine(lambda t: 0.24 * t / SECONDS)
+    _, fold, state = estimated(t, signals)
+    (found,) = (one for one in fold.findings(state) if one.code == "stiffness.changed")
+    assert found.severity == "info"
+    assert found.value == pytest.approx(-0.24 / 0.88, abs=0.02)
+    t, signals, _ = machine(lambda t: 0.1 * (t > 13.0))
+    _, fold, state = estimated(t, signals)
+    (found,) = (one for one in fold.findings(state) if one.code == "stiffness.changed")
+    assert found.evidence["jumps"] == 1
+
+
+def test_a_spring_that_does_not_change_is_not_said_to():
+    for seed in range(4):
+        t, signals, _ = machine(seed=10 + seed)
+        _, fold, state = estimated(t, signals)
+        assert not [one for one in fold.findings(state) if one.code in ("stiffness.changed", "motor.inertia_differs")]
+
+
+def test_another_inertia_than_the_rig_s_is_found_and_costs_little():
+    t, signals, truth = machine()
+    own = SEA.joint["sea"]
+    joint = msgspec.structs.replace(own, motor=msgspec.structs.replace(own.motor, inertia=1.3 * INERTIA))
+    columns, fold, state = estimated(t, signals, joint)
+    (found,) = (one for one in fold.findings(state) if one.code == "motor.inertia_differs")
+    assert found.evidence["inertia"] == pytest.approx(INERTIA, rel=0.03)
+    assert np.median(errors(columns, truth)[0]) < 0.003
+
+
+def test_inertia_and_damping_are_estimated_where_the_rig_has_none():
+    t, signals, truth = machine()
+    own = SEA.joint["sea"]
+    unknown = msgspec.structs.replace(own.motor, inertia=None, damping=0.0)
+    joint = msgspec.structs.replace(own, motor=unknown)
+    for roles in (signals, {k: v for k, v in signals.items() if k != "torque_sensor"}):
+        columns, fold, state = estimated(t, roles, joint)
+        assert columns["motor_inertia"][0] == pytest.approx(INERTIA, rel=0.02)
+        assert columns["motor_damping"][0] == pytest.approx(DAMPING, rel=0.02)
+        assert np.median(errors(columns, truth)[0]) < 0.005
+        assert fold.model(state).motor["inertia_1"] == pytest.approx(INERTIA, rel=0.02)
+
+
+def test_each_equation_alone_and_both_together():
+    t, signals, truth = machine(seed=3)
+    sensor = {k: v for k, v in signals.items() if k != "motor_torque"}
+    motor = {k: v for k, v in signals.items() if k != "torque_sensor"}
+    claimed = []
+    for roles in (signals, sensor, motor):
+        columns, _, _ = estimated(t, roles)
+        assert np.median(errors(columns, truth)[0]) < 0.002
+        claimed.append(np.median(columns["stiffness_std"]))
+    assert claimed[0] < min(claimed[1:])
+
+
+def test_outliers_cost_little():
+    t, signals, truth = machine(seed=4)
+    spoilt = signals["torque_sensor"].copy()
+    spoilt[np.random.default_rng(0).integers(0, t.size, 30)] += 20.0
+    columns, _, _ = estimated(t, {**signals, "torque_sensor": spoilt})
+    assert np.median(errors(columns, truth)[0]) < 0.002
+
+
+def test_samples_that_are_missing_are_left_out():
+    t, signals, truth = machine(seed=6)
+    gappy = {role: values.copy() for role, values in signals.items()}
+    gappy["torque_sensor"][4000:8000] = np.nan
+    gappy["link_position"][9000:9400] = np.nan
+    columns, _, _ = estimated(t, gappy)
+    relative, _ = errors(columns, truth)
+    assert np.nanmedian(relative) < 0.002
+    assert np.isnan(columns["stiffness"][9100:9300]).all()
+
+
+def test_causal_estimates_do_not_know_what_comes_after():
+    t, signals, truth = machine(lambda t: 0.2 * (t > 16.0), seed=1)
+    columns, _, _ = estimated(t, signals, causal=True)
+    before = slice(round(8.0 / PERIOD), round(16.0 / PERIOD))
+    assert np.median(errors(columns, truth)[0][before]) < 0.01
+    assert np.isnan(columns["stiffness"][:10]).all() or columns["stiffness_std"][10] > np.median(
+        columns["stiffness_std"]
+    )
+
+
+def test_causal_asks_any_method_for_a_causal_filter():
+    joint = SEA.joint["sea"]
+    assert choose("sea", joint, "residual-rls", {"causal": "true"}).tuning.filter == "kinematic"
+    chosen = choose("sea", joint, "smoother", {"causal": "true"}).tuning
+    assert (chosen.filter, chosen.causal) == ("kinematic", True)
+    with pytest.raises(EstimatorError, match="derivative=difference|no causal filter|causal"):
+        choose("sea", joint, "impedance", {"causal": "true"})
+
+
+@pytest.mark.parametrize("experiment", [vsa2_experiment, awas_experiment])
+def test_transmissions_and_set_points(experiment):
+    made = experiment(duration=6.0)
+    ((name, joint),) = made.rig.joint.items()
+    at = bind([made.recording()], name, joint, tuple(offered_roles(joint)))
+    fold = smoother.build(device_of(name, joint, at.roles), at, smoother.TUNING())
+    trace = Trace.concatenate(run(fold, at)[0])
+    for view in fold.device.transmissions:
+        truth = made.joints[name].truth
+        sigma = truth.get(f"stiffness_{view.name}", truth.get("stiffness"))
+        assert np.median(np.abs(trace[view.name]["stiffness"] / sigma[: len(trace)] - 1.0)) < 0.01
+    assert "setpoint" in trace["total"] or not fold.device.has_setpoint
+
+
+def test_one_sensor_ties_two_transmissions_together():
+    made = vsa2_experiment(duration=6.0)
+    ((name, joint),) = made.rig.joint.items()
+    at = bind([made.recording()], name, joint, tuple(offered_roles(joint)))
+    roles = {k: v for k, v in at.roles.items() if not k.startswith("torque_sensor")}
+    roles["torque_sensor"] = at.roles["torque_sensor_1"] + at.roles["torque_sensor_2"]
+    at = replace(at, roles=roles)
+    fold = smoother.build(device_of(name, joint, at.roles), at, smoother.TUNING())
+    assert len(fold.equations) == 1
+    trace, truth = Trace.concatenate(run(fold, at)[0]), made.joints[name].truth
+    for view in fold.device.transmissions:
+        sigma = truth[f"stiffness_{view.name}"][: len(trace)]
+        assert np.median(np.abs(trace[view.name]["stiffness"] / sigma - 1.0)) < 0.01
+
+
+def test_a_log_too_short_to_tell_anything_gives_no_number():
+    t, signals, _ = machine()
+    few = {role: values[:60] for role, values in signals.items()}
+    columns, _, _ = estimated(t[:60], few)
+    assert not columns["excited"].any()

@@ -1,0 +1,112 @@
+"""The torque sensor's equation and the motors' together: all that a joint's roles say of the same coefficients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.core.basis import PolynomialBasis
+from vsalog.estimators.device import TransmissionView
+from vsalog.estimators.equation import EquationRows, Part
+from vsalog.estimators.equations import IntegratedMotorEquation, TorqueEquation
+from vsalog.filters.conditioning import Conditioned
+
+Array = NDArray[np.float64]
+
+# Unknowns of their own that equations have beside the coefficients: a torque's offset; of a motor's inertia and damping what the
+# rig's are short of.
+SENSOR_UNKNOWNS, MOTOR_UNKNOWNS = ("offset",), ("offset", "inertia", "damping")
+
+
+@dataclass(frozen=True, slots=True)
+class CombinedEquation:
+    """F(φ, c) α = τ_e by each of several equations, none of which is integrated.
+
+    Attributes
+    ----------
+    transmissions, basis : that the equations speak of
+    sensor : that of the torque sensor, None for none
+    motors : one of each transmission's motor, or none
+    known : whether the rig has the motors' inertias; else these and the dampings are unknowns
+    """
+
+    transmissions: tuple[TransmissionView, ...]
+    basis: PolynomialBasis
+    sensor: TorqueEquation | None
+    motors: tuple[IntegratedMotorEquation, ...]
+    known: bool
+
+    motor: ClassVar[None] = None
+
+    @property
+    def leading(self) -> int:
+        """Unknowns before the coefficients: those of a motor that the rig does not know."""
+        return len(MOTOR_UNKNOWNS) if self.motors and not self.known and len(self.transmissions) == 1 else 0
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Which of them are worth a column."""
+        return IntegratedMotorEquation.parameters if self.leading else ()
+
+    @property
+    def coefficients(self) -> int:
+        """Number of coefficients of all transmissions."""
+        return self.basis.size * len(self.transmissions)
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns that functionals are of."""
+        return self.leading + self.coefficients
+
+    def start(self) -> tuple[Any, ...]:
+        """Return the states of the equations before the first sample."""
+        sensor = None if self.sensor is None else self.sensor.start()
+        return (sensor, tuple(motor.start() for motor in self.motors))
+
+    def rows(self, state: tuple[Any, ...], block: Conditioned) -> tuple[tuple[Any, ...], EquationRows]:
+        """Form the equations for a block."""
+        sensor, states, first, parts = state[0], [], None, []
+        if self.sensor is not None:
+            sensor, rows = self.sensor.rows(sensor, block)
+            parts.append(Part(np.column_stack((rows.F, np.ones_like(rows.y), rows.y)), rows.use))
+            first = rows
+        for i, (motor, own) in enumerate(zip(self.motors, state[1], strict=True)):
+            after, rows = motor.rows(own, block)
+            states.append(after)
+            parts.append(self._motor_part(i, rows))
+            first = self._fed(rows, i) if first is None else first
+        assert first is not None
+        F = np.hstack((np.zeros((len(block.rows), self.leading)), parts[0].columns[:, : self.coefficients]))
+        given = EquationRows(
+            F, parts[0].columns[:, -1], first.use, block.rows.starts, first.fed, first.extra,
+            first.dynamics if self.leading and self.sensor is None else np.zeros((len(F), self.leading)),
+            first.doubted, parts=tuple(parts),
+        )  # fmt: skip
+        return (sensor, tuple(states)), given
+
+    def _motor_part(self, i: int, rows: EquationRows) -> Part:
+        assert rows.plain is not None
+        F, torque = rows.plain
+        view, n = self.transmissions[i], self.basis.size
+        inertia, damping = _rig_motor(view) if self.known else (0.0, 0.0)
+        columns = np.zeros((len(torque), self.coefficients + len(MOTOR_UNKNOWNS) + 1))
+        columns[:, i * n : (i + 1) * n] = -F[:, 3:]
+        columns[:, -4], columns[:, -3:-1] = 1.0, -F[:, 1:3]
+        columns[:, -1] = inertia * F[:, 1] + damping * F[:, 2] - torque
+        return Part(columns, rows.use & np.isfinite(columns).all(axis=1))
+
+    def _fed(self, rows: EquationRows, i: int) -> EquationRows:
+        """Return rows with the torque that the rig's motor transmits, not only that of its drive."""
+        if rows.dynamics is None or not self.known:
+            return rows
+        inertia, damping = _rig_motor(self.transmissions[i])
+        known = inertia * rows.dynamics[:, 1] + damping * rows.dynamics[:, 2]
+        return replace(rows, fed={name: fed + known for name, fed in rows.fed.items()})
+
+
+def _rig_motor(view: TransmissionView) -> tuple[float, float]:
+    """Return inertia [kg·m²] and damping [N·m·s/rad] that the rig has of a transmission's motor, zero where it has none."""
+    return view.motor.reflected_inertia or 0.0, view.motor.reflected_damping or 0.0

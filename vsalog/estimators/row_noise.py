@@ -1,0 +1,120 @@
+"""Noise of an equation's averaged rows: its colour, and what of it several equations have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.core.precision import ROUNDING
+from vsalog.estimators.box_rows import BoxRows
+from vsalog.uncertainty.autoregression import Autoregression, autoregression
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Integers = NDArray[np.int64]
+
+REACH = 4
+"""Boxes to either side, at most, whose noise another equation has a part of [1]: as many as a filter's window has."""
+
+
+class RowNoise(NamedTuple):
+    """Noise of an equation's rows, as coloured as its residuals are, and as far as it is that of the equations before it.
+
+    Both sides of a joint's equations have the deflection's noise in common. What the equations before say of it, at the same time
+    and `reach` boxes to either side, is taken off; what is left is an autoregression of its own.
+
+    Attributes
+    ----------
+    shared : shape (equations before, 2 · reach + 1), what multiplies their residuals
+    left : of what they do not say
+    alone : of rows for which not all of them are there
+    deviation : standard deviation of a row
+    """
+
+    shared: Array
+    left: Autoregression
+    alone: Autoregression
+    deviation: float
+
+    @classmethod
+    def white(cls, part: BoxRows) -> RowNoise:
+        """Return white noise as large as what least squares leave over."""
+        x = np.linalg.lstsq(part.rows[:, :-1], part.rows[:, -1], rcond=None)[0]
+        left = part.rows[:, -1] - part.rows[:, :-1] @ x
+        deviation = float(np.hypot(np.sqrt(np.mean(left**2)), _rounding(part))) if len(left) else 1.0
+        own = Autoregression(np.zeros((1, 0)), np.array([deviation]))
+        return cls(np.zeros((0, 1)), own, own, deviation)
+
+    @classmethod
+    def fitted(cls, residual: Array, part: BoxRows, before: Sequence[tuple[Array, BoxRows]]) -> RowNoise:
+        """Fit it to residuals, those of the equations before given with their boxes."""
+        least = _rounding(part)
+        alone = autoregression(residual, part.first, least)
+        deviation = float(np.sqrt(np.mean(residual**2))) if len(residual) else float("nan")
+        shared, left, best = np.zeros((0, 1)), alone, np.inf
+        for reach in range(REACH + 1) if before else ():
+            others, there = _neighbours(part, before, reach)
+            if np.count_nonzero(there) <= 2 * others.shape[1]:
+                break
+            weights: Array = np.asarray(np.linalg.lstsq(others[there], residual[there], rcond=None)[0])
+            own = residual - others @ weights
+            first = part.first | ~there | np.r_[True, ~there[:-1]]
+            fit = autoregression(own[there], first[there], least)
+            size = int(np.count_nonzero(there))
+            criterion = size * np.log(float(fit.deviation[-1]) ** 2) + (fit.order + weights.size) * np.log(size)
+            if criterion < best:
+                best, left, shared = criterion, fit, weights.reshape(len(before), -1)
+        return cls(shared, left, alone, deviation)
+
+    def whitened(self, rows: Array, part: BoxRows, before: Sequence[tuple[Array, BoxRows]]) -> Array:
+        """Return rows, shape (M, c), with independent noise of variance one.
+
+        Parameters
+        ----------
+        rows : shape (M, c)
+        part : their boxes
+        before : rows of the equations before, of as many columns, and their boxes
+        """
+        if not len(self.shared):
+            return self.alone.whitened(rows, part.first)
+        own, there = rows.copy(), np.ones(len(rows), dtype=np.bool_)
+        reach = self.shared.shape[1] // 2
+        for (other, boxes), weights in zip(before, self.shared, strict=True):
+            for lag, weight in zip(range(-reach, reach + 1), weights, strict=True):
+                at, found = _beside(part, boxes, lag)
+                own -= weight * np.where(found[:, None], other[at], 0.0)
+                there &= found
+        changed = np.r_[True, there[1:] != there[:-1]]
+        out = np.empty_like(rows)
+        out[there] = self.left.whitened(own[there], (part.first | changed)[there])
+        out[~there] = self.alone.whitened(rows[~there], (part.first | changed)[~there])
+        return out
+
+
+def _rounding(part: BoxRows) -> float:
+    """Return what rounding alone leaves over of an equation's rows."""
+    largest = float(np.abs(part.rows[:, -1]).max(initial=0.0))
+    return ROUNDING * largest or 1.0
+
+
+def _beside(part: BoxRows, other: BoxRows, lag: int) -> tuple[Integers, Flags]:
+    """Return which box of another equation lies so many boxes after each of an equation's, and whether it is there."""
+    if not len(other.place):
+        return np.zeros(len(part.place), dtype=np.int64), np.zeros(len(part.place), dtype=np.bool_)
+    wanted = part.place + lag * part.size
+    at = np.minimum(np.searchsorted(other.place, wanted), len(other.place) - 1)
+    return at, other.place[at] == wanted
+
+
+def _neighbours(part: BoxRows, before: Sequence[tuple[Array, BoxRows]], reach: int) -> tuple[Array, Flags]:
+    """Return the residuals of equations before, `reach` boxes to either side, shape (M, m), and where all of them are there."""
+    columns, there = [], np.ones(len(part.place), dtype=np.bool_)
+    for residual, boxes in before:
+        for lag in range(-reach, reach + 1):
+            at, found = _beside(part, boxes, lag)
+            columns.append(np.where(found, residual[at] if len(residual) else 0.0, 0.0))
+            there &= found
+    return np.column_stack(columns), there

@@ -1,0 +1,587 @@
+"""The offline optimum: coefficients as a random walk, estimated from all samples of a log.
+
+Rows of each equation, averaged over boxes, have coloured noise: they are made white by an autoregression fitted to their
+residuals (`row_noise.py`), and those of an interval are rotated into one triangle (Flacco 2014 eq. 21–22). From interval to
+interval the coefficients are a random walk, and a square-root filter and Rauch–Tung–Striebel smoother estimate them
+(`filters/square_root_smoother.py`). How fast a spring changes is not assumed: hypotheses — it does not change, its torque changes
+as a whole, its shape changes, either by so much — are averaged with the probabilities that the log gives them (Hoeting, Madigan,
+Raftery, Volinsky, "Bayesian model averaging", Statistical Science 14(4), 1999). A sudden change is one that the smoothed
+disturbances show (de Jong and Penzer, "Diagnosing shocks in time series", J. Am. Stat. Assoc. 93(442), 1998).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.core.compiled import compiled
+from vsalog.core.significance import FALSE_ALARM, two_sided
+from vsalog.estimators.box_rows import BoxRows, BoxState, box_block, box_start
+from vsalog.estimators.equation import EquationRows
+from vsalog.estimators.qr import qr_update
+from vsalog.estimators.row_noise import RowNoise
+from vsalog.filters.square_root_smoother import Smoothed, smooth
+from vsalog.uncertainty.heavy_tails import tail_weights
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Integers = NDArray[np.int64]
+
+
+class Change(NamedTuple):
+    """How a spring may change over a log.
+
+    Attributes
+    ----------
+    whole : standard deviation of what its torque gains as a whole, as a part of it, over the log [1]
+    shape : the same of each coefficient by itself, as a part of what it is in a spring that does not change [1]
+    jumps : intervals after which it changes at once
+    """
+
+    whole: float = 0.0
+    shape: float = 0.0
+    jumps: tuple[int, ...] = ()
+
+    @property
+    def constant(self) -> bool:
+        """Whether it does not change."""
+        return not (self.whole or self.shape or self.jumps)
+
+
+class Limits(NamedTuple):
+    """Numbers of the smoother that are no result of the data.
+
+    Attributes
+    ----------
+    intervals : at most, within which coefficients change linearly [1]: a log of an hour has one in 7 s
+    boxes_per_interval : at least [1]: half of what a jump of the stiffness takes to be seen behind a filter's window
+    prior : standard deviation of a coefficient before the log, times what it were if its term alone made the torque [1]: wide,
+        for terms cancel one another
+    slowest, fastest : the least and the largest change over a log that is a hypothesis, in half decades [1]: less is nothing, and
+        more than all of a spring cannot go
+    roughest, smoothest : of a power of the deflection what a spring's torque has at its largest deflection, in that of the power
+        before [1], eight ratios in between: the one for a spring with a corner, the other for a straight line
+    rounds, most_rounds : times that noise and the torque as a whole are estimated anew from the estimate before [1]: the second
+        changes them by little where the spring does not change, and the fourth where it does
+    least_weight : of a hypothesis that is averaged [1]
+    """
+
+    intervals: int = 512
+    boxes_per_interval: int = 4
+    prior: float = 10.0
+    slowest: float = 1e-3
+    fastest: float = 1.0
+    roughest: float = 1.0
+    smoothest: float = 0.01
+    rounds: int = 2
+    most_rounds: int = 4
+    least_weight: float = 1e-3
+
+    @property
+    def ratios(self) -> Array:
+        """The ratios between the powers of the deflection that are hypotheses."""
+        return np.asarray(np.geomspace(self.smoothest, self.roughest, 9))
+
+    @property
+    def changes(self) -> Array:
+        """The changes that are hypotheses, beside none."""
+        count = 2 * round(np.log10(self.fastest / self.slowest)) + 1
+        return np.asarray(np.geomspace(self.slowest, self.fastest, count))
+
+
+LIMITS = Limits()
+
+
+class Choice(NamedTuple):
+    """What a smoother chose from a log, in scaled unknowns.
+
+    Attributes
+    ----------
+    noise : of each equation
+    active : numbers of the unknowns that are estimated
+    prior : their standard deviations before the log
+    direction : shape (transmissions, active), the torque of each transmission as a whole
+    usual : shape (active,), size of each unknown
+    evidence : logarithm of each hypothesis' probability, but for a constant
+    """
+
+    noise: tuple[RowNoise, ...]
+    active: NDArray[np.intp]
+    prior: Array
+    direction: Array
+    usual: Array
+    evidence: Mapping[Change, float]
+
+    @property
+    def change(self) -> Change:
+        """The most probable hypothesis."""
+        return max(self.evidence, key=lambda change: self.evidence[change])
+
+    @property
+    def probability_of_no_change(self) -> float:
+        """Probability that the spring does not change."""
+        top = max(self.evidence.values())
+        weights = {change: np.exp(value - top) for change, value in self.evidence.items()}
+        return float(sum(w for change, w in weights.items() if change.constant) / sum(weights.values()))
+
+
+class Trajectory(NamedTuple):
+    """Unknowns over a log.
+
+    Attributes
+    ----------
+    samples : of the log
+    mean, root : shapes (K, n) and (K, n, n), in the middle of each interval; root is upper triangular U with P = Uᵀ U
+    linear : shape (K,), whether they change linearly to the next interval
+    noise : standard deviation of a row of the first equation, averaged over a box
+    choice : what was chosen from the log
+    torque : shape (K, transmissions), of each as a whole, over what it is usually
+    others : equation and name → value and standard deviation of an unknown that is no coefficient, where the log shows it
+    """
+
+    samples: int
+    mean: Array
+    root: Array
+    linear: Flags
+    noise: float
+    choice: Choice
+    torque: Array
+    others: Mapping[tuple[int, str], tuple[float, float]]
+
+
+class SmootherState(NamedTuple):
+    """Where it stands.
+
+    Attributes
+    ----------
+    boxes : of each equation, None once all are collected
+    samples : so far
+    choice : what was chosen before
+    trajectory : once all are collected, None where the log is too short for one
+    """
+
+    boxes: tuple[BoxState, ...] | None
+    samples: int = 0
+    choice: Choice | None = None
+    trajectory: Trajectory | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SmootherSolver:
+    """Estimates coefficients, and unknowns that each equation has of its own, over a whole log.
+
+    Attributes
+    ----------
+    powers : of the deflection that each coefficient multiplies, of all transmissions
+    transmissions : how many they are of
+    unknowns : of each equation, names of its own
+    required : names of those that are always unknown; the others only where the log shows it
+    box : samples of a box
+    deflection : variance of each transmission's deflection behind the filters, at which its stiffness is evaluated [rad²]
+    leading : unknowns that functionals have before the coefficients
+    causal : whether an interval is estimated from those before alone
+    """
+
+    powers: tuple[int, ...]
+    transmissions: int
+    unknowns: tuple[tuple[str, ...], ...]
+    required: frozenset[str]
+    box: int
+    deflection: tuple[float, ...]
+    leading: int = 0
+    causal: bool = False
+
+    @property
+    def coefficients(self) -> int:
+        """Number of coefficients."""
+        return len(self.powers)
+
+    @property
+    def p0(self) -> float:
+        """There is no prior covariance to tune."""
+        return float("inf")
+
+    def start(self, size: int) -> SmootherState:
+        """Return the state before the first sample."""
+        return SmootherState(tuple(box_start(self.coefficients + len(own) + 1) for own in self.unknowns))
+
+    def block(
+        self, state: SmootherState, rows: EquationRows, use: Flags, E: Array, spread: Flags
+    ) -> tuple[SmootherState, Array, Array, Array, Mapping[str, Array]]:
+        """Collect a block, or evaluate functionals of what has been learnt."""
+        count, q, n = E.shape
+        values, variances, unknowns = (
+            np.full((count, q), np.nan),
+            np.full((count, q), np.nan),
+            np.full((count, n), np.nan),
+        )
+        if state.boxes is not None:
+            boxes = tuple(
+                box_block(own, part.columns, part.use, rows.fresh, self.box)
+                for own, part in zip(state.boxes, rows.parts, strict=True)
+            )
+            return state._replace(boxes=boxes, samples=state.samples + count), values, variances, unknowns, {}
+        found = state.trajectory
+        if found is None:
+            return state, values, variances, unknowns, {}
+        _evaluate(
+            found.mean, found.root, found.linear, found.samples, state.samples, E, spread, values, variances, unknowns
+        )
+        # A stiffness is that of the deflection which is read. Functionals: torque, stiffness, its slopes of each transmission.
+        read = [values[:, 4 * i + 2] ** 2 * own for i, own in enumerate(self.deflection)]
+        for i, variance in enumerate(read):
+            variances[:, 4 * i + 1] += variance
+        if len(read) > 1:
+            variances[:, 4 * len(read)] += sum(read)
+        return state._replace(samples=state.samples + count), values, variances, unknowns, {}
+
+    def smoothed(self, state: SmootherState) -> SmootherState:
+        """Estimate from what was collected, and go back to the first sample."""
+        assert state.boxes is not None
+        boxes = [own.whole for own in state.boxes]
+        trajectory = Smoother(self, boxes, state.samples, state.choice).trajectory()
+        return SmootherState(None, 0, None, trajectory)
+
+    def solution(self, state: SmootherState) -> tuple[Array, Array, float]:
+        """Return ξ̂ (n,), its covariance (n, n), both averages over the log, and the noise seen in y (standard deviation)."""
+        size = self.leading + self.coefficients
+        found = state.trajectory
+        if found is None:
+            return np.full(size, np.nan), np.full((size, size), np.nan), float("nan")
+        mean = found.mean.mean(axis=0)
+        off = found.mean - mean
+        covariance = np.einsum("kij,kil->jl", found.root, found.root) / len(off) + off.T @ off / len(off)
+        return mean, covariance, found.noise
+
+
+class Smoother:
+    """The boxes of a log, and estimates from them."""
+
+    def __init__(
+        self, solver: SmootherSolver, boxes: Sequence[BoxRows], samples: int, choice: Choice | None = None
+    ) -> None:
+        self.solver, self.boxes, self.samples, self.choice = solver, boxes, samples, choice
+        n = solver.coefficients
+        self.names = [(i, name) for i, own in enumerate(solver.unknowns) for name in own]
+        self.size = n + len(self.names)
+        fullest = max(len(part.rows) for part in boxes)
+        self.count = int(np.clip(fullest // LIMITS.boxes_per_interval, 1, LIMITS.intervals))
+        self.where = [np.minimum(part.place * self.count // samples, self.count - 1) for part in boxes]
+        self.columns, first = [], n
+        for own in solver.unknowns:
+            self.columns.append(np.r_[:n, first : first + len(own)])
+            first += len(own)
+        self.active = np.r_[:n, [n + i for i, name in enumerate(self.names) if name[1] in solver.required]].astype(int)
+        self.scale = self._scale()
+        self.powers = np.zeros(self.size)
+        self.powers[:n] = np.maximum(np.array(solver.powers) - 1.0, 0.0)
+
+    def _scale(self) -> Array:
+        """Return the prior's standard deviation of each unknown, shape (size,)."""
+        scale = np.zeros(self.size)
+        for part, columns in zip(self.boxes, self.columns, strict=True):
+            rms = np.sqrt(np.mean(np.square(part.rows), axis=0)) if len(part.rows) else np.ones(columns.size + 1)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                own = np.where(rms[:-1] > 0.0, rms[-1] / rms[:-1], 0.0)
+            scale[columns] = np.maximum(scale[columns], own)
+        return LIMITS.prior * np.where(scale > 0.0, scale, 1.0)
+
+    def trajectory(self) -> Trajectory | None:
+        """Estimate the unknowns; None where there are fewer rows than unknowns."""
+        if sum(len(part.rows) for part in self.boxes) <= self.active.size:
+            return None
+        choice = self.choice
+        if choice is None:
+            triangles, choice = self._chosen()
+        else:
+            self.active, self.prior, self.direction, self.usual = choice[1:5]
+            triangles = self._triangles(choice.noise, [None] * len(self.boxes))
+        mean, root = self._averaged(triangles, choice.evidence)
+        return self._external(mean, root, choice)
+
+    def _chosen(self) -> tuple[Array, Choice]:
+        """Choose noise, unknowns and hypotheses; return the triangles, too."""
+        noise, usual = [RowNoise.white(part) for part in self.boxes], None
+        weights: list[Array | None] = [None] * len(noise)
+        for done in range(LIMITS.most_rounds):
+            evidence, smoothed = self._explained(self._triangles(noise, weights), usual, False)
+            noise, weights = self._noise(self._whole(smoothed.mean))
+            usual = smoothed.mean.mean(axis=0)
+            if done + 1 >= LIMITS.rounds and max(evidence, key=lambda change: evidence[change]).constant:
+                break
+        triangles = self._triangles(noise, weights)
+        evidence, _ = self._explained(triangles, usual, True)
+        return triangles, Choice(tuple(noise), self.active, self.prior, self.direction, self.usual, evidence)
+
+    def _noise(self, mean: Array) -> tuple[list[RowNoise], list[Array | None]]:
+        """Return the noise of each equation, from what an estimate leaves over of its rows, and the weights of these."""
+        residuals = [
+            part.rows[:, -1] - np.einsum("ij,ij->i", part.rows[:, :-1], mean[where][:, columns])
+            for part, columns, where in zip(self.boxes, self.columns, self.where, strict=True)
+        ]
+        noise, weights = [], []
+        for i, (residual, part) in enumerate(zip(residuals, self.boxes, strict=True)):
+            before = list(zip(residuals[:i], self.boxes[:i], strict=True))
+            noise.append(RowNoise.fitted(residual, part, before))
+            columns = [(own[:, None], boxes) for own, boxes in before]
+            weights.append(tail_weights(noise[-1].whitened(residual[:, None], part, columns)[:, 0]))
+        return noise, weights
+
+    def _triangles(self, noise: Sequence[RowNoise], weights: Sequence[Array | None]) -> Array:
+        """Return the whitened and weighted rows of each interval as a triangle over all unknowns, shape (K, size, size + 1)."""
+        out = np.zeros((self.count, self.size, self.size + 1))
+        whole: list[Array] = []
+        for i, (part, own, columns) in enumerate(zip(self.boxes, noise, self.columns, strict=True)):
+            rows = np.zeros((len(part.rows), self.size + 1))
+            rows[:, np.r_[columns, self.size]] = part.rows
+            whole.append(rows)
+            white = own.whitened(rows, part, list(zip(whole[:i], self.boxes[:i], strict=True)))
+            weight = weights[i]
+            _rotate(white if weight is None else np.sqrt(weight)[:, None] * white, self.where[i], out)
+        return out
+
+    def _measurements(self, triangles: Array) -> Array:
+        """Return triangles in scaled unknowns, of those that are active, with a row of what none explains."""
+        picked = np.concatenate((triangles[:, :, self.active] * self.scale[self.active], triangles[:, :, -1:]), axis=2)
+        return np.ascontiguousarray(_triangle(picked))
+
+    def _steps(self, change: Change, direction: Array) -> Array:
+        """Return the random walk's rows for a hypothesis, shape (K − 1, r, active).
+
+        Parameters
+        ----------
+        direction : shape (transmissions, active), the torque of each transmission as a whole, in scaled unknowns
+        """
+        n, count = self.solver.coefficients, max(self.count - 1, 0)
+        rows = []
+        if change.whole or change.jumps:
+            share = np.full(count, change.whole / np.sqrt(max(count, 1)))
+            share[list(change.jumps)] = LIMITS.fastest
+            rows += [share[:, None] * own for own in direction]
+        if change.shape:
+            step = change.shape / np.sqrt(max(count, 1))
+            rows += [np.tile(step * row, (count, 1)) for row in np.diag(self.usual)[:n]]
+        return np.ascontiguousarray(np.stack(rows, axis=1) if rows else np.zeros((count, 1, self.active.size)))
+
+    def _smooth(self, measurements: Array, change: Change, direction: Array, backward: bool) -> Smoothed:
+        steps = self._steps(change, direction)
+        return smooth(measurements, steps, np.zeros(self.active.size), np.diag(self.prior), backward)
+
+    def _direction(self, usual: Array) -> Array:
+        views, n = self.solver.transmissions, self.solver.coefficients
+        out = np.zeros((views, self.active.size))
+        for i in range(views):
+            part = slice(i * n // views, (i + 1) * n // views)
+            out[i, part] = usual[part]
+        return out
+
+    def _explained(self, triangles: Array, usual: Array | None, shapes: bool) -> tuple[dict[Change, float], Smoothed]:
+        """Return each hypothesis' log evidence, and what the best one estimates; unknowns that the log shows become active.
+
+        Parameters
+        ----------
+        triangles : of `_triangles`
+        usual : shape (active,), the torque as a whole; None to take that of a spring that does not change
+        shapes : whether the shape may change, too
+        """
+        measurements = self._measurements(triangles)
+        self.prior = _smoothness(measurements, self.powers[self.active])
+        still = self._smooth(measurements, Change(), np.zeros((0, self.active.size)), False)
+        usual = still.filtered_mean[-1] if usual is None else usual
+        self.direction = self._direction(usual)
+        self.usual = np.sqrt(usual**2 + np.square(still.filtered_root[-1]).sum(axis=0))
+        evidence = self._weighed(measurements, (), shapes)
+        best = max(evidence, key=lambda change: evidence[change])
+        while True:
+            smoothed = self._smooth(measurements, best, self.direction, True)
+            jump = self._jump(smoothed, best)
+            if jump is None:
+                break
+            jumps = (*best.jumps, jump)
+            added = self._weighed(measurements, jumps, shapes)
+            # Any interval could have been the one.
+            evidence |= {change: value - np.log(self.count - 1) * len(jumps) for change, value in added.items()}
+            better = max(evidence, key=lambda change: evidence[change])
+            if better == best:
+                break
+            best = better
+        # A causal filter's acceleration lags and is noisy, which another inertia would explain.
+        if not self.solver.causal and self._shown(triangles, best):
+            return self._explained(triangles, None, shapes)
+        return evidence, smoothed
+
+    def _shown(self, triangles: Array, change: Change) -> bool:
+        """Make the unknown of an equation active that the log shows most clearly, and tell whether there is one."""
+        likelihoods = {}
+        active, prior, direction, usual = self.active, self.prior, self.direction, self.usual
+        for i in (-1, *np.setdiff1d(np.arange(self.size), active)):
+            added = int(i >= 0)
+            self.active = np.r_[active, [i] * added].astype(int)
+            self.prior, self.usual = (np.r_[own, [1.0] * added] for own in (prior, usual))
+            self.direction = np.hstack((direction, np.zeros((len(direction), added))))
+            likelihoods[i] = self._smooth(self._measurements(triangles), change, self.direction, False).log_likelihood
+        best = max(likelihoods, key=lambda i: likelihoods[i])
+        # Twice a logarithm of likelihoods is χ² of one degree of freedom.
+        shown = best >= 0 and 2.0 * (likelihoods[best] - likelihoods[-1]) > two_sided(FALSE_ALARM) ** 2
+        self.active = np.r_[active, [best] if shown else []].astype(int)
+        self.prior, self.direction, self.usual = prior, direction, usual
+        return shown
+
+    def _weighed(self, measurements: Array, jumps: tuple[int, ...], shapes: bool) -> dict[Change, float]:
+        """Return the log evidence of hypotheses with some jumps: no other change, of the whole, and of the shape, too."""
+        evidence: dict[Change, float] = {}
+        changes = LIMITS.changes
+        prior = np.log(0.5 / changes.size)  # either it changes or not, each alike
+
+        def weigh(change: Change, prior: float) -> float:
+            if change not in evidence:
+                evidence[change] = self._smooth(measurements, change, self.direction, False).log_likelihood + prior
+            return evidence[change]
+
+        still = Change(0.0, 0.0, jumps)
+        weigh(still, 2.0 * np.log(0.5))
+        for whole in changes:
+            weigh(still._replace(whole=whole), prior + np.log(0.5))
+        best = max(evidence, key=lambda change: evidence[change])
+        for shape in changes if shapes else ():
+            weigh(best._replace(shape=shape), prior + (np.log(0.5) if best.whole == 0.0 else prior))
+        return evidence
+
+    def _jump(self, smoothed: Smoothed, change: Change) -> int | None:
+        """Return the interval after which the disturbance is too large for the walk, None where none is."""
+        if self.count < 2:
+            return None
+        V = smoothed.before[1:]
+        P, Ps = np.swapaxes(V, 1, 2) @ V, np.swapaxes(smoothed.root[1:], 1, 2) @ smoothed.root[1:]
+        off = smoothed.mean[1:] - smoothed.filtered_mean[:-1]
+        most, found = two_sided(FALSE_ALARM / (self.count - 1) / len(self.direction)), None
+        for direction in self.direction:
+            g = np.linalg.solve(P, np.broadcast_to(direction, off.shape)[:, :, None])[:, :, 0]
+            score = np.einsum("ki,ki->k", g, off)
+            information = np.einsum("ki,kij,kj->k", g, P - Ps, g)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                size = np.abs(score) / np.sqrt(information)
+            size[~np.isfinite(size)] = 0.0
+            size[list(change.jumps)] = 0.0
+            k = int(np.argmax(size))
+            if size[k] > most:
+                most, found = float(size[k]), k
+        return found
+
+    def _averaged(self, triangles: Array, evidence: Mapping[Change, float]) -> tuple[Array, Array]:
+        """Return mean (K, n) and root (K, n, n) of all unknowns, averaged over hypotheses."""
+        measurements = self._measurements(triangles)
+        top = max(evidence.values())
+        weights = {change: float(np.exp(value - top)) for change, value in evidence.items()}
+        weights = {change: w for change, w in weights.items() if w > LIMITS.least_weight}
+        total = sum(weights.values())
+        each = [(w / total, self._smooth(measurements, change, self.direction, True)) for change, w in weights.items()]
+        if self.solver.causal:
+            # An interval is told of by those before it.
+            each = [
+                (w, s._replace(mean=np.vstack((0.0 * s.mean[:1], s.filtered_mean[:-1])), root=s.before))
+                for w, s in each
+            ]
+        mean = sum(w * s.mean for w, s in each)
+        stack = np.concatenate(
+            [part for w, s in each for part in (np.sqrt(w) * s.root, np.sqrt(w) * (s.mean - mean)[:, None, :])], axis=1
+        )
+        return self._whole(np.asarray(mean)), _triangle(stack) * self.scale[self.active]
+
+    def _whole(self, mean: Array) -> Array:
+        """Return all unknowns, in their units, of scaled ones that are active."""
+        out = np.zeros((len(mean), self.size))
+        out[:, self.active] = mean * self.scale[self.active]
+        return out
+
+    def _external(self, mean: Array, root: Array, choice: Choice) -> Trajectory:
+        """Return what functionals are of: the motor's unknowns where it has any, and the coefficients."""
+        n, leading = self.solver.coefficients, self.solver.leading
+        own = self.solver.unknowns[-1]
+        order = np.r_[n + len(self.names) - len(own) + np.arange(leading), :n].astype(int) if leading else np.arange(n)
+        full = np.zeros((self.count, root.shape[1], self.size))
+        full[:, :, self.active] = root
+        picked = _triangle(full[:, :, order])
+        linear = np.full(self.count, not self.solver.causal)
+        linear[[*choice.change.jumps, self.count - 1]] = False
+        deviation = np.sqrt(np.square(full).sum(axis=1)).mean(axis=0)
+        others = {self.names[i - n]: (float(mean[:, i].mean()), float(deviation[i])) for i in self.active if i >= n}
+        torque = (mean[:, self.active] / self.scale[self.active]) @ (
+            self.direction.T / np.square(self.direction).sum(axis=1)
+        )
+        external = np.ascontiguousarray(mean[:, order])
+        return Trajectory(self.samples, external, picked, linear, choice.noise[0].deviation, choice, torque, others)
+
+
+def _triangle(rows: Array) -> Array:
+    """Return the triangular factor R of rows, Rᵀ R = rowsᵀ rows, over the last two dimensions."""
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+def _smoothness(measurements: Array, powers: Array) -> Array:
+    """Return the prior's standard deviation of each scaled unknown, shape (n,).
+
+    Springs are smooth: of a power of the deflection the torque has r times as much as of the power before. How smooth is an
+    average over the r that the log makes probable, as if unknowns did not change.
+
+    Parameters
+    ----------
+    measurements : shape (K, m, n + 1)
+    powers : shape (n,), by which power beyond the first each unknown multiplies the deflection
+    """
+    n = measurements.shape[2] - 1
+    R = _triangle(measurements.reshape(-1, n + 1))[:n]
+    priors = np.stack([ratio**powers for ratio in LIMITS.ratios])
+    evidence = []
+    for prior in priors:
+        # In units of the prior, so that none is divided by.
+        H = np.vstack((R[:, :n] * prior, np.eye(n)))
+        U = _triangle(np.column_stack((H, np.concatenate((R[:, n], np.zeros(n))))))
+        evidence.append(0.5 * float(np.sum(U[:n, n] ** 2)) - float(np.log(np.abs(np.diagonal(U)[:n])).sum()))
+    weights = np.exp(np.array(evidence) - max(evidence))
+    return np.asarray(np.sqrt(weights @ priors**2 / weights.sum()))
+
+
+@compiled
+def _rotate(rows: Array, where: Integers, triangles: Array) -> None:
+    """Rotate each row into its interval's triangle; what is left over of it counts for no unknown."""
+    scratch = np.empty(rows.shape[1])
+    n = rows.shape[1] - 1
+    for k in range(rows.shape[0]):
+        qr_update(rows[k, :n], rows[k, n], 1.0, triangles[where[k]], scratch)
+
+
+@compiled
+def _evaluate(
+    mean: Array, root: Array, linear: Flags, samples: int, first: int, E: Array, spread: Flags, values: Array, variances: Array,
+    unknowns: Array,
+) -> None:  # fmt: skip
+    """Evaluate functionals: linearly between the middles of intervals, and as in the interval where there was a jump."""
+    count, n = mean.shape
+    for k in range(E.shape[0]):
+        place = (first + k + 0.5) * count / samples - 0.5
+        left = min(max(int(np.floor(place)), 0), count - 1)
+        right, part = min(left + 1, count - 1), min(max(place - left, 0.0), 1.0)
+        if not linear[left]:
+            part = 1.0 if part > 0.5 else 0.0
+        for i in range(n):
+            unknowns[k, i] = (1.0 - part) * mean[left, i] + part * mean[right, i]
+        nearest = right if part > 0.5 else left
+        for s in range(E.shape[1]):
+            value = 0.0
+            for i in range(n):
+                value += E[k, s, i] * unknowns[k, i]
+            values[k, s] = value
+            if not spread[s]:
+                continue
+            variance = 0.0
+            for h in range(n):
+                total = 0.0
+                for i in range(h, n):
+                    total += root[nearest, h, i] * E[k, s, i]
+                variance += total * total
+            variances[k, s] = variance
