@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.core.errors import EstimatorError
+from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimation.joint import choose
 from vsalog.estimators.device import device_of
@@ -21,10 +22,11 @@ from vsalog.simulation.experiments import awas_experiment, vsa2_experiment
 pytestmark = pytest.mark.share(2)
 SEA = Rig.preset("sea").file
 PERIOD, SECONDS = 2e-3, 24.0
+STEP = float(np.deg2rad(0.01))
 INERTIA, DAMPING, LINK, LINK_DAMPING, WEIGHT, LINEAR, CUBIC = 0.08, 0.4, 0.05, 0.1, 3.0, 20.0, 2000.0
 
 
-def machine(softer=lambda t: 0.0, seed=0, noise=0.02, step=np.deg2rad(0.01)):
+def machine(softer=lambda t: 0.0, seed=0, noise=0.02, step=STEP):
     """A series elastic joint with the preset's numbers, integrated by scipy: its signals and true stiffness, by role.
 
     The spring is softer by a part that depends on time.
@@ -57,10 +59,8 @@ def machine(softer=lambda t: 0.0, seed=0, noise=0.02, step=np.deg2rad(0.01)):
     return t, signals, left * (LINEAR + 3.0 * CUBIC * phi**2)
 
 
-def bound(t, signals, like=None):
+def bound(t, signals):
     """Signals of the preset's joint on their grid."""
-    from vsalog.core.signals import JointSignals
-
     starts = np.zeros(t.size, dtype=bool)
     starts[0] = True
     return JointSignals(
@@ -197,7 +197,7 @@ def test_causal_asks_any_method_for_a_causal_filter():
     assert choose("sea", joint, "residual-rls", {"causal": "true"}).tuning.filter == "kinematic"
     chosen = choose("sea", joint, "smoother", {"causal": "true"}).tuning
     assert (chosen.filter, chosen.causal) == ("kinematic", True)
-    with pytest.raises(EstimatorError, match="derivative=difference|no causal filter|causal"):
+    with pytest.raises(EstimatorError, match="causal"):
         choose("sea", joint, "impedance", {"causal": "true"})
 
 

@@ -39,7 +39,7 @@ def gauss_markov(H, z, W, x, U):
 
 
 def textbook(H, z, W, x, U):
-    """Kalman filter and Rauch–Tung–Striebel smoother with covariances (Särkkä, Bayesian Filtering and Smoothing, 2013, alg. 8.1)."""
+    """Kalman filter and Rauch–Tung–Striebel smoother with covariances (Särkkä, Bayesian Filtering and Smoothing, 2013, §8.2)."""
     K, n = len(H), len(x)
     means, covariances, P = [], [], U.T @ U
     for k in range(K):
