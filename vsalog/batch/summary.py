@@ -43,6 +43,8 @@ _OF_TRANSMISSION = (
     Figure("fit_mean", unit="N*m"),
     Figure("fit_share", head="RMS residual [%]"),
     Figure("deflection_span", unit="rad"),
+    Figure("external_stiffness_low", unit="N*m/rad"),
+    Figure("external_stiffness_high", unit="N*m/rad"),
 )
 # What each command finds, in the order of the columns.
 FIGURES: dict[Do, tuple[Figure, ...]] = {

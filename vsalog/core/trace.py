@@ -50,6 +50,8 @@ EXTRA_UNITS = {
     "pressure_2": "Pa",
     "pressure_2_std": "Pa",
     "flexibility_torque_std": "N*m",
+    "external_stiffness": "N*m/rad",
+    "external_stiffness_std": "N*m/rad",
     "link_inertia": "kg*m^2",
     "link_inertia_std": "kg*m^2",
     "link_damping": "N*m*s/rad",

@@ -23,6 +23,7 @@ from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.core.model import UNITS, ModelFile
 from vsalog.core.recording import Recording
 from vsalog.core.trace import Trace
+from vsalog.estimation.external_stiffness import position_roles
 from vsalog.estimation.joint import (
     Choice,
     JointEstimate,
@@ -107,6 +108,7 @@ class Job:
                     setpoints=self.setpoints,
                     sink=sink,
                     rig=self.rig.file,
+                    stated=self.rig.tolerances[name],
                 )
             )
         return out
@@ -221,9 +223,8 @@ class _Wanted:
         for name, choice in choices.items():
             needed |= _channels(rig, name, log, choice.roles)
             joint = rig.joints[name]
-            welcome |= _channels(
-                rig, name, log, reference_roles(device_of(name, joint, rig=rig.file), joint, choice.roles)
-            )
+            references = reference_roles(device_of(name, joint, rig=rig.file), joint, choice.roles)
+            welcome |= _channels(rig, name, log, (*references, *position_roles(name, rig.file, joint)))
         return cls(needed, welcome)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence, Set
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import msgspec
 import numpy as np
@@ -22,6 +23,7 @@ from vsalog.core.model import JointModel
 from vsalog.core.precision import ROUNDING
 from vsalog.core.recording import Recording
 from vsalog.core.trace import Trace
+from vsalog.estimation.external_stiffness import ExternalStiffness
 from vsalog.estimation.summary import JointSummary, Summarizer, findings_of
 from vsalog.estimators.acceleration_group import senses_acceleration
 from vsalog.estimators.device import Device, device_of
@@ -239,6 +241,7 @@ def estimate_joint(
     sink: Sink | None = None,
     block: int = BLOCK,
     rig: RigFile | None = None,
+    stated: Mapping[str, float] = MappingProxyType({}),
 ) -> JointEstimate:
     """Run an estimator over recordings, several of which make one model.
 
@@ -251,6 +254,7 @@ def estimate_joint(
     sink : where blocks of the trace go; they are kept in memory when absent
     block : rows at a time
     rig : as for `choose`
+    stated : how well the joint's quantities are known, as `Rig.tolerances` has it
 
     Raises
     ------
@@ -265,6 +269,7 @@ def estimate_joint(
     refuse_dead_sensors(choice.name, look)
     kept: list[Trace] = []
     summarizer = Summarizer(device)
+    external = ExternalStiffness.of(recordings, joint, device, signals, stated)
     # Where numbers run out of range the estimate is infinite or none, and the trace says so; numpy need not.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         fold = choice.method.build(device, look, choice.tuning)
@@ -285,6 +290,8 @@ def estimate_joint(
             if dead:
                 trace = trace.never_excited(_invalidated(dead, trace.transmissions.keys()))
             rows += len(trace)
+            if external is not None:
+                trace = external.added(trace)
             summarizer.add(trace)
             checks.add(trace)
             pass_on(trace)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
+from vsalog.estimation.external_stiffness import COLUMN
 from vsalog.estimators.device import Device
 from vsalog.estimators.equation import MOST_OF_LOG, NEGLIGIBLE_SHARE, SUPPORTED_SHARE
 from vsalog.uncertainty.sensor_error import ENOUGH
@@ -37,6 +38,7 @@ class TransmissionSummary(msgspec.Struct, frozen=True, kw_only=True):
     fit_mean : mean of fed minus fitted [N·m]
     fit_share : fit_rms as a share of the torque's own standard deviation
     deflection_span : greatest minus least deflection [rad]
+    external_stiffness_low, external_stiffness_high : as of the stiffness, with the link's weight [N·m/rad]; of the device
     """
 
     transmission: str
@@ -51,6 +53,8 @@ class TransmissionSummary(msgspec.Struct, frozen=True, kw_only=True):
     fit_mean: float | None
     fit_share: float | None
     deflection_span: float | None
+    external_stiffness_low: float | None
+    external_stiffness_high: float | None
 
 
 class JointSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -63,11 +67,32 @@ class JointSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @dataclass(slots=True)
+class _Kept:
+    """Thinned samples for quantiles, of bounded size however long the log is."""
+
+    seen: list[Array] = field(default_factory=list)
+    every: int = 1
+
+    def add(self, values: Array) -> None:
+        """Keep some of a block's values."""
+        self.seen.append(values[:: self.every].copy())
+        if sum(x.size for x in self.seen) > ENOUGH:
+            self.seen = [np.concatenate(self.seen)[::2]]
+            self.every *= 2
+
+    def range(self) -> tuple[float | None, float | None]:
+        """Return the 1 % and the 99 % quantile; None where there is nothing."""
+        values = np.concatenate(self.seen) if self.seen else np.empty(0)
+        low, high = np.quantile(values, (0.01, 0.99)) if values.size else (np.nan, np.nan)
+        return _known(low), _known(high)
+
+
+@dataclass(slots=True)
 class _Sums:
     samples: int = 0
     excited: int = 0
-    seen: list[Array] = field(default_factory=list)
-    every: int = 1
+    stiffness: _Kept = field(default_factory=_Kept)
+    external: _Kept = field(default_factory=_Kept)
     negative: int = 0
     last: float = np.nan
     relative: float = 0.0
@@ -98,7 +123,10 @@ class Summarizer:
                 # A stiffness below zero is never supported, however well it is known.
                 s.negative += int(np.count_nonzero(SUPPORTED_SHARE * sigma < -std))
             if excited.any():
-                _keep(s, sigma[excited])
+                s.stiffness.add(sigma[excited])
+                if COLUMN in columns:
+                    external = np.asarray(columns[COLUMN], float)[excited]
+                    s.external.add(external[np.isfinite(external)])
                 s.last = float(sigma[excited][-1])
                 s.relative += float(np.sum((std[excited] / sigma[excited]) ** 2))
             phi = np.asarray(columns["deflection"], float)
@@ -128,24 +156,16 @@ class Summarizer:
         )
 
 
-def _keep(s: _Sums, sigma: Array) -> None:
-    """Keep a thinned sample for the quantiles, of bounded size however long the log is."""
-    s.seen.append(sigma[:: s.every].copy())
-    if sum(x.size for x in s.seen) > ENOUGH:
-        s.seen = [np.concatenate(s.seen)[::2]]
-        s.every *= 2
-
-
 def _figures(name: str, s: _Sums) -> TransmissionSummary:
     fit = (s.fit_square / s.fit_count) ** 0.5 if s.fit_count else None
     spread = max(s.torque_square / s.fit_count - (s.torque_sum / s.fit_count) ** 2, 0.0) ** 0.5 if s.fit_count else 0.0
-    low, high = np.quantile(np.concatenate(s.seen), (0.01, 0.99)) if s.seen else (np.nan, np.nan)
+    (low, high), (external_low, external_high) = s.stiffness.range(), s.external.range()
     return TransmissionSummary(
         transmission=name,
         samples=s.samples,
         excited_share=s.excited / s.samples if s.samples else 0.0,
-        stiffness_low=_known(low),
-        stiffness_high=_known(high),
+        stiffness_low=low,
+        stiffness_high=high,
         stiffness_last=_known(s.last),
         negative_share=s.negative / s.samples if s.samples else 0.0,
         relative_std=(s.relative / s.excited) ** 0.5 if s.excited else None,
@@ -153,6 +173,8 @@ def _figures(name: str, s: _Sums) -> TransmissionSummary:
         fit_mean=s.fit_sum / s.fit_count if s.fit_count else None,
         fit_share=fit / spread if fit is not None and spread > 0.0 else None,
         deflection_span=_known(s.phi_high - s.phi_low),
+        external_stiffness_low=external_low,
+        external_stiffness_high=external_high,
     )
 
 

@@ -26,13 +26,16 @@ def bodies(chain: Chain, payloads: dict[str, Payload] | None = None) -> Array:
     return np.array([_body(link, (payloads or {}).get(link.joint)) for link in chain.link])
 
 
-def inverse_dynamics(chain: Chain, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
+def inverse_dynamics(
+    chain: Chain, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, payloads: dict[str, Payload] | None = None
+) -> Array:
     """Return the torques that move the links so [N·m].
 
     Parameters
     ----------
     chain : of the rig, N links
     q, dq, ddq : shape (…, N) [rad, rad/s, rad/s²], broadcast
+    payloads : as for `bodies`
 
     Returns
     -------
@@ -41,7 +44,7 @@ def inverse_dynamics(chain: Chain, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) 
     x, v, a = np.broadcast_arrays(*(np.asarray(values, dtype=np.float64) for values in (q, dq, ddq)))
     x2, v2, a2 = (np.ascontiguousarray(values.reshape(-1, x.shape[-1])) for values in (x, v, a))
     out = np.empty_like(x2)
-    links = bodies(chain)
+    links = bodies(chain, payloads)
     numbers = np.concatenate([links.ravel(), chain.gravity])
     _rigid_body.inverse_dynamics_over_time(numbers, links.size, x2, v2, a2, out)
     return out.reshape(x.shape)

@@ -149,7 +149,7 @@ def _joints(job: Job, estimates: Sequence[JointEstimate], trace: Path | None) ->
         about += f" {s.duration:.4g} s at {1.0 / s.period:.4g} Hz." if s.period > 0.0 else ""
         if trace is not None and parts and thinned(e) > 1:
             about += f" The figures are drawn of one sample in {thinned(e)}."
-        told = (Words(about), _table(parts), _motor(e.model.motor))
+        told: tuple[Block, ...] = (Words(about), _table(parts), *_external(s.transmissions), _motor(e.model.motor))
         title = f"Joint {e.joint}" if len(estimates) > 1 else ""
         yield Section(title, (*first, Notes(e.findings), *told, *rest), _verdict(e, parts))
 
@@ -197,6 +197,16 @@ def _table(parts: Sequence[TransmissionSummary]) -> Table:
         for p in parts
     ]
     return Table("Estimate", heads, () if _is_observed(parts) else tuple(rows))
+
+
+def _external(parts: Sequence[TransmissionSummary]) -> Iterator[Words]:
+    """Yield what a hand on the link feels, where the rig has the link's weight."""
+    for part in parts:
+        if part.external_stiffness_low is not None:
+            span = between(part.external_stiffness_low, part.external_stiffness_high)
+            yield Words(
+                f"With the link's weight, the external stiffness σ + ∂g/∂q is {span} N·m/rad (1 % to 99 % of the samples)."
+            )
 
 
 def _motor(found: Mapping[str, float]) -> Table:
