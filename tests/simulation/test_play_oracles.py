@@ -200,6 +200,33 @@ def test_two_links_with_elastic_joints(s):
         assert_close(ours[name]["motor_position"], found[4 + i])
 
 
+def test_the_qbmove_has_the_springs_of_its_data_sheet():
+    """τ = 0.0222 sinh 6.7328 (q − θ₁) + 0.0216 sinh 6.9602 (q − θ₂); both motors are held, and the shaft is pushed."""
+
+    def spring(i, u):
+        return (0.0222 * np.sinh(6.7328 * u), 0.0216 * np.sinh(6.9602 * u))[i]
+
+    def motors(t):
+        return 0.12 * np.sin(2 * np.pi * 0.7 * t), 0.1 * np.sin(2 * np.pi * 0.5 * t + 0.3)
+
+    def rate(t, x):
+        q, dq, a, da, b, db = x
+        t1, t2 = spring(0, q - a), spring(1, q - b)
+        ddq = (-t1 - t2 - 0.05 * dq - 0.3 * np.sin(q)) / 0.01
+        u1, u2 = motors(t)
+        return [dq, ddq, da, (u1 + t1 - 0.0019 * da) / 0.0233, db, (u2 + t2 - 0.0019 * db) / 0.0233]
+
+    inputs = {"motor_torque_1": lambda t: motors(t)[0], "motor_torque_2": lambda t: motors(t)[1]}
+    ours = play(build(Rig.preset("qbmove").file.joint), {"qbmove": inputs}, TIME)["qbmove"]
+    q, _, a, _, b, _ = oracle(rate, [0.0] * 6)
+    assert np.ptp(q - a) * 6.7328 > 2.0  # far into the hardening
+    assert_close(ours["link_position"], q)
+    assert_close(ours["motor_position_1"], a)
+    assert_close(ours["motor_position_2"], b)
+    stiffness = 6.7328 * 0.0222 * np.cosh(6.7328 * (q - a)) + 6.9602 * 0.0216 * np.cosh(6.9602 * (q - b))
+    assert_close(ours["stiffness_total"], stiffness)
+
+
 def test_an_antagonistic_joint_with_unlike_transmissions():
     joint = AntagonisticJoint(
         motor_1=Motor(inertia=7e-3, damping=2e-3), motor_2=Motor(inertia=9e-3, damping=1e-3),
