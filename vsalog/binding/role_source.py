@@ -72,7 +72,7 @@ class Source:
         seconds = (stamps - self.origin).astype(np.float64) * 1e-9 if signal.drift else None
         values, resolution = seen_by(values, signal, seconds)
         if self.lever is not None:
-            values = self.lever.start - self.lever.travel * values
+            values = self.lever.arm(values)
             resolution = None if resolution is None else resolution * abs(self.lever.travel)
         greatest = float(np.fmax.reduce(np.abs(values)))
         if greatest > float(np.finfo(np.float32).max):  # of which squares and their products are finite

@@ -18,6 +18,7 @@ from vsalog.core.signals import JointSignals
 from vsalog.estimation.joint import choose
 from vsalog.estimators.device import device_of
 from vsalog.rig.schema import RigFile
+from vsalog.simulation.channels import is_lever_arm
 
 
 class LiveEstimate:
@@ -61,6 +62,9 @@ class LiveEstimate:
                 if role == "motor_torque":
                     driven: Any = self.rig.joint[name]
                     true = made_of(true, driven.motor.reflected)
+                lever = getattr(self.rig.joint[name], "lever", None) if role == "setpoint" else None
+                if lever is not None and not is_lever_arm(role, sensor):
+                    true = lever.arm(true)
                 roles[role if name == self.joint else f"{name}/{role}"] = true
         block = JointSignals(
             self.joint, self.period, np.array([round(k * self.period * 1e9)], dtype=np.int64), np.array([k * self.period]), roles,

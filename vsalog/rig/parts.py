@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Literal, Self, TypeAlias
 
+import numpy as np
 from msgspec import Meta
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from vsalog.core.quantities import (
     AddedCubicStiffness,
@@ -33,6 +35,8 @@ from vsalog.effects.friction import Friction
 from vsalog.effects.gravity import Payload
 from vsalog.effects.hysteresis import BoucWen, SlipElement
 from vsalog.rig.effect_tables import Body, composed
+
+Array = NDArray[np.float64]
 
 
 class MotorCore(Body, frozen=True):
@@ -219,3 +223,7 @@ class Lever(Base, frozen=True):
 
     start: Length
     travel: LengthPerAngle
+
+    def arm(self, angle: Array) -> Array:
+        """Return r [m] at angles θ_c [rad], shape of `angle`."""
+        return self.start - self.travel * angle

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from vsalog.simulation.inputs import Signal, TorqueInput
-from vsalog.simulation.scenario_schema import PiControlDrive, StateFeedbackDrive
+from vsalog.simulation.scenario_schema import PiControlDrive, StateFeedbackDrive, StiffnessControlDrive
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,11 +58,42 @@ class PiControl:
     tune: Mapping[str, str] = field(default_factory=dict)
 
 
-Controller = StateFeedback | PiControl
+@dataclass(frozen=True, slots=True)
+class StiffnessControl:
+    """Motors that make a joint's position and its stiffness follow references, see `control_stiffness`.
+
+    Attributes
+    ----------
+    reference : of the device's stiffness, a function of an array of times [s] → [N·m/rad]
+    position : of the link, likewise [rad]
+    frequency : of the motors' position loops [rad/s]
+    bandwidth : at which an error of the stiffness is taken away [rad/s]
+    feedback : where the stiffness comes from: an estimator's name; ``truth``; or ``none``: the rig's springs alone
+    limit : the largest torque of a motor [N·m]
+    tune : of the estimator, NAME → VALUE
+    """
+
+    reference: TorqueInput
+    position: TorqueInput
+    frequency: float
+    bandwidth: float
+    feedback: str = "residual-rls"
+    limit: float = float("inf")
+    tune: Mapping[str, str] = field(default_factory=dict)
 
 
-def controller_of(drive: StateFeedbackDrive | PiControlDrive, reference: Signal) -> Controller:
-    """Return a scenario's controller, with its reference as a function of time."""
+Controller = StateFeedback | PiControl | StiffnessControl
+
+
+def controller_of(
+    drive: StateFeedbackDrive | PiControlDrive | StiffnessControlDrive, references: Mapping[str, Signal]
+) -> Controller:
+    """Return a scenario's controller, with its references as functions of time, by their keys."""
+    if isinstance(drive, StiffnessControlDrive):
+        limit = float("inf") if drive.limit is None else drive.limit
+        wanted = references["stiffness"], references["position"]
+        return StiffnessControl(*wanted, drive.frequency, drive.bandwidth, drive.feedback, limit, drive.tune)
+    reference = references["reference"]
     if isinstance(drive, PiControlDrive):
         return PiControl(
             reference, drive.proportional, drive.integral, drive.bias, drive.of, drive.feedback, tune=drive.tune

@@ -16,6 +16,7 @@ from vsalog.core.errors import SimulationError
 from vsalog.core.live_estimator import LiveEstimator, Said
 from vsalog.core.recording import Recording
 from vsalog.rig.schema import RigFile
+from vsalog.simulation.inputs import Servo
 from vsalog.simulation.sensors import LiveSensors
 
 Array = NDArray[np.float64]
@@ -29,12 +30,17 @@ class Loop(Protocol):
 
     Attributes
     ----------
-    commands : role → shape (N,), what it commands, filled as time goes on; all of it is what it would do without feedback first
+    commands : role → shape (N,), what it commands, or a motor's position loop whose reference, shape (N, 2), it writes; filled as
+        time goes on; all of it is what it would do without feedback first
     reads : joint → roles of the sensors that it needs
     """
 
-    commands: dict[str, Array]
     reads: Mapping[str, Collection[str]]
+
+    @property
+    def commands(self) -> Mapping[str, Array | Servo]:
+        """What it commands."""
+        ...
 
     def prepare(self, dry: Recording) -> None:
         """Look at a run without feedback, from which the estimator learns how noisy its sensors are."""

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from vsalog.core.errors import SimulationError
 from vsalog.rig.schema import PneumaticJoint, RigFile
-from vsalog.simulation.control import Controller, StateFeedback
+from vsalog.simulation.control import Controller, StateFeedback, StiffnessControl
 from vsalog.simulation.control_loop import EstimatorFactory, Loop
 from vsalog.simulation.control_pi import PiLoop
 from vsalog.simulation.control_state import StateLoop
+from vsalog.simulation.control_stiffness import StiffnessLoop
 from vsalog.simulation.inputs import Input, Servo, at_samples
 
 Array = NDArray[np.float64]
@@ -47,6 +48,8 @@ def loops_of(
     for name, control in controllers.items():
         if isinstance(control, StateFeedback):
             loops[name] = StateLoop(rig, name, control, plans, time, estimator)
+        elif isinstance(control, StiffnessControl):
+            loops[name] = StiffnessLoop(rig, name, control, time, estimator)
         elif isinstance(rig.joint[name], PneumaticJoint):
             loops[name] = PiLoop(rig, name, control, time, estimator)
         else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsalog.core.errors import SimulationError
+from vsalog.rig.parts import Motor
 
 Array = NDArray[np.float64]
 
@@ -22,7 +24,8 @@ class Servo:
 
     Attributes
     ----------
-    reference : θ_d, a function of an array of times [s], one value per sample, or a constant [rad], on the joint's side
+    reference : θ_d, a function of an array of times [s], one value per sample, or a constant [rad], on the joint's side; or
+        θ_d and θ̇_d of each sample, shape (N, 2), which a controller may write while time goes on
     stiffness : K_p [N·m/rad]
     damping : K_d [N·m·s/rad]
     limit : the largest torque the loop asks for [N·m]
@@ -32,6 +35,25 @@ class Servo:
     stiffness: float
     damping: float
     limit: float = float("inf")
+
+
+def loop_gains(motor: Motor, load: float, rate: float, least: float, period: float) -> tuple[float, float]:
+    """Return K_p [N·m/rad] and K_d [N·m·s/rad] of a critically damped position loop.
+
+    Parameters
+    ----------
+    motor : on the joint's side
+    load : inertia that moves with it [kg·m²]
+    rate : natural frequency [rad/s]
+    least : K_p at least, which makes the loop faster [N·m/rad]
+    period : sample time, which bounds the gains [s]
+    """
+    own = motor.inertia or 1e-3
+    inertia = own + load
+    stiff = max(inertia * rate**2 + motor.damping * rate, least)
+    damping = max(2.0 * math.sqrt(stiff * inertia) - motor.damping, 0.0)
+    # A sampled loop that takes more than a share of the motor's momentum per sample swings.
+    return stiff, min(damping, 0.3 * own / period)
 
 
 @dataclass(frozen=True, slots=True)

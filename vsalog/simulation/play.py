@@ -171,9 +171,7 @@ class _Drives:
                 self.splines[slot.index] = CubicSpline(time, at_samples(given.position, time))
                 self.unknown[slot.joint].add(slot.role)
             elif isinstance(given, Servo):
-                spline = CubicSpline(time, at_samples(given.reference, time))
-                reference = np.zeros((time.size, looks, 2))
-                reference[:, 0] = np.stack([spline(time), spline(time, 1)], axis=-1)
+                reference = _followed(given, time, looks)
                 self.servos.append((slot, _row_of_servo(slot, given, self.period / steps, steps), reference))
             else:
                 self.torques[slot.index] = given
@@ -241,6 +239,17 @@ def _looks(machine: Machine, period: float) -> int:
     """Return how often in a sample's period the fastest drive looks at its encoder."""
     servos = [servo for joint in machine.joints.values() if (servo := drive_of(joint)) is not None]
     return max((max(1, round(period / servo.period)) for servo in servos), default=1)
+
+
+def _followed(servo: Servo, time: Array, looks: int) -> Array:
+    """Return position and velocity that a servo follows, shape (N, looks, 2), of which it looks at the first of each sample."""
+    given = servo.reference
+    if isinstance(given, np.ndarray) and given.ndim == 2:
+        # As it is written while time goes on.
+        return np.broadcast_to(given[:, None], (time.size, looks, 2))
+    spline = CubicSpline(time, at_samples(given, time))
+    followed = np.stack([spline(time), spline(time, 1)], axis=-1)
+    return np.repeat(followed[:, None], looks, axis=1)
 
 
 def _row_of_servo(slot: MotorSlot, servo: Servo, step: float, every: int) -> tuple[float, ...]:
@@ -355,7 +364,7 @@ def _transmitted(
     arm, found = None, {}
     joint = machine.joints[slot.joint]
     if isinstance(joint, SerialJoint) and joint.lever is not None:
-        arm = joint.lever.start - joint.lever.travel * own["secondary_position"]
+        arm = joint.lever.arm(own["secondary_position"])
         found["lever_arm"] = arm
         if bool(np.any(arm <= 0.0)):
             at = time[int(np.argmax(arm <= 0.0))]

@@ -35,6 +35,7 @@ from vsalog.simulation.scenario_schema import (
     ServoDrive,
     StateFeedbackDrive,
     Steps,
+    StiffnessControlDrive,
     Trapezoid,
 )
 
@@ -42,12 +43,16 @@ MOST_SINES = 2000
 """Sines of a multisine, at most: a finer spectrum than a log of minutes resolves, which costs as many evaluations per sample."""
 
 # The SI unit of what drives a role, by how the role's name begins or ends.
-TORQUE, ANGLE, VELOCITY, VOLTAGE = "N*m", "rad", "rad/s", "V"
+TORQUE, ANGLE, VELOCITY, VOLTAGE, STIFFNESS = "N*m", "rad", "rad/s", "V", "N*m/rad"
 # Keys of a part that are in the role's unit.
 _ROLE_KEYS = ("value", "amplitude", "offset", "rms")
 _FREQUENCY_KEYS = ("frequency", "start_frequency", "end_frequency", "spacing", "lowest_frequency", "highest_frequency")
-# What a controller drives.
-COMMANDED = {"state_feedback": ("motor_torque",), "pi_control": ("valve_1", "valve_2")}
+# What a controller drives, of several the first that the joint has.
+COMMANDED = {
+    "state_feedback": (("motor_torque",),),
+    "pi_control": (("valve_1", "valve_2"),),
+    "stiffness_control": (("motor_torque_1", "motor_torque_2"), ("motor_torque", "secondary_torque")),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,16 +185,20 @@ class Scenario:
                 if drive is None or name not in rig.joint:
                     continue
                 path = ("joint", name, key)
-                lacking = [role for role in COMMANDED[key] if role not in driven_roles(rig.joint[name])]
+                known = driven_roles(rig.joint[name])
                 try:
-                    if lacking:
-                        refuse(path, f"it drives {' and '.join(COMMANDED[key])}, and this joint has no {lacking[0]}")
-                    at = (*path, "reference")
-                    unit = _reference_unit(key, drive.of if isinstance(drive, PiControlDrive) else "")
-                    reference = sum_of_parts(drive.reference, unit, self.file.duration, self.folder, at)
+                    if not any(set(roles) <= set(known) for roles in COMMANDED[key]):
+                        roles = min(COMMANDED[key], key=lambda roles: len(set(roles) - set(known)))
+                        lacking = next(role for role in roles if role not in known)
+                        refuse(path, f"it drives {' and '.join(roles)}, and this joint has no {lacking}")
+                    units = _reference_units(key, drive.of if isinstance(drive, PiControlDrive) else "")
+                    references = {
+                        its: sum_of_parts(getattr(drive, its), unit, self.file.duration, self.folder, (*path, its))
+                        for its, unit in units.items()
+                    }
                 except VsalogError as error:
                     raise SimulationError(f"{self.where}: {error}") from error
-                found[name] = controller_of(drive, reference)
+                found[name] = controller_of(drive, references)
         return found
 
     def _joint(self, name: str, drives: Drives, joint: Joint) -> dict[str, Input]:
@@ -263,12 +272,16 @@ def unit_of(key: str) -> str:
 
 
 def _all(drives: Drives, key: str) -> Parts:
-    """Return the parts of a key, those of a servo's reference included."""
+    """Return the parts of a key, those of a servo's or a controller's references included."""
+    return tuple(part for parts in _by_path(drives, key).values() for part in parts)
+
+
+def _by_path(drives: Drives, key: str) -> dict[KeyPath, Parts]:
+    """Return the parts of a key by where they stand below it."""
     drive = getattr(drives, key)
-    if isinstance(drive, ServoDrive | StateFeedbackDrive | PiControlDrive):
-        return drive.reference
-    parts: Parts = drive or ()
-    return parts
+    if isinstance(drive, ServoDrive | StateFeedbackDrive | PiControlDrive | StiffnessControlDrive):
+        return {(its,): getattr(drive, its) for its in _reference_units(key, "")}
+    return {(): drive or ()}
 
 
 def _folder() -> Any:
@@ -298,15 +311,18 @@ def _drive(value: Any, key: str, path: KeyPath) -> Any:
         return value
     if "servo" not in key and key not in COMMANDED:
         return _parts(value, unit_of(key), path)
-    if isinstance(value, dict) and "reference" in value:
-        unit = _reference_unit(key, str(value.get("of", "")))
-        return {**value, "reference": _parts(value["reference"], unit, (*path, "reference"))}
+    if isinstance(value, dict):
+        units = _reference_units(key, str(value.get("of", "")))
+        parts = {its: _parts(value[its], unit, (*path, its)) for its, unit in units.items() if its in value}
+        return {**value, **parts}
     return value
 
 
-def _reference_unit(key: str, of: str) -> str:
-    """Return the SI unit of a servo's or a controller's reference."""
-    return TORQUE if key == "pi_control" and of == "torque_sensor" else ANGLE
+def _reference_units(key: str, of: str) -> dict[str, str]:
+    """Return the SI units of a servo's or a controller's references, by their keys."""
+    if key == "stiffness_control":
+        return {"position": ANGLE, "stiffness": STIFFNESS}
+    return {"reference": TORQUE if key == "pi_control" and of == "torque_sensor" else ANGLE}
 
 
 def _parts(value: Any, unit: str, path: KeyPath) -> list[Any]:
@@ -361,14 +377,15 @@ def _check(file: ScenarioFile) -> None:
                 continue
             path = ("joint", name, key)
             drives_motor = key in COMMANDS
-            for role in ("motor_torque",) if drives_motor else COMMANDED.get(key, (role_of(key),)):
+            commanded = [role for roles in COMMANDED.get(key, ((role_of(key),),)) for role in roles]
+            for role in ("motor_torque",) if drives_motor else commanded:
                 if role in taken and not {key, taken[role]} <= set(COMMANDS):
                     what = "valve" if role.startswith("valve") else "motor"
                     refuse(path, f"'{taken[role]}' drives the same {what}; keep one of them")
                 taken[role] = key
-            at = path if isinstance(drive, tuple) else (*path, "reference")
-            for i, part in enumerate(_all(drives, key)):
-                _check_part(part, (*at, f"[{i}]"))
+            for below, parts in _by_path(drives, key).items():
+                for i, part in enumerate(parts):
+                    _check_part(part, (*path, *below, f"[{i}]"))
 
 
 def _check_part(part: Part, path: KeyPath) -> None:

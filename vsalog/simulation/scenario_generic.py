@@ -34,6 +34,7 @@ from vsalog.rig.schema import (
     UnknownTransmission,
     Vsa2Transmission,
 )
+from vsalog.simulation.inputs import loop_gains
 from vsalog.simulation.machine import drive_of
 from vsalog.simulation.scenario_schema import (
     Chirp,
@@ -331,12 +332,8 @@ def servos(name: str, joint: Joint, rig: RigFile, place: int, period: float) -> 
 
 def _servo(motor: Motor, load: float, rate: float, least: float, period: float, reference: Parts) -> ServoDrive:
     """Return a critically damped loop of that natural frequency [rad/s], or stiffer where `least` [N·m/rad] asks for it."""
-    own = motor.inertia or 1e-3
-    inertia = own + load
-    stiff = max(inertia * rate**2 + motor.damping * rate, least)
-    damping = max(2.0 * sqrt(stiff * inertia) - motor.damping, 0.0)
-    # A sampled loop that takes more than a share of the motor's momentum per sample swings.
-    return ServoDrive(stiffness=stiff, damping=min(damping, 0.3 * own / period), reference=reference)
+    stiffness, damping = loop_gains(motor, load, rate, least, period)
+    return ServoDrive(stiffness=stiffness, damping=damping, reference=reference)
 
 
 def _lever_servo(motor: Motor, lever: Lever) -> ServoDrive:

@@ -233,6 +233,29 @@ class PiControlDrive(Base, frozen=True):
     reference: Parts = ()
 
 
+class StiffnessControlDrive(Base, frozen=True):
+    """A controller of the position and the stiffness of an antagonistic or serial joint, see `control.StiffnessControl`.
+
+    Attributes
+    ----------
+    frequency : of the motors' position loops [rad/s]
+    bandwidth : at which an error of the stiffness is taken away, well below that [rad/s]
+    feedback : where the stiffness comes from: an estimator's name, ``truth`` or ``none``
+    limit : largest torque of a motor; none when absent [N·m]
+    tune : of the estimator, NAME = "VALUE"
+    position : of the link, the sum of parts, [[….position]]
+    stiffness : of the device, the sum of parts, [[….stiffness]]
+    """
+
+    frequency: AngularFrequency
+    bandwidth: AngularFrequency
+    feedback: str = "residual-rls"
+    limit: TorqueLimit | None = None
+    tune: dict[str, str] = field(default_factory=dict)
+    position: Parts = ()
+    stiffness: Parts = ()
+
+
 class Drives(Base, frozen=True):
     """What drives one joint; several parts of a role are summed, what is not named is zero.
 
@@ -260,6 +283,7 @@ class Drives(Base, frozen=True):
     secondary_position: Parts = ()
     state_feedback: StateFeedbackDrive | None = None
     pi_control: PiControlDrive | None = None
+    stiffness_control: StiffnessControlDrive | None = None
 
 
 class ScenarioFile(Base, frozen=True):

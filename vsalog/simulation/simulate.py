@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -105,6 +106,8 @@ def _with_commands(
 
 
 def _copied(given: Input) -> Input:
+    if isinstance(given, Servo) and isinstance(given.reference, np.ndarray):
+        return replace(given, reference=np.copy(given.reference))
     return np.copy(given) if isinstance(given, np.ndarray) else given
 
 
