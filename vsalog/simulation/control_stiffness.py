@@ -43,13 +43,15 @@ class Search(NamedTuple):
     points : of the table of stiffness over set-point [1]: to a thousandth of its range
     above : the stiffest that is in it, over the stiffest reference [1]: springs may be as much softer than the rig says
     shortest : lever arm in it, over the longest [1]
-    steps : of Newton's method for the deflection under the link's weight [1], to a thousandth of the stiffness
+    steps : of the iteration for the deflection under the link's weight [1], each of which about halves the error
+    last_steps : of it in a sample, which begins with what the one before has found [1]
     """
 
     points: int = 1000
     above: float = 3.0
     shortest: float = 0.02
-    steps: int = 6
+    steps: int = 24
+    last_steps: int = 3
 
 
 SEARCH = Search()
@@ -150,7 +152,9 @@ class StiffnessLoop:
         last = list(motors)[-1]  # that sets the stiffness, in a pair as fast as the first
         self.arriving = _arriving(self.wanted, motors[last], self.commands[last], self.period)
         self.integral = 0.0
-        self._command(slice(None), self.wanted)
+        unloaded = np.zeros(time.size), np.ones(time.size)
+        self._command(slice(None), self.wanted, unloaded, SEARCH.steps)
+        self.begin = unloaded[0][:1], unloaded[1][:1]
         feedback = control.feedback
         told = feedback in (NO_FEEDBACK, TRUE_FEEDBACK)
         self.watcher = None if told else made(estimator, rig, name, feedback, control.tune)
@@ -172,7 +176,8 @@ class StiffnessLoop:
             asked = self.wanted[k] * np.exp(self.integral)
             if (low < asked or change > 0.0) and (asked < high or change < 0.0):  # at an end the integral waits
                 self.integral += change
-        self._command(slice(k + 1, k + 2), self.wanted[k + 1 : k + 2] * np.exp(self.integral))
+        following = slice(k + 1, k + 2)
+        self._command(following, self.wanted[following] * np.exp(self.integral), self.begin, SEARCH.last_steps)
 
     def _found(self, k: int, said: Said, truth: Truth) -> float:
         """Return the stiffness that is fed back; NaN where the estimator is not sure of it."""
@@ -184,16 +189,27 @@ class StiffnessLoop:
         read = self.watcher.take(k, said)
         return read.get("stiffness", np.nan) if read.get("excited") else np.nan
 
-    def _command(self, part: slice, stiffness: Array) -> None:
-        """Tell the motors where to be in a part of the samples."""
-        load, m, unloaded = self.load[part], np.zeros(stiffness.size), stiffness
-        p = self.table.of(unloaded)
-        for _ in range(SEARCH.steps):
+    def _command(self, part: slice, stiffness: Array, begin: tuple[Array, Array], steps: int) -> None:
+        """Tell the motors where to be in a part of the samples.
+
+        Parameters
+        ----------
+        part : of the samples
+        stiffness : that is asked of the nominal springs
+        begin : deflection m, and the stiffness of the unloaded joint as a part of it, to begin with
+        steps : of the iteration
+        """
+        load, (m, share), ends = self.load[part], begin, self.table.stiffness[[0, -1]]
+        wanted = np.clip(stiffness, *ends)
+        for _ in range(steps):
+            p = self.table.of(wanted * share)
             torque, found = self.springs.at(m, p)
-            nearer, same = m - (torque + load) / found, unloaded * stiffness / found
+            # What is beyond the ends is not asked for more and more from step to step.
+            nearer, same = m - (torque + load) / found, np.clip(wanted * share * wanted / found, *ends) / wanted
             known = np.isfinite(nearer) & np.isfinite(same)
-            m, unloaded = np.where(known, nearer, m), np.where(known, same, unloaded)
-            p = self.table.of(unloaded)
+            m, share = np.where(known, nearer, m), np.where(known, same, share)
+        self.begin = m[-1:], share[-1:]
+        p = self.table.of(wanted * share)
         for role, where in self.springs.motors(self.position[part], m, p).items():
             np.asarray(self.commands[role].reference)[part, 0] = where
 
