@@ -207,14 +207,14 @@ def test_the_qbmove_has_the_springs_of_its_data_sheet():
         return (0.0222 * np.sinh(6.7328 * u), 0.0216 * np.sinh(6.9602 * u))[i]
 
     def motors(t):
-        return 0.12 * np.sin(2 * np.pi * 0.7 * t), 0.1 * np.sin(2 * np.pi * 0.5 * t + 0.3)
+        return 0.3 * np.sin(2 * np.pi * 0.7 * t), 0.3 * np.sin(2 * np.pi * 0.5 * t + 0.3)
 
     def rate(t, x):
         q, dq, a, da, b, db = x
         t1, t2 = spring(0, q - a), spring(1, q - b)
         ddq = (-t1 - t2 - 0.05 * dq - 0.3 * np.sin(q)) / 0.01
         u1, u2 = motors(t)
-        return [dq, ddq, da, (u1 + t1 - 0.0019 * da) / 0.0233, db, (u2 + t2 - 0.0019 * db) / 0.0233]
+        return [dq, ddq, da, (u1 + t1 - 0.1 * da) / 0.0233, db, (u2 + t2 - 0.1 * db) / 0.0233]
 
     inputs = {"motor_torque_1": lambda t: motors(t)[0], "motor_torque_2": lambda t: motors(t)[1]}
     ours = play(build(Rig.preset("qbmove").file.joint), {"qbmove": inputs}, TIME)["qbmove"]
