@@ -37,7 +37,7 @@ class Column(Generic[T]):
 
     Parameters
     ----------
-    kind : type
+    kind : type or dtype
         Of the numbers.
     room : int
         Samples that are expected.
@@ -50,7 +50,7 @@ class Column(Generic[T]):
         Blocks that were added.
     """
 
-    def __init__(self, kind: type[T], room: int = 0, *, in_file: bool = False) -> None:
+    def __init__(self, kind: type[T] | np.dtype[T], room: int = 0, *, in_file: bool = False) -> None:
         self._values: NDArray[T] = np.zeros(0 if in_file else room, kind)
         self._filled, self._zero = 0, True
         self._file: Any = None

@@ -28,6 +28,7 @@ from vsalog.core.source_stamp import source_stamp
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.estimators.pam_noise import PamNoise, filling_rates
 from vsalog.filters import square_root_ukf as ukf
+from vsalog.filters import unscented_smoother as smoothing
 from vsalog.mechanics import _pneumatic_joint
 from vsalog.mechanics import pneumatics as pneu
 from vsalog.mechanics.pneumatic_numbers import air_numbers, friction_numbers, muscle_numbers, seesaw_numbers
@@ -114,6 +115,7 @@ class PamFold:
         )
         self._spread = np.diag([*noise.pressure, *noise.start]) * float(correct)
         self._room, self._run = ukf.workspace(4, 2), _run
+        self._back_room, self._back = smoothing.smoother_room(4, self.steps), _back
 
     def start(self) -> PamState:
         """Return the state before the first sample."""
@@ -146,11 +148,7 @@ class PamFold:
         count = np.shape(pressure_1)[0]
         nothing = np.full(count, np.nan)
         z = _columns(count, pressure_1, pressure_2)
-        age = state.age.copy()
-        u = _columns(count, *(nothing if c is None else c for c in (valve_1, valve_2, external_torque)))
-        for i, valve in enumerate((self.joint.valve_1, self.joint.valve_2)):
-            u[:, i], age[i] = _held(pneu.valve_opening(valve, u[:, i]), float(state.u[i]), int(age[i]))
-        u[:, 2] = np.nan_to_num(u[:, 2], nan=0.0)
+        u, age = self.acting(state, count, valve_1, valve_2, external_torque)
         trace = ukf.UnscentedTrace(
             np.empty((count, 4)), np.empty((count, 4, 4)), nothing.copy(), np.zeros(count, np.bool_)
         )
@@ -172,6 +170,34 @@ class PamFold:
             trace.x[first:], trace.S[first:], trace.nis[first:], trace.diverged[first:],
         )  # fmt: skip
         return PamState(x, S, acting[-1], age, float(surprise[0]), True), trace
+
+    def acting(
+        self, state: PamState, count: int, valve_1: Array | None, valve_2: Array | None, external_torque: Array | None
+    ) -> tuple[Array, Integers]:
+        """Return what acts from each sample to the next, shape (N, 3): α₁, α₂, NaN where not known, and the external torque.
+
+        Parameters as for `block`. The second is for how many samples the openings have been held at the end, shape (2,).
+        """
+        given = (np.full(count, np.nan) if c is None else c for c in (valve_1, valve_2, external_torque))
+        u, age = _columns(count, *given), state.age.copy()
+        for i, valve in enumerate((self.joint.valve_1, self.joint.valve_2)):
+            u[:, i], age[i] = _held(pneu.valve_opening(valve, u[:, i]), float(state.u[i]), int(age[i]))
+        u[:, 2] = np.nan_to_num(u[:, 2], nan=0.0)
+        return u, age
+
+    def smooth(self, x: Array, S: Array, u: Array, goes_on: NDArray[np.bool_], x_next: Array, S_next: Array) -> None:
+        """Smooth a block of filtered samples in place: their states given all samples, not only those so far.
+
+        Parameters
+        ----------
+        x, S : shape (N, 4) and (N, 4, 4), of the filter's trace
+        u : shape (N, 3), of `acting`
+        goes_on : shape (N,), whether the next sample tells of this one; else it stays as filtered
+        x_next, S_next : shape (4,) and (4, 4), the smoothed sample after the block, where the last one goes on
+        """
+        unknown = np.isnan(u[:, 0]) + 2 * np.isnan(u[:, 1])
+        weights, SQ = self._numbers[:2]
+        self._back(x, S, u, unknown, goes_on, x_next, S_next, self._model, self.steps, weights, SQ, self._back_room)
 
     def estimates(self, trace: ukf.UnscentedTrace) -> dict[str, Array]:
         """Return what the states imply, each shape (N,), and each NAME_std, one standard deviation.
@@ -314,6 +340,7 @@ def pam_observation(X: Array, first: int, u: Array, p: Any, Y: Array) -> None:
 
 
 _predict, _correct = ukf.unscented_filter(pam_transition, pam_observation)
+_step_back = smoothing.unscented_smoother(pam_transition)
 
 
 def _compiled(stamp: str) -> Callable[..., None]:
@@ -335,4 +362,20 @@ def _compiled(stamp: str) -> Callable[..., None]:
     return run
 
 
+def _compiled_back(stamp: str) -> Callable[..., None]:
+    @njit(cache=True, error_model="numpy")
+    def back(
+        x: Array, S: Array, u: Array, choice: Any, goes_on: Any, x_next: Array, S_next: Array, p: Any, steps: int, weights: Array,
+        SQ: Array, room: Any,
+    ) -> None:  # fmt: skip
+        stamp  # noqa: B018  as in `run`
+        for k in range(x.shape[0] - 1, -1, -1):
+            if goes_on[k]:
+                _step_back(x[k], S[k], x_next, S_next, u[k], p, steps, weights, SQ[choice[k]], room)
+            x_next, S_next = x[k], S[k]
+
+    return back
+
+
 _run = _compiled(source_stamp(ukf, _pneumatic_joint))
+_back = _compiled_back(source_stamp(ukf, smoothing, _pneumatic_joint))
