@@ -103,8 +103,10 @@ def build(device: Device, signals: JointSignals, tuning: PamTuning) -> PamEstima
     return estimate_of(NAME, device, signals, tuning, correct=True)
 
 
-def estimate_of(name: str, device: Device, signals: JointSignals, tuning: PamTuning, *, correct: bool) -> PamEstimate:
-    """Assemble the filter, or with `correct` false the model alone."""
+def estimate_of(
+    name: str, device: Device, signals: JointSignals, tuning: PamTuning, *, correct: bool, kind: type[PamEstimate] | None = None
+) -> PamEstimate:
+    """Assemble the filter, or with `correct` false the model alone; `kind` is what runs it."""
     assert device.pneumatic is not None
     middle, sensors, below = [], [], []
     for role in PRESSURES:
@@ -133,7 +135,7 @@ def estimate_of(name: str, device: Device, signals: JointSignals, tuning: PamTun
         fold = LinearPamFold(joint, signals.period, noise, pressures, correct=correct)
     else:
         fold = PamFold(joint, signals.period, noise, correct=correct)
-    return PamEstimate(name, device, fold, noise, tuning.air, signals.period, tuple(below))
+    return (kind or PamEstimate)(name, device, fold, noise, tuning.air, signals.period, tuple(below))
 
 
 def _below_outside(role: str, pressure: Array, noise: float, device: Device) -> list[Finding]:
@@ -223,20 +225,33 @@ class PamEstimate(StateObserver):
         """Take a block of samples; give the new state and their trace."""
         traces = []
         for piece in block.between_gaps():
-            filtered = self.fold.start() if piece.starts[0] and not state.goes_on(piece) else state.filter
-            given, pressures = [piece.roles.get(role) for role in OTHERS], [piece.roles[role] for role in PRESSURES]
-            filtered, found = self.fold.block(filtered, *pressures, *given)
-            diverged = state.diverged + int(np.count_nonzero(found.diverged))
-            anywhere = _anywhere(found)
-            silent = lengths(np.logical_and(*(np.isnan(p) for p in pressures)), state.silent)
-            traces.append(
-                Trace.of_rows(piece, {"total": self._columns(found, _blind(piece, self.fold.correct) | anywhere)})
-            )
-            state = PamFoldState(
-                filtered, state.seen + len(piece), diverged, state.anywhere + int(np.count_nonzero(anywhere)),
-                int(piece.run[-1]), int(piece.stamps[-1]), int(silent[-1]),
-            )  # fmt: skip
+            state, found = self.follow(state, piece)
+            state, trace = self.traced(state, piece, found)
+            traces.append(trace)
         return state, traces
+
+    def follow(self, state: PamFoldState, piece: JointSignals) -> tuple[PamFoldState, UnscentedTrace]:
+        """Filter a piece without a gap in it."""
+        given, pressures = [piece.roles.get(role) for role in OTHERS], [piece.roles[role] for role in PRESSURES]
+        filtered, found = self.fold.block(self.before(state, piece), *pressures, *given)
+        silent = lengths(np.logical_and(*(np.isnan(p) for p in pressures)), state.silent)
+        diverged = state.diverged + int(np.count_nonzero(found.diverged))
+        followed = PamFoldState(
+            filtered, state.seen + len(piece), diverged, state.anywhere, int(piece.run[-1]), int(piece.stamps[-1]),
+            int(silent[-1]),
+        )  # fmt: skip
+        return followed, found
+
+    def before(self, state: PamFoldState, piece: JointSignals) -> PamState:
+        """Return the filter's state before a piece, that before the first sample where it does not know its way into it."""
+        return self.fold.start() if piece.starts[0] and not state.goes_on(piece) else state.filter
+
+    def traced(self, state: PamFoldState, piece: JointSignals, found: UnscentedTrace) -> tuple[PamFoldState, Trace]:
+        """Return the trace of a piece, and the state with what it tells of the angle."""
+        anywhere = _anywhere(found)
+        columns = self._columns(found, _blind(piece, self.fold.correct) | anywhere)
+        counted = replace(state, anywhere=state.anywhere + int(np.count_nonzero(anywhere)))
+        return counted, Trace.of_rows(piece, {"total": columns})
 
     def _columns(self, found: UnscentedTrace, blind: NDArray[np.bool_]) -> Mapping[str, Any]:
         told = self.fold.estimates(found)

@@ -1,0 +1,97 @@
+"""pam-smoother: a joint of two pneumatic muscles from its pressures alone, each sample by the whole log.
+
+The filter of `pam_ukf` forward (Shin, Ibayashi, Kogiso 2021, eq. 13–24), then the unscented Rauch–Tung–Striebel smoother backward
+(Särkkä, IEEE Transactions on Automatic Control 53(3), 2008, eq. 12–17).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+
+from vsalog.core.finding import Finding
+from vsalog.core.signals import JointSignals
+from vsalog.core.trace import Trace
+from vsalog.estimators.device import Device
+from vsalog.estimators.methods.pam_ukf import OTHERS, PamEstimate, PamFoldState, PamTuning, estimate_of, printed
+from vsalog.estimators.methods.pam_ukf import roles as filter_roles
+from vsalog.estimators.spool import Spool
+from vsalog.filters.square_root_ukf import UnscentedTrace
+
+__all__ = ["NAME", "SUMMARY", "TUNING", "build", "printed", "roles"]
+
+NAME = "pam-smoother"
+SUMMARY = "pam-ukf forward, then a smoother backward: each sample by the whole log (Shin 2021, Särkkä 2008)"
+TUNING = PamTuning
+
+# What is put aside of a sample: state and factor, what acts until the next, and whether the filter begins or has lost the joint.
+ROW = np.dtype(
+    [("x", "f8", (4,)), ("S", "f8", (4, 4)), ("u", "f8", (3,)), ("begins", "?"), ("diverged", "?")]
+)
+
+
+def roles(device: Device, offered: Collection[str], tuning: PamTuning) -> tuple[str, ...]:
+    """Return the roles the method reads of what the rig offers; raises EstimatorError for a missing one."""
+    return filter_roles(device, offered, tuning, NAME)
+
+
+def build(device: Device, signals: JointSignals, tuning: PamTuning) -> PamEstimate:
+    """Assemble the smoother for a joint's signals; raises EstimatorError as the filter does."""
+    return estimate_of(NAME, device, signals, tuning, correct=True, kind=PamSmoother)
+
+
+class PamSmootherState(NamedTuple):
+    """Where the fold stands: the filter, the rows put aside, and how many of them have been given out, None while filtering."""
+
+    filtered: PamFoldState
+    spool: Spool
+    given: int | None = None
+
+
+class PamSmoother(PamEstimate):
+    """The smoother as an estimator that goes through the signals twice: it filters, smooths what it put aside, and gives it out."""
+
+    passes = 2
+
+    def start(self) -> PamSmootherState:
+        """Return the state before the first sample."""
+        return PamSmootherState(super().start(), Spool(ROW))
+
+    def step(self, state: PamSmootherState, block: JointSignals) -> tuple[PamSmootherState, list[Trace]]:
+        """Take a block of samples; the second time give their trace."""
+        filtered, spool, given = state
+        traces = []
+        for piece in block.between_gaps():
+            if given is None:
+                rows = np.zeros(len(piece), ROW)
+                before = self.before(filtered, piece)
+                rows["begins"][0] = before is not filtered.filter
+                rows["u"] = self.fold.acting(before, len(piece), *(piece.roles.get(role) for role in OTHERS))[0]
+                filtered, found = self.follow(filtered, piece)
+                rows["x"], rows["S"], rows["diverged"] = found.x, found.S, found.diverged
+                spool.append(rows)
+            else:
+                rows = spool.part(given, given + len(piece))
+                given += len(piece)
+                found = UnscentedTrace(rows["x"].copy(), rows["S"].copy(), np.empty(0), rows["diverged"].copy())
+                filtered, trace = self.traced(filtered, piece, found)
+                traces.append(trace)
+        return PamSmootherState(filtered, spool, given), traces
+
+    def freeze(self, state: PamSmootherState) -> PamSmootherState:
+        """Smooth from the last sample to the first, and go back to that."""
+        x_next, S_next, told = np.empty(4), np.empty((4, 4)), False
+        for rows in state.spool.backwards():
+            x, S, u = (np.ascontiguousarray(rows[name]) for name in ("x", "S", "u"))
+            # A sample after a gap, or where the filter has lost the joint, tells nothing of the one before.
+            tells = ~(rows["begins"] | rows["diverged"])
+            self.fold.smooth(x, S, u, np.append(tells[1:], told) & np.isfinite(x).all(axis=1), x_next, S_next)
+            x_next, S_next, told = x[0], S[0], bool(tells[0])
+            rows["x"], rows["S"] = x, S
+        return state._replace(given=0)
+
+    def findings(self, state: PamSmootherState) -> tuple[Finding, ...]:
+        """Return what `pam-ukf` does."""
+        return super().findings(state.filtered)
