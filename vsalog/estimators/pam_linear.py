@@ -23,6 +23,7 @@ from vsalog.estimators import pam_states
 from vsalog.estimators.pam_noise import PamNoise
 from vsalog.estimators.pam_states import Column, PamFold, pam_observation, pam_transition
 from vsalog.filters import square_root_ukf as ukf
+from vsalog.filters import unscented_smoother as smoothing
 from vsalog.mechanics import pneumatics as pneu
 from vsalog.rig.schema import PneumaticJoint, PressureFriction
 
@@ -75,7 +76,7 @@ class LinearPamFold(PamFold):
         self.torque = float(pneu.joint_torque(joint, psi, *pressures))
         self.slope = np.array([self._torque_slope(j) for j in range(4)])
         self._model = (self.at, self.held_by, self.A, self.B)
-        self._run = _run
+        self._run, self._back = _run, _back
 
     def estimates(self, trace: ukf.UnscentedTrace) -> dict[str, Array]:
         """Return torque and stiffness as `PamFold` does: the torque is linear, the stiffness what it is at rest."""
@@ -145,10 +146,11 @@ def linear_transition(X: Array, first: int, u: Array, p: Any, Y: Array) -> None:
 
 
 _predict, _correct = ukf.unscented_filter(linear_transition, pam_observation)
+_step_back = smoothing.unscented_smoother(linear_transition)
 
 
 def _compiled(stamp: str) -> Callable[..., None]:
-    # The loop of `pam_states` once more: a cached function finds what it calls among its own module's globals only.
+    # The loops of `pam_states` once more: a cached function finds what it calls among its own module's globals only.
     @njit(cache=True, error_model="numpy")
     def run(
         z: Array, u: Array, choice: Any, x: Array, S: Array, surprise: Array, p: Any, steps: int, correct: bool,
@@ -167,4 +169,20 @@ def _compiled(stamp: str) -> Callable[..., None]:
     return run
 
 
+def _compiled_back(stamp: str) -> Callable[..., None]:
+    @njit(cache=True, error_model="numpy")
+    def back(
+        x: Array, S: Array, u: Array, choice: Any, goes_on: Any, x_next: Array, S_next: Array, p: Any, steps: int, weights: Array,
+        SQ: Array, room: Any,
+    ) -> None:  # fmt: skip
+        stamp  # noqa: B018  as in `run`
+        for k in range(x.shape[0] - 1, -1, -1):
+            if goes_on[k]:
+                _step_back(x[k], S[k], x_next, S_next, u[k], p, steps, weights, SQ[choice[k]], room)
+            x_next, S_next = x[k], S[k]
+
+    return back
+
+
 _run = _compiled(source_stamp(ukf, pam_states))
+_back = _compiled_back(source_stamp(ukf, smoothing, pam_states))

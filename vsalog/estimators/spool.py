@@ -16,7 +16,7 @@ Rows = NDArray[np.void]
 class Spool:
     """Rows of one structured type in a temporary file: memory does not grow with them.
 
-    First all rows are appended; then they are read, and may be changed in place, in parts of any order.
+    First all rows are appended; once they are read nothing is appended any more.
 
     Parameters
     ----------
@@ -34,15 +34,21 @@ class Spool:
         """Put rows behind all others; raises ReadError where the file cannot be written."""
         self._column.append(rows)
 
-    def part(self, first: int, last: int) -> Rows:
-        """Return rows of the file, shape (last − first,); nothing is appended any more."""
-        if self._rows is None:
-            self._rows = self._column.whole(len(self))
-        return self._rows[first:last]
+    def read(self, first: int, last: int) -> Rows:
+        """Return a copy of rows, shape (last − first,)."""
+        rows = self._mapped()[first:last]
+        copy = rows.copy()
+        let_go(rows)
+        return copy
 
     def backwards(self, size: int = BLOCK) -> Iterator[Rows]:
-        """Yield parts of at most `size` rows from the last to the first, and let go of the memory of each."""
+        """Yield parts of at most `size` rows from the last to the first, as they lie in the file: what is changed stays so."""
         for last in range(len(self), 0, -size):
-            rows = self.part(max(0, last - size), last)
+            rows = self._mapped()[max(0, last - size) : last]
             yield rows
             let_go(rows)
+
+    def _mapped(self) -> Rows:
+        if self._rows is None:
+            self._rows = self._column.whole(len(self))
+        return self._rows

@@ -41,7 +41,7 @@ class UnfilteredTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class StateObserver:
-    """A fold that goes through the signals once, holds nothing back, and fits nothing.
+    """A fold that holds nothing back, and fits nothing; it goes through the signals once, where it says nothing else.
 
     Attributes
     ----------

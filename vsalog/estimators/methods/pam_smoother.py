@@ -10,6 +10,7 @@ from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
@@ -18,6 +19,7 @@ from vsalog.estimators.device import Device
 from vsalog.estimators.methods.pam_ukf import OTHERS, PamEstimate, PamFoldState, PamTuning, estimate_of, printed
 from vsalog.estimators.methods.pam_ukf import roles as filter_roles
 from vsalog.estimators.spool import Spool
+from vsalog.estimators.state_observer import StateObserver, Unfiltered
 from vsalog.filters.square_root_ukf import UnscentedTrace
 
 __all__ = ["NAME", "SUMMARY", "TUNING", "build", "printed", "roles"]
@@ -27,9 +29,7 @@ SUMMARY = "pam-ukf forward, then a smoother backward: each sample by the whole l
 TUNING = PamTuning
 
 # What is put aside of a sample: state and factor, what acts until the next, and whether the filter begins or has lost the joint.
-ROW = np.dtype(
-    [("x", "f8", (4,)), ("S", "f8", (4, 4)), ("u", "f8", (3,)), ("begins", "?"), ("diverged", "?")]
-)
+ROW = np.dtype([("x", "f8", (4,)), ("S", "f8", (4, 4)), ("u", "f8", (3,)), ("begins", "?"), ("diverged", "?")])
 
 
 def roles(device: Device, offered: Collection[str], tuning: PamTuning) -> tuple[str, ...]:
@@ -37,9 +37,9 @@ def roles(device: Device, offered: Collection[str], tuning: PamTuning) -> tuple[
     return filter_roles(device, offered, tuning, NAME)
 
 
-def build(device: Device, signals: JointSignals, tuning: PamTuning) -> PamEstimate:
+def build(device: Device, signals: JointSignals, tuning: PamTuning) -> PamSmoother:
     """Assemble the smoother for a joint's signals; raises EstimatorError as the filter does."""
-    return estimate_of(NAME, device, signals, tuning, correct=True, kind=PamSmoother)
+    return PamSmoother(estimate_of(NAME, device, signals, tuning, correct=True))
 
 
 class PamSmootherState(NamedTuple):
@@ -50,14 +50,24 @@ class PamSmootherState(NamedTuple):
     given: int | None = None
 
 
-class PamSmoother(PamEstimate):
-    """The smoother as an estimator that goes through the signals twice: it filters, smooths what it put aside, and gives it out."""
+class PamSmoother(StateObserver):
+    """The smoother as an estimator: it filters and puts aside, smooths that backward, and gives it out the second time."""
 
     passes = 2
+    modality = "STATES"
+    conditioner = Unfiltered()
+
+    def __init__(self, filter: PamEstimate) -> None:
+        self.filter, self.name, self.device = filter, filter.name, filter.device
+
+    @property
+    def derived(self) -> dict[str, float]:
+        """The noise that was derived from the log and the rig."""
+        return self.filter.derived
 
     def start(self) -> PamSmootherState:
         """Return the state before the first sample."""
-        return PamSmootherState(super().start(), Spool(ROW))
+        return PamSmootherState(self.filter.start(), Spool(ROW))
 
     def step(self, state: PamSmootherState, block: JointSignals) -> tuple[PamSmootherState, list[Trace]]:
         """Take a block of samples; the second time give their trace."""
@@ -65,20 +75,24 @@ class PamSmoother(PamEstimate):
         traces = []
         for piece in block.between_gaps():
             if given is None:
-                rows = np.zeros(len(piece), ROW)
-                before = self.before(filtered, piece)
-                rows["begins"][0] = before is not filtered.filter
-                rows["u"] = self.fold.acting(before, len(piece), *(piece.roles.get(role) for role in OTHERS))[0]
-                filtered, found = self.follow(filtered, piece)
-                rows["x"], rows["S"], rows["diverged"] = found.x, found.S, found.diverged
+                filtered, rows = self._put_aside(filtered, piece)
                 spool.append(rows)
             else:
-                rows = spool.part(given, given + len(piece))
+                rows = spool.read(given, given + len(piece))
                 given += len(piece)
-                found = UnscentedTrace(rows["x"].copy(), rows["S"].copy(), np.empty(0), rows["diverged"].copy())
-                filtered, trace = self.traced(filtered, piece, found)
+                found = UnscentedTrace(rows["x"], rows["S"], np.empty(0), rows["diverged"])
+                filtered, trace = self.filter.traced(filtered, piece, found)
                 traces.append(trace)
         return PamSmootherState(filtered, spool, given), traces
+
+    def _put_aside(self, state: PamFoldState, piece: JointSignals) -> tuple[PamFoldState, NDArray[np.void]]:
+        rows = np.zeros(len(piece), ROW)
+        before = self.filter.before(state, piece)
+        rows["begins"][0] = before is not state.filter
+        rows["u"] = self.filter.fold.acting(before, len(piece), *(piece.roles.get(role) for role in OTHERS))[0]
+        state, found = self.filter.follow(state, piece)
+        rows["x"], rows["S"], rows["diverged"] = found.x, found.S, found.diverged
+        return state, rows
 
     def freeze(self, state: PamSmootherState) -> PamSmootherState:
         """Smooth from the last sample to the first, and go back to that."""
@@ -87,11 +101,11 @@ class PamSmoother(PamEstimate):
             x, S, u = (np.ascontiguousarray(rows[name]) for name in ("x", "S", "u"))
             # A sample after a gap, or where the filter has lost the joint, tells nothing of the one before.
             tells = ~(rows["begins"] | rows["diverged"])
-            self.fold.smooth(x, S, u, np.append(tells[1:], told) & np.isfinite(x).all(axis=1), x_next, S_next)
+            self.filter.fold.smooth(x, S, u, np.append(tells[1:], told) & np.isfinite(x).all(axis=1), x_next, S_next)
             x_next, S_next, told = x[0], S[0], bool(tells[0])
             rows["x"], rows["S"] = x, S
         return state._replace(given=0)
 
     def findings(self, state: PamSmootherState) -> tuple[Finding, ...]:
-        """Return what `pam-ukf` does."""
-        return super().findings(state.filtered)
+        """Return what the filter finds, and where the smoothed angle is not known."""
+        return self.filter.findings(state.filtered)

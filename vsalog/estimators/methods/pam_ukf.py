@@ -103,10 +103,8 @@ def build(device: Device, signals: JointSignals, tuning: PamTuning) -> PamEstima
     return estimate_of(NAME, device, signals, tuning, correct=True)
 
 
-def estimate_of(
-    name: str, device: Device, signals: JointSignals, tuning: PamTuning, *, correct: bool, kind: type[PamEstimate] | None = None
-) -> PamEstimate:
-    """Assemble the filter, or with `correct` false the model alone; `kind` is what runs it."""
+def estimate_of(name: str, device: Device, signals: JointSignals, tuning: PamTuning, *, correct: bool) -> PamEstimate:
+    """Assemble the filter, or with `correct` false the model alone."""
     assert device.pneumatic is not None
     middle, sensors, below = [], [], []
     for role in PRESSURES:
@@ -135,7 +133,7 @@ def estimate_of(
         fold = LinearPamFold(joint, signals.period, noise, pressures, correct=correct)
     else:
         fold = PamFold(joint, signals.period, noise, correct=correct)
-    return (kind or PamEstimate)(name, device, fold, noise, tuning.air, signals.period, tuple(below))
+    return PamEstimate(name, device, fold, noise, tuning.air, signals.period, tuple(below))
 
 
 def _below_outside(role: str, pressure: Array, noise: float, device: Device) -> list[Finding]:
