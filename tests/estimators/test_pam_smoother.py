@@ -94,7 +94,7 @@ def unscented(mean, P, function):
 
 
 def test_a_nonlinear_model_is_smoothed_by_the_equations_of_the_paper():
-    """Särkkä 2008, eq. 12–17, in covariances, κ = 0 and a step of the joint's model."""
+    """Särkkä 2008 in covariances, with κ = 0 and a step of the joint's model."""
     noise = noise_for(JOINT, 1e-3)
     fold = PamFold(JOINT, 1e-3, noise)
     z, u = pressures_and_valves(120)

@@ -163,7 +163,7 @@ def test_the_model_alone_runs_on_the_valves(folder, truth):
 def test_what_cannot_be_is_refused(folder):
     joint, _ = joint_and_recording(folder)
 
-    with pytest.raises(EstimatorError, match="for muscles there are pam-ukf and pam-model"):
+    with pytest.raises(EstimatorError, match="for muscles there are pam-ukf, pam-smoother and pam-model"):
         choose("pam", joint, "residual-rls", {})
     lacking = replace(joint, signals=replace(joint.signals, pressure_2=None))
     with pytest.raises(EstimatorError, match="pressure_2"):

@@ -41,6 +41,7 @@ USUAL = (
     "grioli-parametric",
     "acceleration-observer",
     "pam-ukf",
+    "pam-smoother",
     "pam-model",
 )
 

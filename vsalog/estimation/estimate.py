@@ -34,7 +34,7 @@ def estimate(
     joints : names of the joints wanted; all when empty
     estimator : ``residual-rls``, ``qr-rls``, ``batch-ls``, ``direct``, ``algebraic``, ``impedance``,
         ``impedance-coupled``, ``grioli-bicchi``, ``grioli-parametric``, ``acceleration-observer``, ``pam-ukf``,
-        ``pam-model``, one of a third party's, or ``auto``
+        ``pam-smoother``, ``pam-model``, one of a third party's, or ``auto``
     tune : what to tune, e.g. ``{"forgetting": 0.98}``; docs/estimators/ lists it, a page per method
     set : changes to the rig, e.g. ``{"joint.elbow.motor.damping": "1 N*mm*s/rad"}``; ``setpoint`` fixes the set-point
     rate : samples per second of a table without a time column [Hz]

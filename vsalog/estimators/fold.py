@@ -28,7 +28,13 @@ class Filters(Protocol):
 
 
 class Fold(Protocol):
-    """An assembled estimator: a fold over blocks of signals. States are its own affair."""
+    """An assembled estimator: a fold over blocks of signals. States are its own affair.
+
+    Attributes
+    ----------
+    passes : how often it goes through the signals; the traces of the last time count. One that smooths puts aside what it needs
+        (`vsalog.estimators.spool`) the first time, works through that from the end in `freeze`, and gives it out the second time
+    """
 
     passes: int
 

@@ -40,7 +40,7 @@ def require(name: str, device: Device, needed: Collection[str], offered: Collect
     if device.pneumatic is not None and not needed:
         raise OtherKindError(
             f"joint '{device.joint}' is of kind 'pneumatic', and {name} is for springs between a motor and a link; for muscles"
-            " there are pam-ukf and pam-model"
+            " there are pam-ukf, pam-smoother and pam-model"
         )
     missing = [role for role in dict.fromkeys(needed) if role not in offered]
     if missing:

@@ -1,13 +1,14 @@
 """Unscented Rauch–Tung–Striebel smoother in square-root form: states given the whole log, from those of a filter.
 
-Särkkä, Unscented Rauch–Tung–Striebel smoother, IEEE Transactions on Automatic Control 53(3), 2008, eq. 12–17. The next state,
-x' = f(x) + q, is an observation of the state before it: with the sigma points of the filtered state its gain is
-D = C P⁻¹, C their cross-covariance and P that of the prediction (eq. 14), and what it would leave of the state's covariance, were
-it known, is R Rᵀ = P_k − D P Dᵀ. So the correction of `square_root_ukf` makes both at once, and nothing is subtracted:
+Särkkä, Unscented Rauch–Tung–Striebel smoother, IEEE Transactions on Automatic Control 53(3), 2008, with additive noise: with the
+sigma points of a filtered state, their prediction x̂' with the covariance P', and the cross-covariance C of both,
 
-    x ← x + D (x'ₛ − f̂),    S ← triangle of (D S'ₛ, R).
+    D = C P'⁻¹,    x ← x + D (x'ₛ − x̂'),    P ← P + D (P'ₛ − P') Dᵀ.
 
-The paper's eq. 16 is the same with Pₛ = P_k + D (P'ₛ − P) Dᵀ.
+Here the next state is an observation of the state before it, x' = f(x) + q. What it would leave of the state's covariance, were it
+known, is R Rᵀ = P − D P' Dᵀ, so the correction of `square_root_ukf` makes D and R at once, and nothing is subtracted:
+
+    S ← triangle of (D S'ₛ, R).
 """
 
 from __future__ import annotations

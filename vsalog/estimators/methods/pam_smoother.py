@@ -1,7 +1,7 @@
 """pam-smoother: a joint of two pneumatic muscles from its pressures alone, each sample by the whole log.
 
 The filter of `pam_ukf` forward (Shin, Ibayashi, Kogiso 2021, eq. 13–24), then the unscented Rauch–Tung–Striebel smoother backward
-(Särkkä, IEEE Transactions on Automatic Control 53(3), 2008, eq. 12–17).
+(Särkkä, IEEE Transactions on Automatic Control 53(3), 2008).
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ LINEAR_FLOW_ERROR = 0.25
 
 
 class PamTuning(UnfilteredTuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Tuning of pam-ukf and pam-model.
+    """Tuning of pam-ukf, pam-smoother and pam-model.
 
     Attributes
     ----------
