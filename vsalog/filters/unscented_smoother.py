@@ -5,7 +5,7 @@ sigma points of a filtered state, their prediction x̂' with the covariance P', 
 
     D = C P'⁻¹,    x ← x + D (x'ₛ − x̂'),    P ← P + D (P'ₛ − P') Dᵀ.
 
-Here the next state is an observation of the state before it, x' = f(x) + q. What it would leave of the state's covariance, were it
+Here the next state is an observation of the one before it, x' = f(x) + q. What it would leave of the state's covariance, were it
 known, is R Rᵀ = P − D P' Dᵀ, so the correction of `square_root_ukf` makes D and R at once, and nothing is subtracted:
 
     S ← triangle of (D S'ₛ, R).
