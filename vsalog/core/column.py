@@ -187,6 +187,6 @@ def _folder() -> str:
 
 def _refusal(error: OSError) -> ReadError:
     return ReadError(
-        f"the log is too large for memory, and a temporary file for its columns cannot be written in {_folder()}:"
+        f"a temporary file for what is too large for memory cannot be written in {_folder()}:"
         f" {error.strerror or error}; set TMPDIR to a folder with more room, or cut the log with --start and --end"
     )
