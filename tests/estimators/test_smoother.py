@@ -26,10 +26,15 @@ STEP = float(np.deg2rad(0.01))
 INERTIA, DAMPING, LINK, LINK_DAMPING, WEIGHT, LINEAR, CUBIC = 0.08, 0.4, 0.05, 0.1, 3.0, 20.0, 2000.0
 
 
-def machine(softer=lambda t: 0.0, seed=0, noise=0.02, step=STEP):
+def cubic(phi):
+    return LINEAR * phi + CUBIC * phi**3
+
+
+def machine(softer=lambda t: 0.0, seed=0, noise=0.02, step=STEP, spring=cubic, loop=0.0):
     """A series elastic joint with the preset's numbers, integrated by scipy: its signals and true stiffness, by role.
 
-    The spring is softer by a part that depends on time.
+    The spring is softer by a part that depends on time; `loop` is the torque of an elastic element that yields smoothly, 15
+    N·m/rad stiff, next to it (Dahl's model).
     """
     t = np.arange(round(SECONDS / PERIOD)) * PERIOD
 
@@ -37,26 +42,28 @@ def machine(softer=lambda t: 0.0, seed=0, noise=0.02, step=STEP):
         return 3.0 * np.sin(2.0 * np.pi * 0.31 * at) + 1.5 * np.sin(2.0 * np.pi * 1.3 * at)
 
     def slope(at, x):
-        phi = x[2] - x[0]
-        spring = (1.0 - softer(at)) * (LINEAR * phi + CUBIC * phi**3)
+        phi, rate = x[2] - x[0], x[3] - x[1]
+        torque = (1.0 - softer(at)) * spring(phi) + x[4]
         return [
             x[1],
-            (drive(at) + spring - DAMPING * x[1]) / INERTIA,
+            (drive(at) + torque - DAMPING * x[1]) / INERTIA,
             x[3],
-            (-spring - LINK_DAMPING * x[3] - WEIGHT * np.sin(x[2])) / LINK,
+            (-torque - LINK_DAMPING * x[3] - WEIGHT * np.sin(x[2])) / LINK,
+            15.0 * (rate - abs(rate) * x[4] / loop) if loop else 0.0,
         ]
 
-    theta, _, q, _ = solve_ivp(slope, (0.0, t[-1]), np.zeros(4), t_eval=t, rtol=1e-7, atol=1e-9, max_step=0.02).y
+    theta, _, q, _, z = solve_ivp(slope, (0.0, t[-1]), np.zeros(5), t_eval=t, rtol=1e-7, atol=1e-9, max_step=0.02).y
     phi, left = q - theta, 1.0 - np.array([softer(at) for at in t])
+    slopes = (spring(phi + 1e-7) - spring(phi - 1e-7)) / 2e-7
     rng = np.random.default_rng(seed)
     zeros = rng.uniform(0.0, step, 2)
     signals = {
         "motor_position": step * np.round((theta + zeros[0]) / step) - zeros[0],
         "link_position": step * np.round((q + zeros[1]) / step) - zeros[1],
         "motor_torque": drive(t) + noise * rng.normal(size=t.size),
-        "torque_sensor": left * (LINEAR * phi + CUBIC * phi**3) + noise * rng.normal(size=t.size),
+        "torque_sensor": left * spring(phi) + z + noise * rng.normal(size=t.size),
     }
-    return t, signals, left * (LINEAR + 3.0 * CUBIC * phi**2)
+    return t, signals, left * slopes
 
 
 def bound(t, signals):
@@ -107,6 +114,43 @@ def test_a_constant_spring_is_told_better_than_by_any_other_method():
         other = errors(estimated(t, signals, name=name)[0], truth)[0]
         assert best < 1.1 * np.nanmedian(other), name
         assert whole < np.sqrt(np.nanmean(other**2)), name
+
+
+CORNERED = {
+    "corner": lambda phi: LINEAR * phi + np.where(np.abs(phi) > 0.04, 40.0 * (phi - 0.04 * np.sign(phi)), 0.0),
+    "one-sided corner": lambda phi: LINEAR * phi + np.where(phi > 0.03, 30.0 * (phi - 0.03), 0.0),
+    "knee": lambda phi: LINEAR * phi + 0.6 * np.sign(phi) * np.logaddexp(0.0, (np.abs(phi) - 0.06) / 0.01),
+}
+
+
+@pytest.mark.parametrize("shape", CORNERED)
+def test_a_spring_that_is_no_polynomial_is_followed_by_a_spline(shape):
+    t, signals, truth = machine(spring=CORNERED[shape])
+    columns, fold, state = estimated(t, signals)
+    relative, deviations = errors(columns, truth)
+    assert np.median(relative[columns["excited"]]) < 0.01
+    assert np.mean(deviations[columns["excited"]] < 1.96) > 0.6
+    found = [one for one in fold.findings(state) if one.code == "spring.not_polynomial"]
+    assert [one.evidence["knots"] for one in found] == [fold.device.basis.knots]
+    plain = errors(estimated(t, signals, basis="rig")[0], truth)[0]
+    assert np.median(plain) > 2.0 * np.median(relative)
+
+
+def test_a_loop_is_found_and_the_stiffness_is_that_of_its_middle():
+    t, signals, truth = machine(loop=0.15)
+    columns, fold, state = estimated(t, signals)
+    (found,) = (one for one in fold.findings(state) if one.code == "spring.loop")
+    assert found.value == pytest.approx(0.15, rel=0.2)
+    assert np.median(errors(columns, truth)[0][columns["excited"]]) < 0.02
+    assert np.median(errors(estimated(t, signals, basis="rig")[0], truth)[0]) > 0.05
+
+
+def test_a_polynomial_without_a_loop_stays_one():
+    for seed in range(4):
+        t, signals, _ = machine(seed=20 + seed)
+        _, fold, _ = estimated(t, signals)
+        assert fold.device.basis.knots == 0
+        assert not fold.equations[0].slips
 
 
 def test_what_changed_is_a_finding_with_its_size():

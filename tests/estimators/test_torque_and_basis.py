@@ -122,3 +122,26 @@ def test_blocks_give_the_same_bits_as_the_whole(size):
             part.append(value)
     for part, expected in zip(parts, whole, strict=True):
         np.testing.assert_array_equal(np.concatenate(part), expected)
+
+
+def test_pieces_that_begin_at_knots_are_parabolas_beyond_them():
+    basis = PolynomialBasis.make(1, deflection_scale=0.2, knots=2)
+    phi = np.array([-0.2, -0.12, -0.05, 0.0, 0.05, 0.12, 0.2])
+    u = phi / 0.2
+    wanted = [
+        u,
+        np.maximum(u, 0) ** 2,
+        np.maximum(u - 0.5, 0) ** 2,
+        -(np.maximum(-u, 0) ** 2),
+        -(np.maximum(-u - 0.5, 0) ** 2),
+    ]
+    rows = basis.rows(phi, derivatives=2)
+    np.testing.assert_allclose(rows[:, 0], np.column_stack(wanted), atol=1e-15)
+    step = 1e-6
+    near = [basis.rows(phi + s * step, derivatives=1) for s in (-1.0, 1.0)]
+    inner = np.abs(phi) > 0.01
+    np.testing.assert_allclose(rows[inner, 1], ((near[1][:, 0] - near[0][:, 0]) / (2 * step))[inner], atol=1e-6)
+    np.testing.assert_allclose(rows[inner, 2], ((near[1][:, 1] - near[0][:, 1]) / (2 * step))[inner], atol=1e-5)
+    assert basis.terms == ["phi^1", "knot(+0)", "knot(+0.5)", "knot(-0)", "knot(-0.5)"]
+    assert basis.powers_of_terms == (1, -1, -1, -1, -1)
+    assert np.isnan(basis.rows(np.array([np.nan]))).all()

@@ -1,7 +1,9 @@
 """The functions a flexibility torque is fitted with, and their derivatives in the deflection.
 
 Flacco 2012 eq. 25–29 and 35–37: products of powers of the deflection φ and of the set-point (θ_c or r). Powers are taken of
-φ / deflection_scale and set-point / setpoint_scale; with both 1 the coefficients are the papers'.
+φ / deflection_scale and set-point / setpoint_scale; with both 1 the coefficients are the papers'. A spring with a corner or a
+knee is no polynomial: knots add pieces of parabolas, a quadratic spline in the form of truncated powers (Ruppert, Wand, Carroll,
+*Semiparametric Regression*, 2003, §3.6), whose stiffness is a line from knot to knot.
 """
 
 from __future__ import annotations
@@ -22,6 +24,9 @@ Flags = NDArray[np.bool_]
 class PolynomialBasis:
     """Products of powers of deflection and set-point, in the order φ-term by φ-term, set-point powers rising within.
 
+    After the powers come the pieces that begin at knots u₀ = 0, 1/K … (K − 1)/K of the deflection scale: (u − u₀)² beyond each
+    knot on the positive side, then −(−u − u₀)² on the negative one.
+
     Attributes
     ----------
     powers : exponents of φ / deflection_scale
@@ -29,6 +34,7 @@ class PolynomialBasis:
     deflection_scale : [rad]
     setpoint_scale : [rad or m]
     branches : the functions are there twice, first for loading, then for unloading
+    knots : K, on either side of zero
     """
 
     powers: tuple[int, ...]
@@ -36,6 +42,7 @@ class PolynomialBasis:
     deflection_scale: float = 1.0
     setpoint_scale: float = 1.0
     branches: bool = False
+    knots: int = 0
 
     @classmethod
     def make(
@@ -47,27 +54,36 @@ class PolynomialBasis:
         deflection_scale: float = 1.0,
         setpoint_scale: float = 1.0,
         branches: bool = False,
+        knots: int = 0,
     ) -> PolynomialBasis:
         """Build the odd basis φ, φ³, …, φ^(2n−1) (eq. 26, 35) or the full one φ⁰, …, φ^(n−1) (eq. 29)."""
         powers = tuple(2 * h + 1 if odd else h for h in range(order))
-        return cls(powers, setpoint_order, deflection_scale, setpoint_scale, branches)
+        return cls(powers, setpoint_order, deflection_scale, setpoint_scale, branches, knots)
 
     @property
     def size(self) -> int:
-        """Number of functions: n·m, twice that with branches."""
-        return len(self.powers) * self.setpoint_order * (2 if self.branches else 1)
+        """Number of functions: (n + 2 K)·m, twice that with branches."""
+        return self.shapes * self.setpoint_order * (2 if self.branches else 1)
+
+    @property
+    def shapes(self) -> int:
+        """Number of functions of the deflection alone, of one branch: n + 2 K."""
+        return len(self.powers) + 2 * self.knots
 
     @property
     def powers_of_terms(self) -> tuple[int, ...]:
-        """The power of the deflection in each function."""
-        return tuple(i for i in self.powers for _ in range(self.setpoint_order)) * (2 if self.branches else 1)
+        """The power of the deflection in each function; −1 of a piece that begins at a knot."""
+        own = (*self.powers, *[-1] * (2 * self.knots))
+        return tuple(i for i in own for _ in range(self.setpoint_order)) * (2 if self.branches else 1)
 
     @property
     def terms(self) -> list[str]:
         """Names of the functions, e.g. ``phi^3*c^2``, with ``loading:`` or ``unloading:`` in front where there are branches."""
+        at = [f"{side}{i / self.knots:.4g}" for side in "+-" for i in range(self.knots)]
+        shapes = [*(f"phi^{i}" if i else "" for i in self.powers), *(f"knot({place})" for place in at)]
         plain = [
-            "*".join(part for part in (f"phi^{i}" if i else "", f"c^{j}" if j else "") if part) or "1"
-            for i in self.powers
+            "*".join(part for part in (shape, f"c^{j}" if j else "") if part) or "1"
+            for shape in shapes
             for j in range(self.setpoint_order)
         ]
         return [f"{b}:{t}" for b in ("loading", "unloading") for t in plain] if self.branches else plain
@@ -88,12 +104,13 @@ class PolynomialBasis:
         -------
         shape (n, derivatives + 1, size): [:, 0] are F, [:, 1] ∂F/∂φ, … (eq. 26–28); all NaN where φ is
         """
-        plain = np.empty((phi.shape[0], derivatives + 1, len(self.powers) * self.setpoint_order))
+        plain = np.empty((phi.shape[0], derivatives + 1, self.shapes * self.setpoint_order))
         c = phi if setpoint is None else setpoint
         _rows(
             np.ascontiguousarray(phi),
             np.ascontiguousarray(c),
             np.array(self.powers, dtype=np.int64),
+            self.knots,
             self.setpoint_order,
             self.deflection_scale,
             self.setpoint_scale,
@@ -130,7 +147,9 @@ def linear(rows: Array, coefficients: Array, covariance: Array) -> tuple[Array, 
 
 
 @compiled
-def _rows(phi: Array, c: Array, powers: NDArray[np.int64], m: int, phi_0: float, c_0: float, out: Array) -> None:
+def _rows(
+    phi: Array, c: Array, powers: NDArray[np.int64], knots: int, m: int, phi_0: float, c_0: float, out: Array
+) -> None:  # fmt: skip
     for k in range(out.shape[0]):
         x, y = phi[k] / phi_0, c[k] / c_0
         for h in range(powers.shape[0]):
@@ -148,3 +167,17 @@ def _rows(phi: Array, c: Array, powers: NDArray[np.int64], m: int, phi_0: float,
                     value *= y
                 factor *= n - s
                 scale /= phi_0
+        for h in range(2 * knots):
+            side = 1.0 if h < knots else -1.0
+            beyond = side * x - (h % knots) / knots
+            scale = side
+            for s in range(out.shape[1]):
+                value = 0.0
+                if beyond > 0.0 and s < 3:
+                    value = scale * (beyond * beyond if s == 0 else 2.0 * beyond if s == 1 else 2.0)
+                if math.isnan(x):
+                    value = x
+                for j in range(m):
+                    out[k, s, (powers.shape[0] + h) * m + j] = value
+                    value *= y
+                scale *= side / phi_0

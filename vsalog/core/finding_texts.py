@@ -97,6 +97,18 @@ TEXTS: dict[str, Text] = {
         "Springs and drives that warm up do that, and torque sensors that drift: record after warming up, or estimate parts"
         " of the log.",
     ),
+    "spring.loop": Text(
+        "transmission {part}: its torque has a loop of ±{value:.3g} N·m: loading and unloading differ. The stiffness is that of"
+        " the middle of the loop.",
+        "Set slip elements of the transmission in the rig, or branches = true under [joint.{joint}.basis] for a stiffness of each"
+        " branch; 'vsalog diagnose' tells hysteresis from friction.",
+        false_alarm=FALSE_ALARM,
+    ),
+    "spring.not_polynomial": Text(
+        "the spring is no polynomial of the rig's order, as with a corner or a knee: the estimate follows it by a spline.",
+        "Set knots = {knots} under [joint.{joint}.basis] for other estimators.",
+        false_alarm=FALSE_ALARM,
+    ),
     "stiffness.changed": Text(
         "transmission {part}: the stiffness changes by {value:+.1%} over the log, with {jumps:n sudden change}; the estimate"
         " follows it.",

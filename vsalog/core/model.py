@@ -24,19 +24,23 @@ class _Base(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class BasisSpec(_Base, frozen=True):
-    """The functions: products of (φ / deflection_scale)^power and (set-point / setpoint_scale)^0…(setpoint_order − 1)."""
+    """The functions: products of (φ / deflection_scale)^power and (set-point / setpoint_scale)^0…(setpoint_order − 1).
+
+    With `knots`, and pieces that begin at these: see `PolynomialBasis`.
+    """
 
     powers: tuple[int, ...]
     setpoint_order: int = 1
     deflection_scale: float = 1.0
     setpoint_scale: float = 1.0
     branches: bool = False
+    knots: int = 0
     terms: tuple[str, ...] = ()
 
     def basis(self) -> PolynomialBasis:
         """Return the basis these values describe."""
         return PolynomialBasis(
-            self.powers, self.setpoint_order, self.deflection_scale, self.setpoint_scale, self.branches
+            self.powers, self.setpoint_order, self.deflection_scale, self.setpoint_scale, self.branches, self.knots
         )
 
 
@@ -180,6 +184,7 @@ def basis_spec(basis: PolynomialBasis) -> BasisSpec:
         deflection_scale=basis.deflection_scale,
         setpoint_scale=basis.setpoint_scale,
         branches=basis.branches,
+        knots=basis.knots,
         terms=tuple(basis.terms),
     )
 

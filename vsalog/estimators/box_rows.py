@@ -18,6 +18,20 @@ Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
 
+class Boxes(NamedTuple):
+    """How long boxes are.
+
+    Attributes
+    ----------
+    per_window : of a filter's window, within which noise is alike [1]
+    """
+
+    per_window: int = 4
+
+
+BOXES = Boxes()
+
+
 class BoxRows(NamedTuple):
     """Averaged rows of an equation.
 

@@ -9,10 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.basis import PolynomialBasis
-from vsalog.estimators.device import TransmissionView
+from vsalog.effects.hysteresis import SlipElement
+from vsalog.estimators.device import TransmissionView, deflection_of
 from vsalog.estimators.equation import EquationRows, Part
 from vsalog.estimators.equations import IntegratedMotorEquation, TorqueEquation
 from vsalog.filters.conditioning import Conditioned
+from vsalog.mechanics.hysteresis import loop_block, loop_start
+from vsalog.rig.parts import LinearTransmission, Transmission
 
 Array = NDArray[np.float64]
 
@@ -31,6 +34,8 @@ class CombinedEquation:
     sensor : that of the torque sensor, None for none
     motors : one of each transmission's motor, or none
     known : whether the rig has the motors' inertias; else these and the dampings are unknowns
+    slips : deflections after which friction elements of a transmission slip, each with a stiffness that is unknown [rad]
+    slack : what noise may move a deflection by [rad]
     """
 
     transmissions: tuple[TransmissionView, ...]
@@ -38,6 +43,8 @@ class CombinedEquation:
     sensor: TorqueEquation | None
     motors: tuple[IntegratedMotorEquation, ...]
     known: bool
+    slips: tuple[float, ...] = ()
+    slack: float = 0.0
 
     motor: ClassVar[None] = None
 
@@ -61,22 +68,38 @@ class CombinedEquation:
         """Number of unknowns that functionals are of."""
         return self.leading + self.coefficients
 
+    @property
+    def loops(self) -> tuple[Transmission, ...]:
+        """Springs of no more than one friction element each, of the stiffness one: one per unknown of all transmissions."""
+        each = (LinearTransmission(stiffness=1.0, slip=(SlipElement(stiffness=1.0, limit=r),)) for r in self.slips)
+        return (*each,) * len(self.transmissions)
+
+    def with_slips(self, slips: tuple[float, ...]) -> CombinedEquation:
+        """Return the same equations with friction elements."""
+        return replace(self, slips=slips)
+
+    def with_basis(self, basis: PolynomialBasis) -> CombinedEquation:
+        """Return the same equations of other functions."""
+        sensor = None if self.sensor is None else replace(self.sensor, basis=basis)
+        return replace(self, basis=basis, sensor=sensor, motors=tuple(replace(m, basis=basis) for m in self.motors))
+
     def start(self) -> tuple[Any, ...]:
         """Return the states of the equations before the first sample."""
         sensor = None if self.sensor is None else self.sensor.start()
-        return (sensor, tuple(motor.start() for motor in self.motors))
+        return (sensor, tuple(motor.start() for motor in self.motors), tuple(loop_start(one) for one in self.loops))
 
     def rows(self, state: tuple[Any, ...], block: Conditioned) -> tuple[tuple[Any, ...], EquationRows]:
         """Form the equations for a block."""
         sensor, states, first, parts = state[0], [], None, []
+        slipping, loops = self._slipping(state[2], block)
         if self.sensor is not None:
             sensor, rows = self.sensor.rows(sensor, block)
-            parts.append(Part(np.column_stack((rows.F, np.ones_like(rows.y), rows.y)), rows.use))
+            parts.append(Part(np.column_stack((rows.F, loops, np.ones_like(rows.y), rows.y)), rows.use))
             first = rows
         for i, (motor, own) in enumerate(zip(self.motors, state[1], strict=True)):
             after, rows = motor.rows(own, block)
             states.append(after)
-            parts.append(self._motor_part(i, rows))
+            parts.append(self._motor_part(i, rows, loops))
             first = self._fed(rows, i) if first is None else first
         assert first is not None
         F = np.hstack((np.zeros((len(block.rows), self.leading)), parts[0].columns[:, : self.coefficients]))
@@ -85,15 +108,27 @@ class CombinedEquation:
             first.dynamics if self.leading and self.sensor is None else np.zeros((len(F), self.leading)),
             first.doubted, parts=tuple(parts),
         )  # fmt: skip
-        return (sensor, tuple(states)), given
+        return (sensor, tuple(states), slipping), given
 
-    def _motor_part(self, i: int, rows: EquationRows) -> Part:
+    def _slipping(self, state: tuple[Array, ...], block: Conditioned) -> tuple[tuple[Array, ...], Array]:
+        """Return the friction elements' state and how far each is strained, shape (N, elements) [rad]."""
+        after, strains = [], np.zeros((len(block.rows), len(self.loops)))
+        for j, (loop, own) in enumerate(zip(self.loops, state, strict=True)):
+            phi = deflection_of(block.fit, self.transmissions[j // len(self.slips)])
+            begun = loop_start(loop) if block.rows.starts[0] else own
+            new, strains[:, j], _ = loop_block(begun, loop, phi, self.slack)
+            after.append(new)
+        return tuple(after), strains
+
+    def _motor_part(self, i: int, rows: EquationRows, loops: Array) -> Part:
         assert rows.plain is not None
         F, torque = rows.plain
         view, n = self.transmissions[i], self.basis.size
         inertia, damping = _rig_motor(view) if self.known else (0.0, 0.0)
-        columns = np.zeros((len(torque), self.coefficients + len(MOTOR_UNKNOWNS) + 1))
+        columns = np.zeros((len(torque), self.coefficients + loops.shape[1] + len(MOTOR_UNKNOWNS) + 1))
         columns[:, i * n : (i + 1) * n] = -F[:, 3:]
+        own = slice(i * len(self.slips), (i + 1) * len(self.slips))
+        columns[:, self.coefficients :][:, own] = loops[:, own]
         columns[:, -4], columns[:, -3:-1] = 1.0, -F[:, 1:3]
         columns[:, -1] = inertia * F[:, 1] + damping * F[:, 2] - torque
         return Part(columns, rows.use & np.isfinite(columns).all(axis=1))

@@ -113,6 +113,7 @@ def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None,
         deflection_scale=joint.basis.deflection_scale or largest(*deflections),
         setpoint_scale=joint.basis.setpoint_scale or largest(*setpoints),
         branches=joint.basis.branches,
+        knots=joint.basis.knots,
     )
     return Device(name, views, basis, serial, link=joint.link, rig=rig)
 

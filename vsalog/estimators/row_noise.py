@@ -9,15 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.precision import ROUNDING
-from vsalog.estimators.box_rows import BoxRows
+from vsalog.estimators.box_rows import BOXES, BoxRows
 from vsalog.uncertainty.autoregression import Autoregression, autoregression
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
-
-REACH = 4
-"""Boxes to either side, at most, whose noise another equation has a part of [1]: as many as a filter's window has."""
 
 
 class RowNoise(NamedTuple):
@@ -39,6 +36,11 @@ class RowNoise(NamedTuple):
     alone: Autoregression
     deviation: float
 
+    @property
+    def innovation(self) -> float:
+        """Standard deviation of what neither the rows before nor the other equations say of a row."""
+        return float(self.left.deviation[-1])
+
     @classmethod
     def white(cls, part: BoxRows) -> RowNoise:
         """Return white noise as large as what least squares leave over."""
@@ -55,7 +57,7 @@ class RowNoise(NamedTuple):
         alone = autoregression(residual, part.first, least)
         deviation = float(np.sqrt(np.mean(residual**2))) if len(residual) else float("nan")
         shared, left, best = np.zeros((0, 1)), alone, np.inf
-        for reach in range(REACH + 1) if before else ():
+        for reach in range(BOXES.per_window + 1) if before else ():
             others, there = _neighbours(part, before, reach)
             if np.count_nonzero(there) <= 2 * others.shape[1]:
                 break

@@ -87,6 +87,11 @@ class Limits(NamedTuple):
         return np.asarray(np.geomspace(self.smoothest, self.roughest, 9))
 
     @property
+    def bends(self) -> Array:
+        """How much a spring's curvature may change at a knot: hypotheses, in the scale of the prior, from next to nothing on."""
+        return np.asarray(np.geomspace(self.smoothest**2, self.roughest, 9))
+
+    @property
     def changes(self) -> Array:
         """The changes that are hypotheses, beside none."""
         count = 2 * round(np.log10(self.fastest / self.slowest)) + 1
@@ -94,6 +99,8 @@ class Limits(NamedTuple):
 
 
 LIMITS = Limits()
+# Name of an unknown that equations share, in place of an equation's own.
+SHARED = "shared"
 
 
 class Choice(NamedTuple):
@@ -182,6 +189,7 @@ class SmootherSolver:
     required : names of those that are always unknown; the others only where the log shows it
     box : samples of a box
     deflection : variance of each transmission's deflection behind the filters, at which its stiffness is evaluated [rad²]
+    shared : unknowns of all equations that are no coefficients
     leading : unknowns that functionals have before the coefficients
     causal : whether an interval is estimated from those before alone
     """
@@ -192,6 +200,7 @@ class SmootherSolver:
     required: frozenset[str]
     box: int
     deflection: tuple[float, ...]
+    shared: int = 0
     leading: int = 0
     causal: bool = False
 
@@ -207,7 +216,7 @@ class SmootherSolver:
 
     def start(self, size: int) -> SmootherState:
         """Return the state before the first sample."""
-        return SmootherState(tuple(box_start(self.coefficients + len(own) + 1) for own in self.unknowns))
+        return SmootherState(tuple(box_start(self.coefficients + self.shared + len(own) + 1) for own in self.unknowns))
 
     def block(
         self, state: SmootherState, rows: EquationRows, use: Flags, E: Array, spread: Flags
@@ -246,6 +255,11 @@ class SmootherSolver:
         trajectory = Smoother(self, boxes, state.samples, state.choice).trajectory()
         return SmootherState(None, 0, None, trajectory)
 
+    def evidence(self, state: SmootherState, intervals: int = 1) -> float:
+        """Return the log evidence of the functions in what was collected; a spring may change between so many intervals."""
+        assert state.boxes is not None
+        return Smoother(self, [own.whole for own in state.boxes], state.samples, intervals=intervals).evidence()
+
     def solution(self, state: SmootherState) -> tuple[Array, Array, float]:
         """Return ξ̂ (n,), its covariance (n, n), both averages over the log, and the noise seen in y (standard deviation)."""
         size = self.leading + self.coefficients
@@ -262,23 +276,33 @@ class Smoother:
     """The boxes of a log, and estimates from them."""
 
     def __init__(
-        self, solver: SmootherSolver, boxes: Sequence[BoxRows], samples: int, choice: Choice | None = None
+        self,
+        solver: SmootherSolver,
+        boxes: Sequence[BoxRows],
+        samples: int,
+        choice: Choice | None = None,
+        intervals: int = LIMITS.intervals,
     ) -> None:
         self.solver, self.boxes, self.samples, self.choice = solver, boxes, samples, choice
         n = solver.coefficients
-        self.names = [(i, name) for i, own in enumerate(solver.unknowns) for name in own]
+        shared = [(i, SHARED) for i in range(solver.shared)]
+        self.names = shared + [(i, name) for i, own in enumerate(solver.unknowns) for name in own]
         self.size = n + len(self.names)
         fullest = max(len(part.rows) for part in boxes)
-        self.count = int(np.clip(fullest // LIMITS.boxes_per_interval, 1, LIMITS.intervals))
+        self.count = int(np.clip(fullest // LIMITS.boxes_per_interval, 1, intervals))
         self.where = [np.minimum(part.place * self.count // samples, self.count - 1) for part in boxes]
-        self.columns, first = [], n
+        self.columns, first = [], n + solver.shared
         for own in solver.unknowns:
-            self.columns.append(np.r_[:n, first : first + len(own)])
+            self.columns.append(np.r_[: n + solver.shared, first : first + len(own)])
             first += len(own)
-        self.active = np.r_[:n, [n + i for i, name in enumerate(self.names) if name[1] in solver.required]].astype(int)
-        self.scale = self._scale()
+        self.active = np.r_[
+            :n, [n + i for i, name in enumerate(self.names) if name[1] in (*solver.required, SHARED)]
+        ].astype(int)
         self.powers = np.zeros(self.size)
         self.powers[:n] = np.maximum(np.array(solver.powers) - 1.0, 0.0)
+        self.knots = np.zeros(self.size, dtype=np.bool_)
+        self.knots[:n] = np.array(solver.powers) < 0
+        self.scale = self._scale()
 
     def _scale(self) -> Array:
         """Return the prior's standard deviation of each unknown, shape (size,)."""
@@ -287,6 +311,8 @@ class Smoother:
             rms = np.sqrt(np.mean(np.square(part.rows), axis=0)) if len(part.rows) else np.ones(columns.size + 1)
             with np.errstate(divide="ignore", invalid="ignore"):
                 own = np.where(rms[:-1] > 0.0, rms[-1] / rms[:-1], 0.0)
+            # A piece is as large as the torque where it is one, however little of it is reached.
+            own[: self.solver.coefficients][self.knots[: self.solver.coefficients]] = rms[-1]
             scale[columns] = np.maximum(scale[columns], own)
         return LIMITS.prior * np.where(scale > 0.0, scale, 1.0)
 
@@ -317,6 +343,20 @@ class Smoother:
         evidence, _ = self._explained(triangles, usual, True)
         return triangles, Choice(tuple(noise), self.active, self.prior, self.direction, self.usual, evidence)
 
+    def evidence(self) -> float:
+        """Return the log evidence of the functions, for noise as the residuals show it."""
+        noise, evidence, usual = [RowNoise.white(part) for part in self.boxes], -np.inf, None
+        if sum(len(part.rows) for part in self.boxes) <= self.active.size:
+            return evidence
+        for _ in range(LIMITS.rounds + 1):
+            found, smoothed = self._explained(self._triangles(noise, [None] * len(noise)), usual, False, shown=False)
+            # Rows were divided by these deviations.
+            sizes = sum(len(p.rows) * np.log(own.innovation) for p, own in zip(self.boxes, noise, strict=True))
+            evidence = float(np.logaddexp.reduce(list(found.values()))) - float(sizes) - 0.5 * self.left
+            noise, _ = self._noise(self._whole(smoothed.mean))
+            usual = smoothed.mean.mean(axis=0)
+        return evidence
+
     def _noise(self, mean: Array) -> tuple[list[RowNoise], list[Array | None]]:
         """Return the noise of each equation, from what an estimate leaves over of its rows, and the weights of these."""
         residuals = [
@@ -334,6 +374,7 @@ class Smoother:
     def _triangles(self, noise: Sequence[RowNoise], weights: Sequence[Array | None]) -> Array:
         """Return the whitened and weighted rows of each interval as a triangle over all unknowns, shape (K, size, size + 1)."""
         out = np.zeros((self.count, self.size, self.size + 1))
+        self.left = 0.0
         whole: list[Array] = []
         for i, (part, own, columns) in enumerate(zip(self.boxes, noise, self.columns, strict=True)):
             rows = np.zeros((len(part.rows), self.size + 1))
@@ -341,7 +382,7 @@ class Smoother:
             whole.append(rows)
             white = own.whitened(rows, part, list(zip(whole[:i], self.boxes[:i], strict=True)))
             weight = weights[i]
-            _rotate(white if weight is None else np.sqrt(weight)[:, None] * white, self.where[i], out)
+            self.left += _rotate(white if weight is None else np.sqrt(weight)[:, None] * white, self.where[i], out)
         return out
 
     def _measurements(self, triangles: Array) -> Array:
@@ -379,7 +420,9 @@ class Smoother:
             out[i, part] = usual[part]
         return out
 
-    def _explained(self, triangles: Array, usual: Array | None, shapes: bool) -> tuple[dict[Change, float], Smoothed]:
+    def _explained(
+        self, triangles: Array, usual: Array | None, shapes: bool, shown: bool = True
+    ) -> tuple[dict[Change, float], Smoothed]:
         """Return each hypothesis' log evidence, and what the best one estimates; unknowns that the log shows become active.
 
         Parameters
@@ -387,9 +430,10 @@ class Smoother:
         triangles : of `_triangles`
         usual : shape (active,), the torque as a whole; None to take that of a spring that does not change
         shapes : whether the shape may change, too
+        shown : whether unknowns that the log shows become active
         """
         measurements = self._measurements(triangles)
-        self.prior = _smoothness(measurements, self.powers[self.active])
+        self.prior = _smoothness(measurements, self.powers[self.active], self.knots[self.active])
         still = self._smooth(measurements, Change(), np.zeros((0, self.active.size)), False)
         usual = still.filtered_mean[-1] if usual is None else usual
         self.direction = self._direction(usual)
@@ -410,7 +454,7 @@ class Smoother:
                 break
             best = better
         # A causal filter's acceleration lags and is noisy, which another inertia would explain.
-        if not self.solver.causal and self._shown(triangles, best):
+        if shown and not self.solver.causal and self._shown(triangles, best):
             return self._explained(triangles, None, shapes)
         return evidence, smoothed
 
@@ -444,7 +488,7 @@ class Smoother:
 
         still = Change(0.0, 0.0, jumps)
         weigh(still, 2.0 * np.log(0.5))
-        for whole in changes:
+        for whole in changes if self.count > 1 else ():
             weigh(still._replace(whole=whole), prior + np.log(0.5))
         best = max(evidence, key=lambda change: evidence[change])
         for shape in changes if shapes else ():
@@ -522,20 +566,23 @@ def _triangle(rows: Array) -> Array:
     return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
-def _smoothness(measurements: Array, powers: Array) -> Array:
+def _smoothness(measurements: Array, powers: Array, knots: Flags) -> Array:
     """Return the prior's standard deviation of each scaled unknown, shape (n,).
 
-    Springs are smooth: of a power of the deflection the torque has r times as much as of the power before. How smooth is an
-    average over the r that the log makes probable, as if unknowns did not change.
+    Springs are smooth: of a power of the deflection the torque has r times as much as of the power before, and the curvature
+    changes from knot to knot by so much. How smooth is an average over what the log makes probable, as if unknowns did not
+    change.
 
     Parameters
     ----------
     measurements : shape (K, m, n + 1)
     powers : shape (n,), by which power beyond the first each unknown multiplies the deflection
+    knots : shape (n,), which unknowns are of pieces that begin at a knot
     """
     n = measurements.shape[2] - 1
     R = _triangle(measurements.reshape(-1, n + 1))[:n]
-    priors = np.stack([ratio**powers for ratio in LIMITS.ratios])
+    bends = LIMITS.bends if knots.any() else np.ones(1)
+    priors = np.stack([np.where(knots, bend, ratio**powers) for ratio in LIMITS.ratios for bend in bends])
     evidence = []
     for prior in priors:
         # In units of the prior, so that none is divided by.
@@ -547,12 +594,14 @@ def _smoothness(measurements: Array, powers: Array) -> Array:
 
 
 @compiled
-def _rotate(rows: Array, where: Integers, triangles: Array) -> None:
-    """Rotate each row into its interval's triangle; what is left over of it counts for no unknown."""
+def _rotate(rows: Array, where: Integers, triangles: Array) -> float:
+    """Rotate each row into its interval's triangle; return the squares of what is left over, whatever the unknowns are."""
     scratch = np.empty(rows.shape[1])
-    n = rows.shape[1] - 1
+    n, left = rows.shape[1] - 1, 0.0
     for k in range(rows.shape[0]):
         qr_update(rows[k, :n], rows[k, n], 1.0, triangles[where[k]], scratch)
+        left += scratch[n] * scratch[n]
+    return left
 
 
 @compiled

@@ -121,7 +121,7 @@ def usual_regressor(device: Device, signals: JointSignals, *, second: bool = Fal
     if not device.transmissions:
         raise EstimatorError(f"joint '{device.joint}' is of kind 'pneumatic': there is no spring to fit anything to")
     corner = np.array([largest(signals.roles["setpoint"])]) if device.has_setpoint else None
-    powers = len(device.basis.powers), device.basis.setpoint_order
+    powers = device.basis.shapes, device.basis.setpoint_order
     reached = np.array(
         [
             device.basis.rows(np.array([largest(deflection_of(signals.roles, view))]), corner, 0).ravel()[

@@ -124,6 +124,7 @@ class Basis(Base, frozen=True):
     deflection_scale : φ is divided by this before powers are taken [rad]; the log's largest |φ| when absent
     setpoint_scale : the set-point is divided by this [rad or m]; the log's largest when absent
     branches : fit loading (|φ| grows) and unloading apart, for a transmission with hysteresis
+    knots : of a quadratic spline on either side of zero, for a spring with a corner or a knee; none when 0
     """
 
     order: Annotated[int, Meta(description="number of terms in the deflection", ge=1, le=20)] = 4
@@ -132,6 +133,7 @@ class Basis(Base, frozen=True):
     deflection_scale: DeflectionScale | None = None
     setpoint_scale: SetpointScale | None = None
     branches: bool = False
+    knots: Annotated[int, Meta(description="knots on either side of zero", ge=0, le=20)] = 0
 
 
 class RigidJoint(Base, frozen=True, tag="rigid", tag_field="kind"):

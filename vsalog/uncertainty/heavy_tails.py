@@ -7,16 +7,29 @@ where a normal distribution has the least Bayesian information criterion.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
 Array = NDArray[np.float64]
 
-# Degrees of freedom that are tried [1]: from Cauchy's tails to such as are hardly other than normal.
-DEGREES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
-# Steps of the scale's expectation-maximisation, which converges by a factor of 2 or more each.
-SCALE_STEPS = 20
+
+class Tails(NamedTuple):
+    """What is tried.
+
+    Attributes
+    ----------
+    degrees : of freedom [1], from Cauchy's tails to such as are hardly other than normal
+    steps : of the scale's expectation-maximisation, which converges by a factor of 2 or more each [1]
+    """
+
+    degrees: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+    steps: int = 20
+
+
+TAILS = Tails()
 
 
 def tail_weights(residual: Array) -> Array | None:
@@ -27,9 +40,9 @@ def tail_weights(residual: Array) -> Array | None:
         return None
     variance = float(squares.mean())
     best, found = -0.5 * count * (np.log(2.0 * np.pi * variance) + 1.0) + 0.5 * np.log(count), None
-    for degrees in DEGREES:
+    for degrees in TAILS.degrees:
         scale = float(np.median(squares)) or variance
-        for _ in range(SCALE_STEPS):
+        for _ in range(TAILS.steps):
             weights = (degrees + 1.0) / (degrees + squares / scale)
             scale = float(np.mean(weights * squares))
         likelihood = count * (

@@ -51,6 +51,8 @@ def _basis_fault(joint: JointModel) -> str | None:
     basis = joint.basis
     if not basis.powers or not all(0 <= p <= HIGHEST_POWER for p in basis.powers):
         return f"the powers have to be whole numbers from 0 to {HIGHEST_POWER}, at least one"
+    if not 0 <= basis.knots <= HIGHEST_POWER:
+        return f"knots has to be between 0 and {HIGHEST_POWER}, not {basis.knots}"
     if not 1 <= basis.setpoint_order <= HIGHEST_POWER:
         return f"setpoint_order has to be between 1 and {HIGHEST_POWER}, not {basis.setpoint_order}"
     for key in ("deflection_scale", "setpoint_scale"):

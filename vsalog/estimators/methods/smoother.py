@@ -6,33 +6,36 @@ together (`smoothing.py`); the first as in Flacco 2012 eq. 21, the others as in 
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import math
+from collections.abc import Collection, Mapping
 from copy import copy
-from typing import ClassVar
+from dataclasses import replace
+from typing import ClassVar, Literal, NamedTuple
 
+import numpy as np
+
+from vsalog.core.basis import PolynomialBasis
 from vsalog.core.errors import EstimatorError
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import DETECTED, FALSE_ALARM
+from vsalog.estimators.box_rows import BOXES
 from vsalog.estimators.combined_equation import MOTOR_UNKNOWNS, SENSOR_UNKNOWNS, CombinedEquation
 from vsalog.estimators.device import Device
 from vsalog.estimators.equation import REPORTED_CHANGE
 from vsalog.estimators.fold_state import FoldState
-from vsalog.estimators.known_effects import conditioner_of
+from vsalog.estimators.folding import BLOCK
+from vsalog.estimators.known_effects import SLACK, conditioner_of
 from vsalog.estimators.methods.qr_rls import integrated_equations
 from vsalog.estimators.methods.residual_rls import sensor_equations
 from vsalog.estimators.needs import sensor_role, torque_roles
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_for_torque
-from vsalog.estimators.row_noise import REACH
 from vsalog.estimators.screening import screened
-from vsalog.estimators.smoothing import Choice, SmootherSolver, Trajectory
+from vsalog.estimators.smoothing import SHARED, Choice, SmootherSolver, SmootherState, Trajectory
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.windows import keeping_window, motor_window
 from vsalog.uncertainty.long_run import BOX
-
-# Rows are averaged over a part of the filter's window, whose noise is alike anyway.
-BOXES_OF_WINDOW = REACH
 
 NAME = "smoother"
 SUMMARY = (
@@ -45,13 +48,34 @@ class SmootherTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     Attributes
     ----------
+    basis : ``auto``: the rig's, with a spline and with friction elements where the log shows that the spring is no polynomial or
+        has a loop; ``rig``: the rig's
     causal : estimate from the samples before alone; how noisy sensors are, and how fast the spring changes, is of the whole log
     """
 
+    basis: Literal["auto", "rig"] = "auto"
     causal: bool = False
 
 
 TUNING = SmootherTuning
+
+
+class Shape(NamedTuple):
+    """What a basis gets where the log needs it.
+
+    Attributes
+    ----------
+    knots : on either side of zero [1]: corners in between cost half a percent
+    slips : friction elements [1], which slip after a half, a quarter … of the largest deflection
+    intervals : between which a spring may change while shapes are compared [1]
+    """
+
+    knots: int = 16
+    slips: int = 5
+    intervals: int = 32
+
+
+SHAPE = Shape()
 
 
 class SmootherFold(RegressionFold):
@@ -59,12 +83,23 @@ class SmootherFold(RegressionFold):
 
     follows_changes: ClassVar[bool] = True
     choices: tuple[Choice | None, ...] = ()
+    rig_basis: PolynomialBasis | None = None
+    equations: tuple[CombinedEquation, ...]
     solver: SmootherSolver
 
     def settled(self, state: FoldState) -> SmootherFold:
         """Return the same fold, which takes what was chosen from the log."""
         fold = copy(self)
         fold.choices = tuple(None if own.trajectory is None else own.trajectory.choice for own in state.solvers)
+        return fold
+
+    def with_shape(self, basis: PolynomialBasis, slips: tuple[float, ...]) -> SmootherFold:
+        """Return the same fold with other functions, and friction elements that slip after such deflections [rad]."""
+        fold, count = copy(self), self.solver.transmissions
+        fold.device = replace(self.device, basis=basis)
+        fold.equations = tuple(equation.with_basis(basis).with_slips(slips) for equation in self.equations)
+        fold.solver = replace(self.solver, powers=basis.powers_of_terms * count, shared=len(slips) * count)
+        fold.rig_basis = self.device.basis
         return fold
 
     def start(self) -> FoldState:
@@ -76,12 +111,44 @@ class SmootherFold(RegressionFold):
 
     def findings(self, state: FoldState) -> tuple[Finding, ...]:
         """Return how a spring changed, and where a motor's inertia is not the rig's."""
-        found: list[Finding] = []
+        found = self._shapes(state)
         for equation, own in zip(self.equations, state.solvers, strict=True):
-            assert isinstance(equation, CombinedEquation)
             if own.trajectory is not None:
                 found += self._changes(equation, own.trajectory) + self._inertias(equation, own.trajectory)
         return (*super().findings(state), *found)
+
+    def _shapes(self, state: FoldState) -> list[Finding]:
+        """Return what the log shows of the springs' shapes that the rig's basis has not."""
+        found: list[Finding] = []
+        basis = self.device.basis
+        if self.rig_basis is not None and basis.knots > self.rig_basis.knots:
+            found.append(
+                Finding(
+                    code="spring.not_polynomial",
+                    joint=self.device.joint,
+                    severity="info",
+                    evidence={"knots": basis.knots},
+                )
+            )
+        for equation, own in zip(self.equations, state.solvers, strict=True):
+            if own.trajectory is None or not equation.slips:
+                continue
+            for i, view in enumerate(equation.transmissions):
+                # Elements that slip all resist with their stiffness times the deflection they slip after.
+                shared = [(i * len(equation.slips) + j, SHARED) for j in range(len(equation.slips))]
+                parts = [own.trajectory.others[key] for key in shared]
+                level = sum(value * reach for (value, _), reach in zip(parts, equation.slips, strict=True))
+                found.append(
+                    Finding(
+                        code="spring.loop",
+                        joint=self.device.joint,
+                        part=view.name,
+                        severity="info",
+                        value=level,
+                        unit="N*m",
+                    )
+                )
+        return found
 
     def _changes(self, equation: CombinedEquation, trajectory: Trajectory) -> list[Finding]:
         """Return by how much transmissions changed, where the log shows that they did."""
@@ -136,7 +203,7 @@ def roles(device: Device, offered: Collection[str], tuning: SmootherTuning) -> t
 
 
 def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> SmootherFold:
-    """Assemble the estimator for a joint's signals."""
+    """Assemble the estimator for a joint's signals, with more functions than the rig's basis has where the log needs them."""
     views, offered = device.transmissions, signals.roles
     sensed = all(sensor_role(view, offered) in offered for view in views)
     motors = all({view.motor_position, view.motor_torque} <= set(offered) for view in views)
@@ -152,6 +219,8 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     known = all(view.motor.reflected_inertia is not None for view in views)
     # One sensor for several transmissions ties them together.
     together = [views] if len(sensors) == 1 else [(view,) for view in views]
+    steps = [signals.resolution.get(role, 0.0) for role in views[0].deflection_roles(offered)]
+    slack = SLACK[tuning.filter] * float(np.linalg.norm(steps)) / 12.0**0.5
     equations = [
         CombinedEquation(
             own,
@@ -159,6 +228,7 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
             sensors[i] if sensors else None,
             driven if len(together) == 1 else driven[i : i + 1],
             known,
+            slack=slack,
         )
         for i, own in enumerate(together)
     ]
@@ -170,9 +240,46 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
         count,
         unknowns,
         frozenset() if known else frozenset(MOTOR_UNKNOWNS[1:]),
-        max(conditioner.window // BOXES_OF_WINDOW, BOX),
+        max(conditioner.window // BOXES.per_window, BOX),
         (max(0.0 if noise is None else noise.own for noise in noises),) * count,
-        equations[0].leading,
-        tuning.causal,
+        leading=equations[0].leading,
+        causal=tuning.causal,
     )
-    return SmootherFold(NAME, "COMBINED", device, conditioner, tuple(equations), solver, passes=2, look=look)
+    plain = SmootherFold(NAME, "COMBINED", device, conditioner, tuple(equations), solver, passes=2, look=look)
+    return plain if tuning.basis == "rig" or tuning.causal else _fitting(plain, signals)
+
+
+def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
+    """Return a fold with the functions that the log needs; more have to be a thousand times as probable as fewer."""
+    basis = plain.device.basis
+    # Of a basis with a set-point each knot would be there several times.
+    spline = basis if basis.setpoint_order > 1 else replace(basis, knots=max(basis.knots, SHAPE.knots))
+    slips = tuple(basis.deflection_scale * 2.0**-k for k in range(1, SHAPE.slips + 1))
+    states = {plain: _collected(plain, signals)}
+    best = plain
+    for own, elements in ((spline, ()), (basis, slips), (spline, slips)):
+        if own == basis and not elements:
+            continue
+        fold = plain.with_shape(own, elements)
+        states[fold] = _collected(fold, signals)
+        # A spring that changes may look like one of another shape, until that is allowed for.
+        if all(_more_probable(states, fold, best, intervals) for intervals in (1, SHAPE.intervals)):
+            best = fold
+    return best
+
+
+def _collected(fold: SmootherFold, signals: JointSignals) -> list[SmootherState]:
+    """Return what the solvers of a fold have collected from all signals."""
+    state = fold.start()
+    for part in signals.blocks(BLOCK):
+        state, _ = fold.step(state, part)
+    state, _ = fold.finish(state)
+    return state.solvers
+
+
+def _more_probable(
+    states: Mapping[SmootherFold, list[SmootherState]], fold: SmootherFold, other: SmootherFold, intervals: int
+) -> bool:
+    """Tell whether a fold's functions are a thousand times as probable as another's."""
+    evidence = (sum(one.solver.evidence(own, intervals) for own in states[one]) for one in (fold, other))
+    return next(evidence) - next(evidence) > -math.log(FALSE_ALARM)
