@@ -13,8 +13,10 @@ from scipy.integrate import solve_ivp
 from vsalog.cli import cli
 from vsalog.filters.link_ekf import LinkNoise, estimate_link, link_start, restarted
 from vsalog.filters.stiffness_observer import observe_stiffness, observer_start
-from vsalog.reproduce.measure import Study
-from vsalog.reproduce.serio2011 import simulated
+from vsalog.reproduce.measure import with_noise
+from vsalog.reproduce.rows import Row
+from vsalog.reproduce.serio2011 import PRINTED, by_default, played_by
+from vsalog.simulation.experiments import awas_rig
 
 pytestmark = pytest.mark.share(2)
 
@@ -215,7 +217,9 @@ def test_what_cannot_be_is_refused_in_words(tmp_path, run):
 
 def test_serio_s_simulated_experiment_is_met():
     """Fig. 4: 5.1 % for the stiffness, 6.7 % for the damping, 9.8 % for the inertia."""
-    rows = [row for row in simulated(Study(seeds=(0,))).rows if row.estimator == "impedance" and row.place == "Fig. 4"]
+    rig = awas_rig()
+    common = Row(item="", paper="", place="", quantity="")
+    rows = by_default(common, with_noise(played_by(rig, rig), [0]), PRINTED)
     assert len(rows) == 3
     for row in rows:
         assert row.ours.median <= row.printed, row.quantity

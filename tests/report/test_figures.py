@@ -16,9 +16,9 @@ from vsalog.figures.joint_figures import columns_for, joint_charts
 from vsalog.figures.paper import write_figures, write_reproduced
 from vsalog.report.document import Document, Figures
 from vsalog.report.html import page_of
-from vsalog.reproduce.rows import Curve as Paper
-from vsalog.reproduce.rows import Figure as Reproduced
-from vsalog.reproduce.rows import Panel
+from vsalog.reproduce.drawing import Curve as Paper
+from vsalog.reproduce.drawing import Figure as Reproduced
+from vsalog.reproduce.drawing import Panel
 
 NAMES = {
     "torque", "torque_expanded", "torque_over_deflection", "surface", "slices", "stiffness", "error_distribution",

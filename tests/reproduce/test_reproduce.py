@@ -1,4 +1,4 @@
-"""`vsalog reproduce`: printed values are the papers', the targets hold with other seeds, and what is missing is said."""
+"""`vsalog reproduce`: printed values are the papers', the targets hold with other seeds, and verdicts say what they mean."""
 
 import json
 import re
@@ -12,13 +12,11 @@ from click.testing import CliRunner
 
 from vsalog.cli import cli
 from vsalog.core.errors import VsalogError
-from vsalog.estimators import registry
 from vsalog.estimators.registry import built_in
 from vsalog.figures.paper import FigureError, prepare_folder, write_reproduced
 from vsalog.reproduce import flacco2012, flacco2014, serio2011, shin
 from vsalog.reproduce.catalogue import ITEMS, select
-from vsalog.reproduce.measure import Setting, Study, estimate, mse, msrep, with_noise
-from vsalog.reproduce.planned import Column, Planned, mean_relative, row_of
+from vsalog.reproduce.measure import Setting, Study, estimate, mean_relative, mse, msrep, with_noise
 from vsalog.reproduce.rows import Result, Row, Spread
 from vsalog.simulation.experiments import vsa2_experiment
 
@@ -39,12 +37,6 @@ def results():
         return found[name]
 
     return result
-
-
-def register(monkeypatch, name):
-    """Register `direct` under another name, in the place of what has it."""
-    table = {**built_in(), name: "vsalog.estimators.methods.direct"}
-    monkeypatch.setattr(registry, "built_in", lambda: dict(table))
 
 
 def chosen(rows, **fields):
@@ -74,6 +66,10 @@ def test_printed_values_of_the_other_papers():
     assert list(flacco2014.CUBIC.values()) == [(1.2583, 1.6936), (4.2, 0.7)]
     assert [v[0] for v in flacco2014.CUBIC_MOTOR.values()] == [0.0023, 7.1942e-4, 1.2843, 1.2706]
     assert serio2011.PRINTED == {"stiffness": 5.1, "damping": 6.7, "inertia": 9.8}
+    assert serio2011.EXPERIMENT == {"stiffness": 38.2, "damping": 9.4, "inertia": 12.2}
+    assert serio2011.Tuning(2000.0, 0.001, 0.001, 10000.0) == serio2011.SIMULATED
+    assert serio2011.Tuning(8.0, 0.00001, 0.000001, 100.0) == serio2011.MEASURED
+    assert shin.ONLINE == {"angle": (1.16, 3.06, 7.91), "torque": (0.0899, 0.299, 6.01)}
     assert shin.MODEL_ALONE == {"angle": (1.053, 3.50, 8.87), "torque": (0.162, 0.494, 10.23)}
     assert shin.UKF == {"angle": (0.838, 2.42, 6.13), "torque": (0.108, 0.238, 4.94)}
 
@@ -144,7 +140,7 @@ def test_a_row_says_all_that_is_needed_to_judge_it(results, name):
         assert row.estimator in built_in()
         if row.verdict in ("worse", "does not hold"):
             assert len(row.reason) > 40, (row.of, row.quantity)
-        elif row.status == "done":
+        else:
             assert row.reason == ""
         if row.quantity.startswith(("MSE", "MSREP")) and row.printed is not None:
             assert row.whole_run.seeds == row.ours.seeds
@@ -180,50 +176,43 @@ def test_errors_by_hand():
     assert mean_relative(estimated, true) == pytest.approx(100.0 * (1.0 + 0.1 + 0.25) / 3)
 
 
-def test_verdicts():
-    row = Row(item="", paper="", place="", quantity="", printed=1.0, ours=Spread(0.5, 0.4, 2.0, 3))
+def test_an_error_is_better_or_worse_where_all_seeds_say_so():
+    row = Row(item="", paper="", place="", quantity="", printed=1.0, ours=Spread(0.5, 0.4, 0.9, 3))
     assert row.verdict == "better"
-    assert row.with_values(ours=Spread(1.004, 0.9, 1.1, 3)).verdict == "as printed"
-    assert row.with_values(ours=Spread(1.2, 0.4, 2.0, 3)).verdict == "worse"
-    assert row.with_values(ours=Spread(float("nan"), 0.0, 0.0, 3)).verdict == "worse"
-    closer = row.with_values(compare="closer", true_value=1.1)
-    assert closer.with_values(ours=Spread(1.12, 1.11, 1.13, 3)).verdict == "better"
-    assert closer.with_values(ours=Spread(1.5, 1.4, 1.6, 3)).verdict == "worse"
-    assert closer.with_values(ours=Spread(1.3, 0.9, 1.4, 3)).verdict == "as printed"
+    assert row.with_values(ours=Spread(0.5, 0.4, 2.0, 3)).verdict == "within our spread"
+    assert row.with_values(ours=Spread(1.2, 0.4, 2.0, 3)).verdict == "within our spread"
+    assert row.with_values(ours=Spread(1.2, 1.1, 2.0, 3)).verdict == "worse"
+    assert row.with_values(ours=Spread(1.004, 0.1, 9.0, 3)).verdict == "as printed"
+    assert row.with_values(ours=Spread(float("nan"), float("nan"), float("nan"), 3)).verdict == "worse"
     assert row.with_values(compare="holds", holds=False).verdict == "does not hold"
-    assert row.with_values(status="not there yet").verdict == "not there yet"
     assert row.because("why").reason == ""
     assert row.with_values(ours=Spread(1.2, 1.2, 1.2, 1)).because("why").reason == "why"
 
 
-def test_a_row_becomes_real_once_its_estimator_is_registered(monkeypatch, results):
-    """Whatever estimator takes one of the names is run, and its column held against the truth."""
-    register(monkeypatch, serio2011.OBSERVER.names[0])
-    stiffness, damping, inertia, *others = serio2011.simulated(Study((101,))).rows
-    assert stiffness.status == "done"
-    assert stiffness.estimator == serio2011.OBSERVER.names[0]
-    (direct,) = [r for r in others if r.estimator == "direct"]
-    assert stiffness.ours == direct.ours
-    for row in (damping, inertia):  # 'direct' has no such columns, and that is what is said
-        assert row.status == "not there yet"
-        assert "link_" in row.reason
+def test_a_parameter_is_compared_by_its_distance_to_the_true_value():
+    row = Row(item="", paper="", place="", quantity="", printed=1.0, compare="closer", true_value=1.1)
+    assert row.with_values(ours=Spread(1.12, 1.11, 1.13, 3)).verdict == "better"
+    assert row.with_values(ours=Spread(1.5, 1.4, 1.6, 3)).verdict == "worse"
+    assert row.with_values(ours=Spread(1.3, 0.9, 1.4, 3)).verdict == "within our spread"
+    assert row.with_values(ours=Spread(0.998, 0.9, 1.4, 3)).verdict == "as printed"
 
 
-def test_a_row_whose_estimator_cannot_be_run_says_why():
-    column = Column("stiffness", lambda experiment, joint: experiment.time, mean_relative)
-    row = Row(item="", paper="", place="", quantity="")
-    refused = row_of(
-        row, Planned("x", ("pam-ukf",)), column, lambda: [vsa2_experiment(duration=0.2)], "vsa2", Study((101,))
-    )
-    assert refused.status == "not there yet"
-    assert "pneumatic" in refused.reason
+def test_what_is_left_out_and_other_conditions_are_part_of_the_verdict():
+    row = Row(item="", paper="", place="", quantity="", printed=1.0, ours=Spread(0.5, 0.4, 0.9, 3))
+    over_the_start = row.with_values(whole_run=Spread(3.0, 2.0, 4.0, 3))
+    assert over_the_start.verdict == "better after the transient"
+    assert over_the_start.with_values(window_printed=True).verdict == "better"
+    assert row.with_values(whole_run=Spread(0.8, 0.7, 0.9, 3)).verdict == "better"
+    elsewhere = row.with_values(differs="another machine")
+    assert elsewhere.verdict == "below, conditions differ"
+    assert elsewhere.with_values(ours=Spread(1.5, 0.4, 2.0, 3)).verdict == "above, conditions differ"
 
 
-def test_names_that_are_planned_are_looked_up_each_time(monkeypatch):
-    planned = Planned("x", ("not-there", "nor-this"))
-    assert planned.registered is None
-    register(monkeypatch, "nor-this")
-    assert planned.registered == "nor-this"
+def test_what_items_share_is_made_once():
+    study, made = Study((1,)), []
+    assert [study.once("a", lambda: made.append(1) or "one") for _ in range(3)] == ["one"] * 3
+    assert study.once("b", lambda: "two") == "two"
+    assert made == [1]
 
 
 def test_papers_and_items_select():
@@ -231,9 +220,7 @@ def test_papers_and_items_select():
     assert [i.name for i in select(["flacco2014"])] == [n for n in ITEMS if n.startswith("flacco2014")]
     assert [i.name for i in select(["shin", "flacco2012-fig22", "shin-offline"])] == [
         "flacco2012-fig22",
-        "shin-offline",
-        "shin-models",
-        "shin-control",
+        *(n for n in ITEMS if n.startswith("shin")),
     ]
     with pytest.raises(VsalogError, match="did you mean 'flacco2012-table1'"):
         select(["flacco2012-tabel1"])
@@ -258,15 +245,15 @@ def test_the_command_line_refuses_an_unknown_name(monkeypatch, capsys):
 @pytest.fixture
 def two_quick_items(monkeypatch, results):
     """The command on results that are there already."""
-    missing = Row(item="shin-offline", paper="", place="", quantity="", status="not there yet", reason="why")
-    ready = {"flacco2012-table1": results("flacco2012-table1"), "shin-offline": Result([missing], [])}
+    plain = Row(item="shin-offline", paper="", place="", quantity="", differs="another machine")
+    ready = {"flacco2012-table1": results("flacco2012-table1"), "shin-offline": Result([plain], [])}
     for name, result in ready.items():
         monkeypatch.setitem(ITEMS, name, SimpleNamespace(**msgspec_fields(ITEMS[name]), run=lambda _, r=result: r))
     return list(ready)
 
 
 def msgspec_fields(item):
-    return {"name": item.name, "paper": item.paper, "title": item.title}
+    return {"name": item.name, "paper": item.paper, "title": item.title, "work": item.work}
 
 
 def test_json_is_one_document(two_quick_items):
@@ -298,7 +285,7 @@ def test_the_table_marks_worse_by_a_word(two_quick_items):
     assert result.exit_code == 0
     line = next(x for x in result.stdout.splitlines() if re.search(r"RESIDUAL, total +MSE", x))
     assert line.rstrip().endswith("worse")
-    assert "not there yet" in result.stdout
+    assert "conditions differ: another machine" in result.stdout
     assert "chosen, not printed: C = 1.8" in result.stdout
 
 
@@ -326,10 +313,12 @@ def test_figures_are_written(results, tmp_path):
     for folder in ("new/folder", "again"):
         prepare_folder(tmp_path / folder, "--plots")
     written = write_reproduced(tmp_path / "new" / "folder", figures)
-    assert [p.name for p in written] == ["flacco2012-fig6.svg", "flacco2012-fig8.svg"]
+    assert [p.name for p in written] == [f"flacco2012-fig{n}.svg" for n in (4, 5, 6, 7, 8)]
     text = written[0].read_text(encoding="utf-8")
     assert text.startswith("<?xml")
     assert "<svg" in text
     again = write_reproduced(tmp_path / "again", figures)
+    said = (tmp_path / "again" / "figures.txt").read_text(encoding="utf-8")
+    assert all(f"{f.name}: {f.title}\n    {f.caption}" in said and "Chosen, not printed" in f.caption for f in figures)
     assert again[0].read_bytes() == written[0].read_bytes()
     assert not list(tmp_path.rglob("*.part"))

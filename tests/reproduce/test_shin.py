@@ -177,7 +177,7 @@ def fake(monkeypatch, sizes):
 def test_rows_say_what_is_compared_with_what(monkeypatch):
     fake(monkeypatch, lambda s: 2.0 if s.estimator == "pam-model" else 1.0)
     rows = shin.offline(Study((1, 2, 3))).rows
-    assert all(isinstance(r, Row) and r.status == "done" and "supply pressure 2 %" in r.chosen for r in rows)
+    assert all(isinstance(r, Row) and "supply pressure 2 %" in r.chosen for r in rows)
     alone = [r for r in rows if r.of == "model alone"]
     assert [r.printed for r in alone] == [*shin.MODEL_ALONE["angle"], *shin.MODEL_ALONE["torque"]]
     assert all(r.verdict == "not compared" and "recordings" in r.remark for r in alone)

@@ -25,7 +25,7 @@ def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path 
     it is; docs/reproduce.md explains them.
     """
     from vsalog.figures.paper import prepare_folder, write_reproduced
-    from vsalog.report.progress import Progress
+    from vsalog.report.progress import BatchProgress
     from vsalog.report.reproduce import items_document, rows_document
     from vsalog.report.terminal import print_document, print_out
     from vsalog.reproduce.catalogue import select
@@ -37,13 +37,16 @@ def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path 
     items = select(names)
     if plots is not None:
         prepare_folder(plots, "--plots")
-    with Progress() as progress:
-        study = Study(say=progress.say)
+    with BatchProgress("item") as progress:
+        progress.begin([item.work for item in items])
+        study, results = Study(say=progress.now), {}
         with progress.saying_when_compiling():
-            results = {item.name: item.run(study) for item in items}
+            for item in items:
+                results[item.name] = item.run(study)
+                progress.add(item.work, kept=False, failure="")
         figures = []
         if plots is not None:
-            progress.say("drawing")
+            progress.now("drawing")
             figures = write_reproduced(plots, [f for r in results.values() for f in r.figures])
     rows = {name: result.rows for name, result in results.items()}
     print_out(rows_document(items, rows, study.seeds, figures), as_json)

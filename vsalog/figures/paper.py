@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,9 @@ import numpy as np
 from vsalog.core.errors import VsalogError, WriteError
 from vsalog.core.printable import printable
 from vsalog.figures.chart import Axes, Chart, Charts, Curve, Surface
-from vsalog.reproduce.rows import Figure as Reproduced
-from vsalog.reproduce.rows import Panel
+from vsalog.figures.decimation import FIGURE_COLUMNS, decimated, scattered
+from vsalog.reproduce.drawing import Figure as Reproduced
+from vsalog.reproduce.drawing import Panel
 from vsalog.writers.atomic import atomic_path, write_text
 
 FORMATS = ("svg", "png", "pdf")
@@ -139,6 +141,8 @@ def prepare_folder(folder: Path, option: str) -> None:
 def write_reproduced(folder: Path, figures: Sequence[Reproduced]) -> list[Path]:
     """Write figures like the papers' as NAME.svg into a folder that is there, each whole or not at all; return the files.
 
+    The caption, under each figure and in `figures.txt`, says what is simulated and what was chosen.
+
     Raises
     ------
     WriteError
@@ -147,24 +151,60 @@ def write_reproduced(folder: Path, figures: Sequence[Reproduced]) -> list[Path]:
     from matplotlib import rc_context
 
     written = []
+    lines: list[str] = []
     with rc_context(STYLE):
         for figure in figures:
-            canvas = _drawn(Chart(figure.name, figure.title, "", tuple(map(_axes, figure.panels))))
-            canvas.suptitle(printable(figure.title))
+            canvas = _drawn(_chart(figure))
+            # Without the space between the title and the panels' legends the two would meet.
+            canvas.suptitle(printable(figure.title) + "\n")
+            _captioned(canvas, printable(figure.caption))
             path = folder / f"{figure.name}.svg"
             with atomic_path(path) as temporary:
                 canvas.savefig(temporary, format="svg", metadata=METADATA["svg"])
             written.append(path)
+            lines += [f"{figure.name}: {figure.title}", f"    {figure.caption}", ""]
+    if lines:
+        write_text(folder / "figures.txt", "\n".join(lines))
     return written
+
+
+def _chart(figure: Reproduced) -> Chart:
+    surface = None
+    if (given := figure.surface) is not None:
+        x = np.broadcast_to(given.x, given.z.shape)
+        surface = Surface(x, given.y, given.z, given.data, *given.labels)
+    axes = tuple(map(_axes, figure.panels))
+    return Chart(figure.name, figure.title, figure.caption, axes, side_by_side=figure.side_by_side, surface=surface)
+
+
+def _captioned(canvas: Any, caption: str) -> None:
+    """Put a caption under a figure, which grows by it."""
+    if not caption:
+        return
+    # Of the small font's letters some 20 fit into an inch.
+    text = fill(caption, int(20.0 * canvas.get_figwidth()))
+    height = canvas.get_figheight()
+    more = 0.125 * (text.count("\n") + 2)
+    canvas.set_figheight(height + more)
+    if (engine := canvas.get_layout_engine()) is None:
+        canvas.subplots_adjust(bottom=(more + 0.08 * height) / (height + more))
+    else:
+        engine.set(rect=(0.0, more / (height + more), 1.0, height / (height + more)))
+    canvas.text(0.01, 0.04 / (height + more), text, fontsize="small", va="bottom", ha="left")
 
 
 def _axes(panel: Panel) -> Axes:
     curves = []
     for i, curve in enumerate(panel.curves):
         kind = "points" if curve.style == "points" else "line" if curve.x.size >= 20 else "marked"
+        x, y = curve.x, curve.y
+        if kind == "points":
+            x, y = (values[scattered(x, y)] for values in (x, y))
+        elif bool(np.all(np.diff(x) >= 0.0)):
+            x, y = decimated(x, y, FIGURE_COLUMNS)
         # Curves differ by their dashes too, not by colour alone.
         dash = STYLES.index(curve.style) if curve.style in STYLES else 0
-        curves.append(Curve(curve.label, curve.x, curve.y, str(i % len(PALETTE) + dash * len(PALETTE)), kind))
+        curves.append(Curve(curve.label, x, y, str(i % len(PALETTE) + dash * len(PALETTE)), kind))
     return Axes(
         panel.x_label, panel.y_label, tuple(curves), x_log=panel.log_x, y_log=panel.log_y, title=panel.title,
         y_range=panel.y_range,
@@ -185,9 +225,16 @@ def _named(drawn: Sequence[Mapping[str, Charts]], logs: Sequence[str]) -> Iterat
 def _drawn(chart: Chart) -> Any:
     from matplotlib.figure import Figure
 
-    if chart.surface is not None:
-        return _surface(Figure(figsize=(4.6, 3.8)), chart.surface)
     n = len(chart.axes)
+    if chart.surface is not None:
+        if n == 0:
+            return _surface(Figure(figsize=(4.6, 3.8)), chart.surface)
+        canvas = Figure(figsize=(7.0, 1.5 * n), layout="constrained")
+        left, right = canvas.subfigures(1, 2, squeeze=False)[0]
+        _surface(left, chart.surface)
+        for axes, panel in zip(right.subplots(n, 1), chart.axes, strict=True):
+            _panel(right, axes, panel, last=True)
+        return canvas
     if chart.side_by_side:
         canvas = Figure(figsize=(7.0, 2.5), layout="constrained")
         grid = canvas.subplots(1, max(n, 1), squeeze=False)[0]

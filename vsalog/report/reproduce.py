@@ -15,8 +15,9 @@ TONES: Mapping[str, Tone] = {
     "worse": "bad",
     "does not hold": "bad",
     "better": "good",
+    "better after the transient": "open",
+    "within our spread": "open",
     "holds": "good",
-    "not there yet": "open",
 }
 HEADS = ("settings", "of", "quantity", "printed", "ours", "counted", "whole run", "verdict")
 
@@ -51,6 +52,7 @@ def _remarks(rows: Sequence[Row]) -> Iterator[str]:
     for label, texts in (
         ("conditions", (r.conditions for r in rows)),
         ("chosen, not printed", (r.chosen for r in rows)),
+        ("conditions differ", (r.differs for r in rows)),
         ("why", _reasons(rows)),
         ("remark", (r.remark for r in rows)),
     ):

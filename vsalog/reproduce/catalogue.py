@@ -26,6 +26,7 @@ class Item:
     paper : name on the command line that selects all items of the paper
     title : what it is
     module, function : where it is computed, imported when it runs
+    work : how long it takes next to the others, about [ms of a processor of 3 GHz]
     """
 
     name: str
@@ -33,6 +34,7 @@ class Item:
     title: str
     module: str
     function: str
+    work: int = 3000
 
     def run(self, study: Study) -> Result:
         """Compute it; deterministic for the study's seeds."""
@@ -51,6 +53,7 @@ ITEMS = {
             "Fig. 21: stability factor on the AwAS",
             "flacco2012_robustness",
             "stability_factor",
+            work=100,
         ),
         Item(
             "flacco2012-fig22",
@@ -58,6 +61,7 @@ ITEMS = {
             "Fig. 22: constant factors instead of the stability factor",
             "flacco2012_robustness",
             "constant_factor",
+            work=1500,
         ),
         Item(
             "flacco2012-fig23",
@@ -65,6 +69,7 @@ ITEMS = {
             "Fig. 23: encoder resolution, VSA-II",
             "flacco2012_robustness",
             "sweep_vsa2",
+            work=7500,
         ),
         Item(
             "flacco2012-fig24",
@@ -72,24 +77,67 @@ ITEMS = {
             "Fig. 24: encoder resolution, AwAS",
             "flacco2012_robustness",
             "sweep_awas",
+            work=7500,
         ),
         Item("flacco2012-2r", "flacco2012", "§6.3: 2R arm with two VSA-IIs", "flacco2012_arm", "two_joints"),
-        Item("flacco2014-table1", "flacco2014", "Table I: three methods on ideal signals", "flacco2014", "table1"),
+        Item(
+            "flacco2012-experiment",
+            "flacco2012",
+            "§8: experiment on the AwAS, and its validation",
+            "flacco2012_experiment",
+            "experiment",
+        ),
+        Item(
+            "flacco2014-table1",
+            "flacco2014",
+            "Table I: three methods on ideal signals",
+            "flacco2014",
+            "table1",
+            work=1200,
+        ),
         Item("flacco2014-noisy", "flacco2014", "§VII: VSA-II with noise", "flacco2014", "noisy"),
         Item("flacco2014-cubic", "flacco2014", "§VII: cubic springs with noise", "flacco2014", "cubic"),
-        Item("serio2011", "serio2011", "Fig. 4: simulated errors of the impedance observer", "serio2011", "simulated"),
-        Item("deluca2007", "deluca2007", "Figs. 3–4: errors of the acceleration observer", "deluca2007", "observer"),
+        Item(
+            "serio2011",
+            "serio2011",
+            "Figs. 4–5: errors of the impedance observer",
+            "serio2011",
+            "simulated",
+            work=12000,
+        ),
+        Item(
+            "deluca2007",
+            "deluca2007",
+            "Theorem 1, remark 1, Fig. 2: the acceleration observer",
+            "deluca2007",
+            "observer",
+        ),
         Item(
             "deluca2007-control",
             "deluca2007",
-            "Figs. 5–6: state controller on the observer's state",
-            "control",
-            "state_feedback",
+            "Figs. 3–6: observed state and state controller, 5° and 30°",
+            "deluca2007_motion",
+            "motions",
+            work=9000,
         ),
-        Item("shin-offline", "shin", "§IV-A: model alone against UKF", "shin", "offline"),
-        Item("shin-models", "shin", "Tables III, IV: the UKF with simpler models", "shin", "simpler"),
         Item(
-            "shin-control", "shin", "§IV-C: PI control without encoder and torque sensor", "control", "pressures_alone"
+            "shin-parameters",
+            "shin",
+            "Fig. 4: what the model's parameters do",
+            "shin_parameters",
+            "guideline",
+            work=300,
+        ),
+        Item("shin-offline", "shin", "§IV-A: model alone against UKF", "shin", "offline", work=8500),
+        Item("shin-online", "shin", "§IV-B: UKF sample by sample, time per sample", "shin", "online", work=1000),
+        Item("shin-models", "shin", "Tables III, IV: the UKF with simpler models", "shin", "simpler", work=8500),
+        Item(
+            "shin-control",
+            "shin",
+            "§IV-C: PI control without encoder and torque sensor",
+            "shin_control",
+            "pressures_alone",
+            work=57000,
         ),
     )
 }

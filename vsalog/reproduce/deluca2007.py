@@ -1,4 +1,4 @@
-"""De Luca, Schröder, Thümmel, ICRA 2007: what is said of the acceleration observer's errors. No number of them is printed."""
+"""De Luca, Schröder, Thümmel, ICRA 2007: what is said of the acceleration observer. No number of its errors is printed."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from vsalog.estimators.methods.acceleration_observer import PAPER_FREQUENCY, Acc
 from vsalog.filters.acceleration_arm import arm_start, observe_arm
 from vsalog.filters.acceleration_observer import characteristic, error_matrix, observer_gains
 from vsalog.mechanics.kinematics import chain_motion, point_position, specific_force
-from vsalog.reproduce.measure import Setting, Study, assemble, estimate, with_noise
-from vsalog.reproduce.planned import root_mean_square
+from vsalog.reproduce.deluca2007_motion import OBSERVER, PAPER, STATES
+from vsalog.reproduce.measure import Study, assemble, column, estimate, root_mean_square, with_noise
 from vsalog.reproduce.rows import Result, Row, Spread
 from vsalog.rig import Rig
 from vsalog.rig.schema import Accelerometer, Chain, RigFile
@@ -26,23 +26,11 @@ from vsalog.simulation.simulate import simulate
 
 Array = NDArray[np.float64]
 
-PAPER = "De Luca 2007"
 RIG, SCENARIO, JOINT = "kuka-kr15", "kuka-kr15-exp1", "axis1"
 CONDITIONS = (
     "an arm of the size of a KUKA KR15/2, its first axis, through the preset's motion; state over the whole run"
 )
 CHOSEN = "everything of the arm but the observer's frequency near 250 rad/s: preset and scenario kuka-kr15"
-STATES = (
-    ("link position", "rad", "link_position", "pretty good"),
-    ("joint torsion q − θ", "rad", "deflection", "some errors, with fairly small peaks"),
-    ("link velocity", "rad/s", "link_velocity", "pretty good"),
-    ("motor position", "rad", "motor_position", "very close, being measured"),
-    ("motor velocity", "rad/s", "motor_velocity", "very close"),
-)
-SETTINGS = (
-    Setting("the paper's", NAME, {"frequency": PAPER_FREQUENCY}),
-    Setting("vsalog's default", NAME, {}),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,34 +59,19 @@ def observer(study: Study) -> Result:
     rig = Rig.preset(RIG).file
     motion = _motion(rig)
     noisy = with_noise(motion, study.seeds)
-    common = Row(
-        item="deluca2007",
-        paper=PAPER,
-        place="Figs. 3–4",
-        quantity="",
-        of="axis 1",
-        estimator=NAME,
-        window="whole run",
-        conditions=CONDITIONS,
-        chosen=CHOSEN,
-        compare="none",
-    )
-    rows = []
-    for setting in SETTINGS:
-        study.say(f"deluca2007: {setting.label}")
-        errors = [_errors(experiment, setting) for experiment in noisy]
-        rows += [
-            common.with_values(
-                quantity=f"rms error of the observed {what}",
-                unit=unit,
-                settings=setting.label,
-                tune=setting.whole_tune,
-                printed=said,
-                ours=Spread.of([e[column] for e in errors]),
-            )
-            for what, unit, column, said in STATES
-        ]
-    stated = common.with_values(settings=SETTINGS[0].label, tune=SETTINGS[0].whole_tune, compare="holds")
+    stated = Row(
+        item="deluca2007", paper=PAPER, place="§V-A", quantity="", of="axis 1", settings=OBSERVER.label, estimator=NAME,
+        tune=OBSERVER.whole_tune, window="whole run", conditions=CONDITIONS, chosen=CHOSEN, compare="holds",
+    )  # fmt: skip
+    study.say("deluca2007: observer")
+    errors = [_errors(experiment) for experiment in noisy]
+    rows = [
+        stated.with_values(
+            quantity=f"rms error of the observed {what}", unit=unit, printed=said, compare="none",
+            ours=Spread.of([e[name] for e in errors]), remark="vsalog's default is the paper's frequency here",
+        )
+        for what, unit, name, said in STATES
+    ]  # fmt: skip
     study.say("deluca2007: decay, payload, singular configurations")
     return Result([*rows, _decay(stated, motion), _heavier(stated, rig, noisy[0], study), *_singular(stated, rig)], [])
 
@@ -108,17 +81,15 @@ def _motion(rig: RigFile) -> Experiment:
     return simulate(rig, scenario.inputs(rig), scenario.file.duration, ideal=True)
 
 
-def _errors(experiment: Experiment, setting: Setting) -> dict[str, float]:
+def _errors(experiment: Experiment) -> dict[str, float]:
     """Return the rms error of each state on the first axis."""
-    found, truth = estimate(experiment, setting, JOINT)["total"], experiment.joints[JOINT].truth
-    return {
-        column: root_mean_square(np.asarray(found[column], np.float64), truth[column]) for _, _, column, _ in STATES
-    }
+    found, truth = estimate(experiment, OBSERVER, JOINT), experiment.joints[JOINT].truth
+    return {name: root_mean_square(column(found, name), truth[name]) for _, _, name, _ in STATES}
 
 
 def _decay(row: Row, motion: Experiment) -> Row:
     """Theorem 1: how fast two observers of the same signals draw together, along the eigenvector that they do it by."""
-    fold, signals = assemble(motion, SETTINGS[0], JOINT)
+    fold, signals = assemble(motion, OBSERVER, JOINT)
     assert isinstance(fold, AccelerationFold)
     inputs = [part[:400] for part in fold.inputs(signals[:400])]
     begun = observe_arm(fold.arm, arm_start(len(fold.group.members)), *(part[:100] for part in inputs))[4]
@@ -154,10 +125,7 @@ def _heavier(row: Row, rig: RigFile, plain: Experiment, study: Study) -> Row:
     )
     actual = with_fields(rig, chain=with_fields(chain, link=(*before, heavy)))
     loaded = replace(with_noise(_motion(actual), study.seeds[:1])[0], rig=rig)
-    ratios = [
-        _errors(loaded, SETTINGS[0])[column] / _errors(plain, SETTINGS[0])[column] - 1.0
-        for column in ("link_position", "link_velocity")
-    ]
+    ratios = [_errors(loaded)[name] / _errors(plain)[name] - 1.0 for name in ("link_position", "link_velocity")]
     return row.with_values(
         place="Remark 1",
         quantity="rms errors of link position and velocity with a forearm half as heavy again, which the rig does not know",

@@ -6,12 +6,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsalog.core.trace import Trace
-from vsalog.reproduce.measure import Setting, Study, estimate, stiffness_errors, with_noise
-from vsalog.reproduce.rows import Curve, Figure, Panel, Result, Row, Spread
+from vsalog.estimators.regression import RegressionFold
+from vsalog.filters.kinematic import kinematic_filter
+from vsalog.reproduce.drawing import Curve, Figure, Panel, Surface, figure, over
+from vsalog.reproduce.measure import Setting, Study, assemble, column, estimate, stiffness_errors, with_noise
+from vsalog.reproduce.rows import Result, Row, Spread
 from vsalog.simulation.experiment import Experiment
 from vsalog.simulation.experiments import awas_experiment, vsa2_experiment
+
+Array = NDArray[np.float64]
 
 PAPER = "Flacco 2012"
 MODALITIES = ("MODEL", "SENSOR", "RESIDUAL")
@@ -130,68 +136,96 @@ AWAS_TABLE = Table(
 )
 
 
+def vsa2_recordings(study: Study) -> list[Experiment]:
+    """Return the VSA-II of §6.1 under the study's noises."""
+    return study.once("vsa2", lambda: with_noise(vsa2_experiment(ideal=True), study.seeds))
+
+
+def awas_recordings(study: Study) -> list[Experiment]:
+    """Return the AwAS of §6.2 under the study's noises."""
+    return study.once("awas", lambda: with_noise(awas_experiment(ideal=True), study.seeds))
+
+
+def awas_residual(study: Study) -> list[Trace]:
+    """Return what the RESIDUAL modality with the paper's settings makes of them."""
+    setting = AWAS_PAPER.with_tune(modality="RESIDUAL")
+    return study.once("awas-residual", lambda: [estimate(e, setting) for e in awas_recordings(study)])
+
+
 def table1(study: Study) -> Result:
-    """Table 1: MSE and MSREP of the VSA-II, with Figs. 6 and 8."""
+    """Table 1: MSE and MSREP of the VSA-II, with Figs. 4 to 8."""
     study.say("flacco2012-table1: VSA-II")
-    experiments = with_noise(vsa2_experiment(ideal=True), study.seeds)
+    experiments = vsa2_recordings(study)
     rows, traces = _table(VSA2_TABLE, experiments, study)
-    first = traces[VSA2_PAPER.label]
-    truth, time = experiments[0].truth, experiments[0].time
-    panels = [
-        Panel(
-            title=title,
-            x_label="time [s]",
-            y_label="stiffness [N·mm/rad]",
-            y_range=(0.0, 1.3e3 * float(truth[name].max())),
-            curves=(
-                Curve("actual", time, 1e3 * truth[name], "dashed"),
-                *(
-                    Curve(m, time, 1e3 * np.asarray(first[m][part]["stiffness"]), style)
-                    for m, style in (("MODEL", "dotted"), ("SENSOR", "dashdot"), ("RESIDUAL", "solid"))
-                ),
-            ),
-        )
-        for part, name, title in (
-            ("1", "stiffness_1", "first transmission"),
-            ("2", "stiffness_2", "second transmission"),
-            ("total", "stiffness_total", "device"),
-        )
-    ]
-    figure6 = Figure("flacco2012-fig6", "VSA-II: stiffness (Flacco 2012, Fig. 6)", tuple(panels))
-    return Result(rows, [figure6, _characteristic(experiments[0], first["RESIDUAL"])])
+    (first, *_), found = experiments, traces[VSA2_PAPER.label]
+    time, truth, residual = first.time, first.truth, found["RESIDUAL"]
+    parts = {"1": "first transmission", "2": "second transmission", "total": "device"}
+    panels = {
+        "4": tuple(
+            over(time, {"actual": truth[f"deflection_{i}"], "MKKF": column(residual, "deflection", i)}, "deflection [rad]",
+                 title=parts[i])
+            for i in "12"
+        ),
+        "5": tuple(
+            over(time, torque_lines(residual, i, truth[f"flexibility_torque_{i}"], sensed(first, i)), "torque [N·mm]",
+                 scale=1e3, title=title, by="actual")
+            for i, title in parts.items()
+        ),
+        "6": tuple(
+            over(time, {"actual": truth[f"stiffness_{i}"], **{m: column(t, "stiffness", i) for m, t in found.items()}},
+                 "stiffness [N·mm/rad]", scale=1e3, title=title, by="actual")
+            for i, title in parts.items()
+        ),
+        "7": tuple(
+            over(time, {f"α{h}": column(residual, f"coefficient_{h}", i) for h in range(4)}, "coefficient [N·mm/rad^(2h+1)]",
+                 scale=1e3, title=parts[i])
+            for i in "12"
+        ),
+        "8": tuple(_characteristic(residual, i, parts[i]) for i in "12"),
+    }  # fmt: skip
+    titles = {
+        "4": "VSA-II: deflection", "5": "VSA-II: flexibility torque", "6": "VSA-II: stiffness",
+        "7": "VSA-II: coefficients of the model, RESIDUAL", "8": "VSA-II: characteristic curves, RESIDUAL",
+    }  # fmt: skip
+    return Result(rows, [figure(PAPER, n, titles[n], own, VSA2_CONDITIONS, VSA2_CHOSEN) for n, own in panels.items()])
 
 
-def _characteristic(experiment: Experiment, trace: Trace) -> Figure:
-    """Flexibility torque over deflection as finally estimated, and the residuals it was learnt from (Fig. 8)."""
-    panels = []
-    for part in ("1", "2"):
-        phi, residual = (np.asarray(trace[part][c]) for c in ("deflection", "residual"))
-        final = [float(np.asarray(trace[part][f"coefficient_{h}"])[-1]) for h in range(4)]
-        grid = np.linspace(np.nanmin(phi), np.nanmax(phi), 200)
-        fitted = sum(a * grid ** (2 * h + 1) for h, a in enumerate(final))
-        panels.append(
-            Panel(
-                title=f"transmission {part}",
-                x_label="deflection [rad]",
-                y_label="flexibility torque [N·mm]",
-                curves=(
-                    Curve("residual", phi[::50], 1e3 * residual[::50], "points"),
-                    Curve("final model", grid, 1e3 * np.asarray(fitted)),
-                ),
-            )
-        )
-    return Figure("flacco2012-fig8", "VSA-II: characteristic curves (Flacco 2012, Fig. 8)", tuple(panels))
+def torque_lines(trace: Trace, part: str, actual: Array, sensor: Array) -> dict[str, Array]:
+    """Return the flexibility torque as it is, as the residual, as the sensor and as the fit on the residual have it."""
+    return {
+        "residual": column(trace, "residual", part),
+        "sensor": sensor,
+        "RLS on the residual": column(trace, "flexibility_torque_fit", part),
+        "actual": actual,
+    }
+
+
+def sensed(experiment: Experiment, part: str, joint: str | None = None) -> Array:
+    """Return what the torque sensors of an antagonistic joint read, of one transmission or in total."""
+    measured = experiment.joints[experiment.joint if joint is None else joint].measured
+    return np.asarray(np.sum([measured[f"torque_sensor_{i}"] for i in ("12" if part == "total" else part)], axis=0))
+
+
+def _characteristic(trace: Trace, part: str, title: str) -> Panel:
+    """Flexibility torque over deflection as finally estimated, and the residuals it was learnt from."""
+    phi, residual = column(trace, "deflection", part), column(trace, "residual", part)
+    final = [column(trace, f"coefficient_{h}", part)[-1] for h in range(4)]
+    grid = np.linspace(np.nanmin(phi), np.nanmax(phi), 200)
+    fitted = np.sum([a * grid ** (2 * h + 1) for h, a in enumerate(final)], axis=0)
+    points = Curve("residual", phi[::50], 1e3 * residual[::50], "points")
+    return Panel(
+        title=title, x_label="deflection [rad]", y_label="flexibility torque [N·mm]",
+        curves=(points, Curve("final model", grid, 1e3 * fitted)),
+    )  # fmt: skip
 
 
 def table2(study: Study) -> Result:
-    """Table 2: MSE and MSREP of the AwAS, with Figs. 11 and 14."""
+    """Table 2: MSE and MSREP of the AwAS, with Figs. 10 to 16."""
     study.say("flacco2012-table2: AwAS")
-    experiments = with_noise(awas_experiment(ideal=True), study.seeds)
+    experiments = awas_recordings(study)
     rows, traces = _table(AWAS_TABLE, experiments, study)
-    truth, time = experiments[0].truth, experiments[0].time
     # Coefficient 2 is that of φ r², with r in millimetres and the torque in N·m: its number is the one in kN/mm.
-    final = [estimate(e, AWAS_PAPER) for e in experiments]
-    dominant = [float(np.asarray(t["1"]["coefficient_2"])[-1]) for t in final]
+    dominant = [column(t, "coefficient_2", "1")[-1] for t in awas_residual(study)]
     rows.append(
         Row(
             item=AWAS_TABLE.item,
@@ -215,38 +249,74 @@ def table2(study: Study) -> Result:
             " add up to is far closer than each of them, and with MODEL's torque the coefficient is exact"
         )
     )
-    figures = [
-        Figure(
-            "flacco2012-fig11",
-            "AwAS: deflection (Flacco 2012, Fig. 11)",
-            (
-                Panel(
-                    x_label="time [s]",
-                    y_label="deflection [rad]",
-                    curves=(Curve("actual", time, truth["deflection"]),),
-                ),
-            ),
-        ),
-        Figure(
-            "flacco2012-fig14",
-            "AwAS: stiffness (Flacco 2012, Fig. 14)",
-            (
-                Panel(
-                    x_label="time [s]",
-                    y_label="stiffness [N·m/rad]",
-                    y_range=(0.0, 1.3 * float(truth["stiffness"].max())),
-                    curves=(
-                        Curve("actual", time, truth["stiffness"], "dashed"),
-                        *(
-                            Curve(m, time, np.asarray(traces[AWAS_PAPER.label][m]["total"]["stiffness"]), style)
-                            for m, style in (("MODEL", "dotted"), ("SENSOR", "dashdot"), ("RESIDUAL", "solid"))
-                        ),
-                    ),
-                ),
-            ),
-        ),
-    ]
-    return Result(rows, figures)
+    return Result(rows, _awas_figures(experiments[0], traces[AWAS_PAPER.label]))
+
+
+def _awas_figures(experiment: Experiment, found: Mapping[str, Trace]) -> list[Figure]:
+    time, truth, residual = experiment.time, experiment.truth, found["RESIDUAL"]
+    fold, _ = assemble(experiment, AWAS_PAPER.with_tune(modality="RESIDUAL"))
+    assert isinstance(fold, RegressionFold)
+    encoder = experiment.measured["motor_position"]
+    _, velocity, _ = kinematic_filter(encoder, experiment.period, fold.conditioner.settings["motor_position"])
+    stated = AWAS_CONDITIONS, AWAS_CHOSEN
+    lines = torque_lines(residual, "1", truth["flexibility_torque"], experiment.measured["torque_sensor"])
+    stiffness = {"actual": truth["stiffness"], **{m: column(t, "stiffness") for m, t in found.items()}}
+    differences = np.gradient(encoder, experiment.period)
+    velocities = {"differences of the encoder": differences, "MKKF": velocity, "actual": truth["motor_velocity"]}
+    parts: list[tuple[str, str, tuple[Panel, ...]]] = [
+        ("10", "AwAS: torque of the secondary motor",
+         (over(time, {"commanded": truth["secondary_torque"]}, "torque behind the gear [N·m]"),)),
+        ("11", "AwAS: deflection", (over(time, {"actual": truth["deflection"]}, "deflection [rad]"),)),
+        ("12", "AwAS: motor velocity",
+         (over(time, velocities, "velocity [rad/s]"),
+          over(time[2000:2200], {n: v[2000:2200] for n, v in velocities.items()}, "velocity [rad/s]", title="0.2 s of it"))),
+        ("13", "AwAS: flexibility torque", (over(time, lines, "torque [N·m]", by="actual"),)),
+        ("14", "AwAS: stiffness", (over(time, stiffness, "stiffness [N·m/rad]", by="actual"),)),
+        ("15", "AwAS: coefficients of the model, RESIDUAL", coefficients(time, residual)),
+    ]  # fmt: skip
+    figures = [figure(PAPER, n, title, panels, *stated) for n, title, panels in parts]
+    surface = torque_surface(fold, residual, truth["lever_arm"], truth["deflection"], truth["flexibility_torque"])
+    title = "AwAS: characteristic surface of the final model, RESIDUAL, and the actual torque"
+    return [*figures, figure(PAPER, 16, title, (), *stated, surface=surface)]
+
+
+def coefficients(time: Array, trace: Trace) -> tuple[Panel, ...]:
+    """Return panels of the five coefficients that the paper shows of the AwAS; h and j are the powers' places."""
+    # Power 2h + 1 of φ and j of r have the coefficient 3h + j.
+    shown = {"η₀,₀ (φ)": 0, "η₀,₁ (φ r)": 1, "η₀,₂ (φ r²)": 2, "η₁,₁ (φ³ r)": 4, "η₁,₂ (φ³ r²)": 5}
+    return tuple(
+        over(time, {name: column(trace, f"coefficient_{i}", "1")}, "N·m, mm, rad", title=name)
+        for name, i in shown.items()
+    )
+
+
+def torque_surface(fold: RegressionFold, trace: Trace, lever: Array, deflection: Array, torque: Array) -> Surface:
+    """Return the final model of an AwAS over deflection and lever arm, with the torque at every 50th sample.
+
+    Parameters
+    ----------
+    fold, trace : that estimated it
+    lever, deflection, torque : shape (N,) [m], [rad], [N·m]
+    """
+    arms, phi = np.linspace(lever.min(), lever.max(), 30), np.linspace(deflection.min(), deflection.max(), 40)
+    z = np.array([model_torque(fold, trace, phi, np.full(phi.size, r)) for r in arms])
+    data = np.column_stack((deflection, 1e3 * lever, torque))[::50]
+    return Surface(phi, 1e3 * arms, z, data, ("deflection [rad]", "lever arm [mm]", "torque [N·m]"))
+
+
+def model_torque(fold: RegressionFold, trace: Trace, deflection: Array, lever: Array, dominant: bool = True) -> Array:
+    """Return the torque of the final model of an AwAS [N·m], shape (N,).
+
+    Parameters
+    ----------
+    fold, trace : that estimated it
+    deflection, lever : shape (N,) [rad], [m]
+    dominant : whether η₀,₂ counts, the coefficient of φ r²
+    """
+    rows = fold.device.basis.rows(deflection, lever, 0)[:, 0]
+    final = np.array([column(trace, f"coefficient_{i}", "1")[-1] for i in range(rows.shape[1])])
+    final[2] *= float(dominant)
+    return np.asarray(rows @ final)
 
 
 def _table(
@@ -259,7 +329,8 @@ def _table(
         for modality in modalities:
             study.say(f"{table.item}: {setting.label}, {modality}")
             own = setting.with_tune(modality=modality)
-            traces = [estimate(e, own) for e in experiments]
+            shared = table is AWAS_TABLE and own == AWAS_PAPER.with_tune(modality="RESIDUAL")
+            traces = awas_residual(study) if shared else [estimate(e, own) for e in experiments]
             first.setdefault(setting.label, {})[modality] = traces[0]
             for part, name in table.truth.items():
                 errors = stiffness_errors(experiments, traces, part, name, table.after, scale=table.scale)

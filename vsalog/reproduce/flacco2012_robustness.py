@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vsalog.estimators.device import deflection_of
 from vsalog.estimators.regression import RegressionFold
+from vsalog.reproduce.drawing import Curve, Figure, Panel, figure, over
 from vsalog.reproduce.flacco2012 import (
     AWAS_CHOSEN,
     AWAS_CONDITIONS,
@@ -24,11 +25,13 @@ from vsalog.reproduce.flacco2012 import (
     VSA2_CONDITIONS,
     VSA2_PAPER,
     VSA2_TABLE,
+    awas_recordings,
+    awas_residual,
+    vsa2_recordings,
 )
-from vsalog.reproduce.measure import Setting, Study, assemble, estimate, msrep, stiffness_errors, with_noise
-from vsalog.reproduce.rows import Curve, Figure, Panel, Result, Row, Spread
+from vsalog.reproduce.measure import Setting, Study, assemble, column, estimate, msrep, stiffness_errors, with_noise
+from vsalog.reproduce.rows import Result, Row, Spread
 from vsalog.simulation.experiment import Experiment
-from vsalog.simulation.experiments import awas_experiment, vsa2_experiment
 
 Array = NDArray[np.float64]
 
@@ -59,11 +62,10 @@ SWEEP = Sweep()
 def stability_factor(study: Study) -> Result:
     """Fig. 21: the stability factor falls where the deflection is near zero."""
     study.say("flacco2012-fig21: AwAS")
-    experiments = with_noise(awas_experiment(ideal=True), study.seeds)
+    experiments = awas_recordings(study)
     ratios, found = [], []
-    for experiment in experiments:
-        trace = estimate(experiment, AWAS_PAPER.with_tune(modality="RESIDUAL"))
-        a = np.asarray(trace["1"]["stability_factor"], dtype=np.float64)
+    for experiment, trace in zip(experiments, awas_residual(study), strict=True):
+        a = column(trace, "stability_factor", "1")
         phi = np.abs(experiment.truth["deflection"])
         rows = (trace.time >= 1.0) & np.isfinite(a)
         near = phi < SWEEP.poorly_excited * phi.max()
@@ -86,29 +88,21 @@ def stability_factor(study: Study) -> Result:
         compare="holds",
         holds=max(ratios) < 1.0,
     )
+    time, phi = experiments[0].time, experiments[0].truth["deflection"]
     panels = (
-        Panel(
-            x_label="time [s]",
-            y_label="stability factor a(k)",
-            log_y=True,
-            curves=(Curve("a(k)", experiments[0].time, found[0]),),
-        ),
-        Panel(
-            x_label="time [s]",
-            y_label="deflection [rad]",
-            curves=(Curve("actual", experiments[0].time, experiments[0].truth["deflection"]),),
-        ),
+        over(time, {"a(k)": found[0]}, "stability factor a(k)", log_y=True),
+        over(time, {"actual": phi}, "deflection [rad]"),
     )
-    return Result([row], [Figure("flacco2012-fig21", "AwAS: stability factor (Flacco 2012, Fig. 21)", panels)])
+    return Result([row], [figure(PAPER, 21, "AwAS: stability factor, RESIDUAL", panels, AWAS_CONDITIONS, AWAS_CHOSEN)])
 
 
 def constant_factor(study: Study) -> Result:
     """Fig. 22: constant factors instead of the stability factor."""
     # A constant factor is no tuning of the estimator: the recursion is written out here, slowly, for two seeds.
-    experiments = with_noise(awas_experiment(ideal=True), study.seeds[:2])
+    experiments = awas_recordings(study)[:2]
     start = round(1.0 / experiments[0].period)
     errors: dict[float | None, list[float]] = {a: [] for a in (None, *SWEEP.constant)}
-    curves: list[Curve] = []
+    curves: dict[str, Array] = {}
     for experiment in experiments:
         F, y, slope, use = _regression(experiment, AWAS_PAPER)
         sigma = experiment.truth["stiffness"]
@@ -117,7 +111,7 @@ def constant_factor(study: Study) -> Result:
             stiffness = _rls(F, y, slope, use, a, float(AWAS_PAPER.tune["p0"]), float(AWAS_PAPER.tune["c"]))
             found.append(msrep(stiffness, sigma, start))
             if experiment is experiments[0]:
-                curves.append(Curve(_factor(a), experiment.time, stiffness))
+                curves[_factor(a)] = stiffness
     own = max(errors[None])
     said: list[tuple[float | None, str, bool]] = [
         (None, "accurate and not upset by poor excitation", own < SWEEP.good),
@@ -150,14 +144,10 @@ def constant_factor(study: Study) -> Result:
         )
         for a, text, holds in said
     ]
-    truth = experiments[0].truth["stiffness"]
-    panel = Panel(
-        x_label="time [s]",
-        y_label="stiffness [N·m/rad]",
-        y_range=(0.0, 2.0 * float(truth.max())),
-        curves=(Curve("actual", experiments[0].time, truth, "dashed"), *curves),
-    )
-    return Result(rows, [Figure("flacco2012-fig22", "AwAS: constant factors (Flacco 2012, Fig. 22)", (panel,))])
+    curves["actual"] = experiments[0].truth["stiffness"]
+    panel = over(experiments[0].time, curves, "stiffness [N·m/rad]", by="actual")
+    chosen = f"{AWAS_CHOSEN}, the constant factors"
+    return Result(rows, [figure(PAPER, 22, "AwAS: constant factors", (panel,), AWAS_CONDITIONS, chosen)])
 
 
 def _factor(a: float | None) -> str:
@@ -196,6 +186,8 @@ def _rls(F: Array, y: Array, slope: Array, use: NDArray[np.bool_], a: float | No
 LONGER = Setting("vsalog, window of 0.5 s", "residual-rls", {"window": 0.5})
 DEFAULT = Setting("vsalog's default", "residual-rls", {})
 VSA2_TRUTH = "stiffness_total"
+# Rows, figure and the paper's own RESIDUAL over the resolutions.
+Swept = tuple[list[Row], Figure, list[Spread]]
 TOO_COARSE = (
     "with such encoders the deflection is no larger than a step or two, and the trace supports hardly any of it"
 )
@@ -203,25 +195,24 @@ TOO_COARSE = (
 
 def sweep_vsa2(study: Study) -> Result:
     """Fig. 23: MSREP of the VSA-II over the encoders' resolution."""
-    motion = vsa2_experiment(ideal=True)
+    rows, drawn, _ = _swept_vsa2(study)
+    return Result(rows, [drawn])
+
+
+def _swept_vsa2(study: Study) -> Swept:
     common = _common("flacco2012-fig23", "Fig. 23", VSA2_CONDITIONS, VSA2_CHOSEN, VSA2_TABLE.after)
-    rows, figure, _ = _sweep(common, "VSA-II", motion, VSA2_TRUTH, VSA2_TABLE.after, VSA2_PAPER, study)
-    return Result(rows, [figure])
+    motion = vsa2_recordings(study)[0]
+    return study.once(
+        "vsa2-sweep", lambda: _sweep(common, "VSA-II", motion, VSA2_TRUTH, VSA2_TABLE.after, VSA2_PAPER, study)
+    )
 
 
 def sweep_awas(study: Study) -> Result:
     """Fig. 24: MSREP of the AwAS over the encoders' resolution."""
-    motion = awas_experiment(ideal=True)
     common = _common("flacco2012-fig24", "Fig. 24", AWAS_CONDITIONS, AWAS_CHOSEN, 1.0)
-    rows, figure, residual = _sweep(common, "AwAS", motion, "stiffness", 1.0, AWAS_PAPER, study)
-    study.say("flacco2012-fig24: the VSA-II for comparison")
-    other = vsa2_experiment(ideal=True)
-    setting = replace(VSA2_PAPER.with_tune(modality="RESIDUAL"), kalman=SWEEP.kalman)
-    vsa2 = [
-        _msrep(with_noise(_with_pulses(other, p), study.seeds[:1]), setting, VSA2_TRUTH, VSA2_TABLE.after).median
-        for p in SWEEP.pulses
-    ]
-    higher = [f"{p}" for p, own, vsa in zip(SWEEP.pulses, residual, vsa2, strict=True) if own.median > vsa]
+    rows, drawn, residual = _sweep(common, "AwAS", awas_recordings(study)[0], "stiffness", 1.0, AWAS_PAPER, study)
+    *_, vsa2 = _swept_vsa2(study)
+    higher = [f"{p}" for p, own, vsa in zip(SWEEP.pulses, residual, vsa2, strict=True) if own.median > vsa.median]
     row = common.with_values(
         of="RESIDUAL, against the VSA-II",
         settings=VSA2_PAPER.label,
@@ -233,7 +224,7 @@ def sweep_awas(study: Study) -> Result:
         "with the paper's filter for coarse encoders the VSA-II, whose second motor moves at 1 Hz, has a floor of some 4 % from"
         " the filter's lag, which the AwAS at 0.1 Hz does not feel; and the lever's profile (Fig. 10) is chosen"
     )
-    return Result([*rows, row], [figure])
+    return Result([*rows, row], [drawn])
 
 
 def _common(item: str, place: str, conditions: str, chosen: str, after: float) -> Row:
@@ -257,7 +248,7 @@ def _msrep(experiments: Sequence[Experiment], setting: Setting, truth: str, afte
 
 def _sweep(
     common: Row, device: str, motion: Experiment, truth: str, after: float, paper: Setting, study: Study
-) -> tuple[list[Row], Figure, list[Spread]]:
+) -> Swept:
     """Estimate with encoders of each resolution; return rows, figure and the paper's own RESIDUAL over the resolutions."""
     # Steps of the encoders matter here, not the noise of the torques: two seeds tell, and MODEL has no noise at all.
     recordings = {p: with_noise(_with_pulses(motion, p), study.seeds[:2]) for p in SWEEP.pulses}
@@ -288,8 +279,9 @@ def _sweep(
                 curves=curves,
             )
         )
-    title = f"{device}: encoder resolution (Flacco 2012, {common.place})"
-    return rows, Figure(common.item, title, tuple(panels)), residual
+    number = common.place.removeprefix("Fig. ")
+    title = f"{device}: encoder resolution"
+    return rows, figure(PAPER, number, title, tuple(panels), common.conditions, common.chosen), residual
 
 
 def _statements(common: Row, found: Mapping[str, Sequence[Spread]]) -> list[Row]:

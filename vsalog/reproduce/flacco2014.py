@@ -6,11 +6,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from vsalog.core.trace import Trace
-from vsalog.reproduce.flacco2012 import VSA2_CHOSEN, VSA2_CONDITIONS, VSA2_PAPER, VSA2_TABLE
-from vsalog.reproduce.measure import Errors, Setting, Study, estimate, stiffness_errors, with_noise
-from vsalog.reproduce.rows import Curve, Figure, Panel, Result, Row, Spread
+from vsalog.reproduce.drawing import Panel, figure, over
+from vsalog.reproduce.flacco2012 import VSA2_CHOSEN, VSA2_CONDITIONS, VSA2_PAPER, VSA2_TABLE, vsa2_recordings
+from vsalog.reproduce.measure import Errors, Setting, Study, column, estimate, stiffness_errors, with_noise
+from vsalog.reproduce.rows import Result, Row, Spread
 from vsalog.rig import Rig
 from vsalog.rig.schema import RigFile
 from vsalog.simulation.experiment import Experiment
@@ -137,6 +139,8 @@ def table1(study: Study) -> Result:
             study.say(f"flacco2014-table1: {name}, {setting.label}")
             trace = estimate(experiment, setting)
             common = _common("flacco2014-table1", "Table I", setting, IDEAL_CONDITIONS, IDEAL_CHOSEN, 2.0)
+            # The paper leaves out the first 2 s here, and says so.
+            common = common.with_values(window_printed=True)
             remark = NOT_THE_DRIFT if name == "batch-ls" else ""
             for part in ("1", "2"):
                 errors = stiffness_errors([experiment], [trace], part, f"stiffness_{part}", 2.0, scale=1e6)
@@ -149,26 +153,16 @@ def table1(study: Study) -> Result:
                         _motor(common, [trace], "1", parameter, found, true, 1e3, "N·mm·s²/rad", "N·mm·s/rad", name)
                     )
             if setting is settings[0]:
-                true_stiffness = 1e3 * experiment.truth["stiffness_1"]
-                panels.append(
-                    Panel(
-                        title=name,
-                        x_label="time [s]",
-                        y_label="stiffness [N·mm/rad]",
-                        y_range=(0.0, 1.3 * float(true_stiffness.max())),
-                        curves=(
-                            Curve("actual", experiment.time, true_stiffness),
-                            Curve("estimated", experiment.time, 1e3 * np.asarray(trace["1"]["stiffness"]), "dashed"),
-                        ),
-                    )
-                )
-    return Result(rows, [Figure("flacco2014-fig2", "VSA-II, ideal signals (Flacco 2014, Fig. 2)", tuple(panels))])
+                lines = {"estimated": column(trace, "stiffness", "1"), "actual": experiment.truth["stiffness_1"]}
+                panels.append(over(experiment.time, lines, "stiffness [N·mm/rad]", scale=1e3, title=name, by="actual"))
+    drawn = figure(PAPER, 2, "VSA-II, ideal signals: stiffness", tuple(panels), IDEAL_CONDITIONS, IDEAL_CHOSEN)
+    return Result(rows, [drawn])
 
 
 def noisy(study: Study) -> Result:
     """§VII, first case: the VSA-II with the noise of Flacco 2012, with Fig. 3."""
     study.say("flacco2014-noisy: simulating")
-    experiments = with_noise(vsa2_experiment(ideal=True), study.seeds)
+    experiments = vsa2_recordings(study)
     settings = (*NOISY_SETTINGS, VSA2_PAPER.with_tune(modality="RESIDUAL"))
     return _case(
         study,
@@ -180,7 +174,7 @@ def noisy(study: Study) -> Result:
         (VSA2_CONDITIONS, VSA2_CHOSEN),
         1e6,
         ("N²·mm²/rad²", "N·mm·s²/rad", "N·mm·s/rad", "N·mm/rad"),
-        ("flacco2014-fig3", "VSA-II with noise (Flacco 2014, Fig. 3)"),
+        (3, "VSA-II with noise: total stiffness"),
         after=(2.0, TRANSIENT, 3.0, 5.0),
         remark=ODD_PAIR,
     )
@@ -202,9 +196,9 @@ def cubic(study: Study) -> Result:
         (CUBIC_CONDITIONS, CUBIC_CHOSEN),
         1.0,
         ("N²·m²/rad²", "kg·m²", "N·m·s/rad", "N·m/rad"),
-        ("flacco2014-fig4", "Cubic springs with noise (Flacco 2014, Fig. 4)"),
+        (4, "Cubic springs with noise: total stiffness"),
         after=(2.0, 5.0),
-        remark=ORDER_ONLY,
+        differs=ORDER_ONLY,
     )
 
 
@@ -230,28 +224,22 @@ def _case(
     stated: tuple[str, str],
     scale: float,
     units: tuple[str, str, str, str],
-    figure: tuple[str, str],
+    numbered: tuple[int, str],
     *,
     after: Sequence[float],
     remark: str = "",
+    differs: str = "",
 ) -> Result:
     """Return the rows of a case with noise: total stiffness after each of some times, motor parameters at the end."""
     rows: list[Row] = []
-    curves: list[Curve] = []
+    curves: dict[str, NDArray[np.float64]] = {}
     size = scale**0.5
     for setting in settings:
         study.say(f"{item}: {setting.estimator}, {setting.label}")
         traces = [estimate(e, setting) for e in experiments]
-        curves.append(
-            Curve(
-                f"{setting.estimator}, {setting.label}",
-                experiments[0].time,
-                size * np.asarray(traces[0]["total"]["stiffness"]),
-                "dashed" if curves else "solid",
-            )
-        )
+        curves[f"{setting.estimator}, {setting.label}"] = column(traces[0], "stiffness")
         for left_out in after:
-            common = _common(item, "§VII", setting, *stated, left_out)
+            common = _common(item, "§VII", setting, *stated, left_out).with_values(differs=differs)
             errors = stiffness_errors(experiments, traces, "total", "stiffness_total", left_out, scale=scale)
             of = f"{setting.estimator}, total"
             own = "" if setting.estimator == "residual-rls" else remark
@@ -260,18 +248,13 @@ def _case(
         if setting.estimator != "qr-rls":
             continue
         for (part, parameter), (found, true) in motor.items():
-            common = _common(item, "§VII", setting, *stated, 0.0)
-            rows.append(
-                _motor(common, traces, part, parameter, found, true, size, units[1], units[2], setting.estimator)
-            )
-    true_total = size * experiments[0].truth["stiffness_total"]
-    panel = Panel(
-        x_label="time [s]",
-        y_label=f"total stiffness [{units[3]}]",
-        y_range=(0.0, 1.5 * float(true_total.max())),
-        curves=(Curve("actual", experiments[0].time, true_total), *curves),
-    )
-    return Result(rows, [Figure(*figure, (panel,))])
+            common = _common(item, "§VII", setting, *stated, 0.0).with_values(differs=differs)
+            row = _motor(common, traces, part, parameter, found, true, size, units[1], units[2], setting.estimator)
+            rows.append(row.with_values(compare="none", reason="") if differs else row)
+    curves["actual"] = experiments[0].truth["stiffness_total"]
+    panel = over(experiments[0].time, curves, f"total stiffness [{units[3]}]", scale=size, by="actual")
+    number, title = numbered
+    return Result(rows, [figure(PAPER, number, title, (panel,), *stated)])
 
 
 def _reason(setting: Setting) -> str:

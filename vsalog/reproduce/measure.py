@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from vsalog.simulation.experiment import Experiment
 from vsalog.simulation.sensors import sense
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,10 +36,18 @@ class Study:
     ----------
     seeds : of the noise, none of them tried while settings were chosen; every number that depends on it is given over all
     say : called with what is being done
+    made : what items share, by a name of it and what it depends on
     """
 
     seeds: tuple[int, ...] = (11, 12, 13, 14, 15)
     say: Callable[[str], None] = lambda text: None
+    made: dict[Hashable, Any] = field(default_factory=dict, compare=False, repr=False)
+
+    def once(self, key: Hashable, make: Callable[[], T]) -> T:
+        """Return what `make` gives, made when the study first asks for this key: items share simulations and estimates."""
+        if key not in self.made:
+            self.made[key] = make()
+        return cast(T, self.made[key])
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +149,27 @@ def mse(estimated: Array, true: Array, start: int = 0) -> float:
 def msrep(estimated: Array, true: Array, start: int = 0) -> float:
     """Return 100 · Σ ((σ − σ̂)/σ)² / p [%] over the samples from `start` on (Flacco 2012 eq. 46, Flacco 2014 eq. 27)."""
     return 100.0 * mean_square(((estimated - true) / true)[start:])
+
+
+def mean_relative(estimated: Array, true: Array) -> float:
+    """Return the mean of |x̂ − x| / |x| [%], of the samples that have an estimate."""
+    relative = np.abs((estimated - true) / true)
+    return 100.0 * float(np.mean(relative[np.isfinite(relative)]))
+
+
+def root_mean_square(estimated: Array, true: Array) -> float:
+    """Return √(mean (x̂ − x)²), of the samples that have an estimate."""
+    return float(np.sqrt(mean_square(estimated - true)))
+
+
+def largest(estimated: Array, true: Array) -> float:
+    """Return max |x̂ − x|, of the samples that have an estimate."""
+    return float(np.nanmax(np.abs(estimated - true)))
+
+
+def column(trace: Trace, name: str, part: str = "total") -> Array:
+    """Return a column of a trace's transmission as numbers, shape (N,)."""
+    return np.asarray(trace[part][name], dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)

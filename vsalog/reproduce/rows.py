@@ -1,4 +1,4 @@
-"""What a reproduction comes out as: rows with a printed number and ours, and figures as data."""
+"""What a reproduction comes out as: rows with a printed number and ours, and figures."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from typing import Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from vsalog.reproduce.drawing import Figure
 
-Status = Literal["done", "not there yet"]
-Verdict = Literal["better", "as printed", "worse", "holds", "does not hold", "not compared", "not there yet"]
+Verdict = Literal[
+    "better", "better after the transient", "as printed", "within our spread", "worse", "below, conditions differ",
+    "above, conditions differ", "holds", "does not hold", "not compared",
+]  # fmt: skip
 
 ROUNDING = 0.005
 """Share within which a number is as printed: half of the last of the two or three digits."""
@@ -38,6 +39,13 @@ class Spread(msgspec.Struct, frozen=True):
         v = np.asarray(values, dtype=np.float64)
         return cls(float(np.median(v)), float(np.min(v)), float(np.max(v)), len(values))
 
+    def around(self, true: float | None) -> tuple[float, float, float]:
+        """Return median, low and high, or of a parameter their distances to its true value: of the median, least, largest."""
+        if true is None:
+            return self.median, self.low, self.high
+        ends = abs(self.low - true), abs(self.high - true)
+        return abs(self.median - true), 0.0 if self.low <= true <= self.high else min(ends), max(ends)
+
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
     """One number of a paper, and ours.
@@ -52,18 +60,20 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     estimator, tune : what it was found with, as for `vsalog estimate`; `powers` of the basis and variances `V_a`, `V_max`,
         `V_min` of the kinematic filter are no `--tune` of it
     printed : the number, or the statement in our words; None where the paper prints none for this row
-    ours : the number over the seeds, or what is found of the statement; None where it is not there yet
+    ours : the number over the seeds, or what is found of the statement
     whole_run : the same counted from the first sample
     window : which samples count for `ours`
+    window_printed : whether the paper leaves out the same samples, and says so
     conditions : what is simulated
     chosen : what the paper does not print and was chosen
+    differs : how the conditions depart from the printed ones where they do, so that neither number is better
     compare : how the two are compared: an error is the better the ``lower``, a parameter the ``closer`` to its true value;
         a statement ``holds`` or not; ``none`` where a comparison would mean nothing
     true_value : of a parameter
     holds : of a statement
-    reason : why ours is worse, or why there is none
+    reason : why ours is worse
     remark : what else one should know of the printed number
-    status : whether it can be computed
+    reproducible : whether equal seeds give equal numbers; a time that something takes is none
     """
 
     item: str
@@ -79,77 +89,52 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     ours: Spread | str | None = None
     whole_run: Spread | None = None
     window: str = ""
+    window_printed: bool = False
     conditions: str = ""
     chosen: str = ""
+    differs: str = ""
     compare: Literal["lower", "closer", "holds", "none"] = "lower"
     true_value: float | None = None
     holds: bool | None = None
     reason: str = ""
     remark: str = ""
-    status: Status = "done"
+    reproducible: bool = True
 
     def with_values(self, **values: Any) -> Row:
         """Return the row with some of its fields changed."""
         return msgspec.structs.replace(self, **values)
 
     def because(self, reason: str) -> Row:
-        """Return the row with that reason where ours is worse."""
-        return msgspec.structs.replace(self, reason=reason) if self.verdict in ("worse", "does not hold") else self
+        """Return the row with that reason where ours is worse, or above the printed number of other conditions."""
+        worse = self.verdict in ("worse", "does not hold", "above, conditions differ")
+        return msgspec.structs.replace(self, reason=reason) if worse else self
 
     @property
     def verdict(self) -> Verdict:
-        """How our median compares with the printed number."""
-        if self.status != "done":
-            return "not there yet"
+        """How ours compares with the printed number.
+
+        An error is better or worse where all seeds say so, and within our spread where they do not agree: what is printed is one
+        draw of the noise. It is as printed where the median is, to the digits printed. Where samples are left out that the paper
+        does not say it leaves out, an error that is larger over the whole run is better after the transient only.
+        """
         if self.compare == "holds":
             return "holds" if self.holds else "does not hold"
         if self.compare == "none" or not isinstance(self.printed, float) or not isinstance(self.ours, Spread):
             return "not compared"
-        ours, printed = self.ours.median, self.printed
-        within = False
-        if self.compare == "closer" and self.true_value is not None:
-            # What is printed is one draw of the noise: it is no better than ours where ours spread over it.
-            within = self.ours.low <= printed <= self.ours.high
-            ours, printed = abs(ours - self.true_value), abs(printed - self.true_value)
-        if ours <= printed * (1.0 - ROUNDING):
-            return "better"
-        return "as printed" if within or ours <= printed * (1.0 + ROUNDING) else "worse"
-
-
-class Curve(NamedTuple):
-    """A line or points of a figure; `style` is solid, dashed, dotted, dashdot or points."""
-
-    label: str
-    x: Array
-    y: Array
-    style: str = "solid"
-
-
-class Panel(msgspec.Struct, frozen=True, kw_only=True):
-    """One pair of axes; `y_range` is shown where given, all else.
-
-    Attributes
-    ----------
-    title, x_label, y_label : with units
-    curves : what is drawn
-    log_x, log_y : logarithmic axes
-    """
-
-    x_label: str
-    y_label: str
-    curves: tuple[Curve, ...]
-    title: str = ""
-    log_x: bool = False
-    log_y: bool = False
-    y_range: tuple[float, float] | None = None
-
-
-class Figure(msgspec.Struct, frozen=True):
-    """A figure like one of the paper's; `name` becomes the file's."""
-
-    name: str
-    title: str
-    panels: tuple[Panel, ...]
+        true = self.true_value if self.compare == "closer" else None
+        printed, (ours, low, high) = self.printed, self.ours.around(true)
+        same = abs(self.ours.median - printed) <= ROUNDING * abs(printed)
+        off = printed if true is None else abs(printed - true)
+        if self.differs:
+            return "below, conditions differ" if ours < off else "above, conditions differ"
+        if same:
+            return "as printed"
+        if not (high < off or low > off or not np.isfinite(ours)):
+            return "within our spread"
+        if not ours < off:
+            return "worse"
+        whole = None if self.window_printed else self.whole_run
+        return "better" if whole is None or whole.median < printed else "better after the transient"
 
 
 class Result(NamedTuple):

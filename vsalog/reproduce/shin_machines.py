@@ -45,6 +45,7 @@ STATED = (
     " regulator), orifice areas 5 % and friction 20 % (found by trial and error, §II-C), valve map 0.05 V (spool hysteresis),"
     " each muscle's pull and volume 3 % (scatter of Fig. 2, a graduated cylinder), leakage 0 to 0.5 % of the orifice"
 )
+MACHINES = "simulated machines that differ from the rig as stated, in place of the paper's"
 
 
 def machine(joint: PneumaticJoint, seed: int) -> PneumaticJoint:
