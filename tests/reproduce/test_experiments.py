@@ -29,8 +29,9 @@ def test_sensor_and_residual_find_the_spring_and_model_the_data_sheets(recording
     for modality, spring in (("MODEL", 0.01422), ("SENSOR", 0.0107), ("RESIDUAL", 0.0107)):
         trace = estimate(recording, AWAS_PAPER.with_tune(modality=modality))
         assert trace["1"]["coefficient_2"][-1] / 2.0 == pytest.approx(spring, rel=0.03), modality
-    assert [p.title for p in coefficients(trace.time, trace)][2] == "η₀,₂ (φ r²)"
-    np.testing.assert_array_equal(coefficients(trace.time, trace)[2].curves[0].y, trace["1"]["coefficient_2"])
+    curve = coefficients(trace.time, trace)[2].curves[0]
+    assert curve.label == "η₀,₂ (φ r²)"
+    np.testing.assert_array_equal(curve.y, trace["1"]["coefficient_2"])
 
 
 def test_the_links_filter_is_the_textbooks():

@@ -156,7 +156,7 @@ def write_reproduced(folder: Path, figures: Sequence[Reproduced]) -> list[Path]:
         for figure in figures:
             canvas = _drawn(_chart(figure))
             # Without the space between the title and the panels' legends the two would meet.
-            canvas.suptitle(printable(figure.title) + "\n")
+            canvas.suptitle(fill(printable(figure.title), int(13.0 * canvas.get_figwidth())) + "\n")
             _captioned(canvas, printable(figure.caption))
             path = folder / f"{figure.name}.svg"
             with atomic_path(path) as temporary:
@@ -181,8 +181,8 @@ def _captioned(canvas: Any, caption: str) -> None:
     """Put a caption under a figure, which grows by it."""
     if not caption:
         return
-    # Of the small font's letters some 20 fit into an inch.
-    text = fill(caption, int(20.0 * canvas.get_figwidth()))
+    # Of the small font's letters some 18 fit into an inch.
+    text = fill(caption, int(18.0 * canvas.get_figwidth()))
     height = canvas.get_figheight()
     more = 0.125 * (text.count("\n") + 2)
     canvas.set_figheight(height + more)
@@ -234,6 +234,7 @@ def _drawn(chart: Chart) -> Any:
         _surface(left, chart.surface)
         for axes, panel in zip(right.subplots(n, 1), chart.axes, strict=True):
             _panel(right, axes, panel, last=True)
+            axes.locator_params(axis="x", nbins=5)
         return canvas
     if chart.side_by_side:
         canvas = Figure(figsize=(7.0, 2.5), layout="constrained")
@@ -307,6 +308,8 @@ def _surface(canvas: Any, surface: Surface) -> Any:
     y = np.repeat(surface.y[:, None], surface.x.shape[1], axis=1)
     axes.plot_surface(surface.x, y, surface.z, cmap="viridis", alpha=0.75, linewidth=0, rstride=1, cstride=1)
     axes.scatter(*surface.data.T, s=3, marker="x", linewidths=0.5, color=COLOURS["measured"], rasterized=True)
+    axes.locator_params(nbins=5)
+    axes.set_box_aspect(None, zoom=0.75)
     axes.set_xlabel(printable(surface.x_label))
     axes.set_ylabel(printable(surface.y_label))
     axes.set_zlabel(printable(surface.z_label))

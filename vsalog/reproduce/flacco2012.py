@@ -177,7 +177,7 @@ def table1(study: Study) -> Result:
             for i, title in parts.items()
         ),
         "7": tuple(
-            over(time, {f"α{h}": column(residual, f"coefficient_{h}", i) for h in range(4)}, "coefficient [N·mm/rad^(2h+1)]",
+            over(time, {f"α{h}": column(residual, f"coefficient_{h}", i) for h in range(4)}, "α [N·mm, rad]",
                  scale=1e3, title=parts[i])
             for i in "12"
         ),
@@ -191,11 +191,11 @@ def table1(study: Study) -> Result:
 
 
 def torque_lines(trace: Trace, part: str, actual: Array, sensor: Array) -> dict[str, Array]:
-    """Return the flexibility torque as it is, as the residual, as the sensor and as the fit on the residual have it."""
+    """Return the flexibility torque as it is, and as the residual, the sensor and the fit to the residual have it."""
     return {
         "residual": column(trace, "residual", part),
         "sensor": sensor,
-        "RLS on the residual": column(trace, "flexibility_torque_fit", part),
+        "RLS fit": column(trace, "flexibility_torque_fit", part),
         "actual": actual,
     }
 
@@ -214,7 +214,7 @@ def _characteristic(trace: Trace, part: str, title: str) -> Panel:
     fitted = np.sum([a * grid ** (2 * h + 1) for h, a in enumerate(final)], axis=0)
     points = Curve("residual", phi[::50], 1e3 * residual[::50], "points")
     return Panel(
-        title=title, x_label="deflection [rad]", y_label="flexibility torque [N·mm]",
+        title=title, x_label="deflection [rad]", y_label="torque [N·mm]",
         curves=(points, Curve("final model", grid, 1e3 * fitted)),
     )  # fmt: skip
 
@@ -285,8 +285,7 @@ def coefficients(time: Array, trace: Trace) -> tuple[Panel, ...]:
     # Power 2h + 1 of φ and j of r have the coefficient 3h + j.
     shown = {"η₀,₀ (φ)": 0, "η₀,₁ (φ r)": 1, "η₀,₂ (φ r²)": 2, "η₁,₁ (φ³ r)": 4, "η₁,₂ (φ³ r²)": 5}
     return tuple(
-        over(time, {name: column(trace, f"coefficient_{i}", "1")}, "N·m, mm, rad", title=name)
-        for name, i in shown.items()
+        over(time, {name: column(trace, f"coefficient_{i}", "1")}, "[N·m, mm, rad]") for name, i in shown.items()
     )
 
 

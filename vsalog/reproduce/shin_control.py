@@ -151,7 +151,7 @@ def _drawn(task: Task, run: Controlled) -> list[Panel]:
     unit = f"[{task.unit}]"
     return [
         over(run.time, lines, f"{task.title} {unit}", scale=task.scale),
-        over(run.time, {"reference − measured": run.reference - run.actual}, f"error {unit}", scale=task.scale),
+        over(run.time, {"tracking error": run.reference - run.actual}, f"error {unit}", scale=task.scale),
     ]
 
 

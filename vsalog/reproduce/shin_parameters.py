@@ -35,7 +35,7 @@ class Step:
     bias: float = 5.5
     change: float = 0.6
     at: float = 0.5
-    duration: float = 4.0
+    duration: float = 12.0
     factors: tuple[float, ...] = (0.5, 1.0, 2.0)
 
 
