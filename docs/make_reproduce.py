@@ -1,7 +1,7 @@
 """Writes the tables of docs/reproduce.md from the stored numbers: ``python -m docs.make_reproduce``.
 
 The numbers, docs/reproduce.json, are those of a run: ``vsalog reproduce --json > numbers.json`` and then
-``python -m docs.make_reproduce numbers.json`` stores them and writes the tables.
+``python -m docs.make_reproduce numbers.json`` stores them and writes the tables. A run of some items replaces those alone.
 """
 
 import json
@@ -10,6 +10,8 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+from vsalog.reproduce.catalogue import ITEMS
 
 Row = Mapping[str, Any]
 
@@ -23,7 +25,7 @@ SIGNS = {
     "better after the transient": "(+)",
     "as printed": "=",
     "within our spread": "~",
-    "worse": "−",
+    "worse": "**−**",
     "below, conditions differ": "<",
     "above, conditions differ": ">",
     "holds": "holds",
@@ -33,10 +35,15 @@ SIGNS = {
 MARKED = re.compile(r"(<!-- table: (?P<what>\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
-def stored(document: Mapping[str, Any]) -> str:
-    """Return what is kept of a run, a row a line."""
-    rows = [json.dumps({name: row[name] for name in FIELDS}, ensure_ascii=False) for row in document["rows"]]
-    return '{"seeds": ' + json.dumps(document["seeds"]) + ', "rows": [\n' + ",\n".join(rows) + "\n]}\n"
+def stored(rows: Sequence[Row], before: Sequence[Row]) -> str:
+    """Return what is kept, a row a line: the rows of a run, and of what it leaves out those from before."""
+    items: dict[str, list[Row]] = {}
+    for row in rows:
+        items.setdefault(row["item"], []).append(row)
+    kept = [row for row in before if row["item"] not in items]
+    every = [row for name in ITEMS for row in items.get(name, [r for r in kept if r["item"] == name])]
+    lines = [json.dumps({name: row[name] for name in FIELDS}, ensure_ascii=False) for row in every]
+    return '{"rows": [\n' + ",\n".join(lines) + "\n]}\n"
 
 
 def page(text: str, rows: Sequence[Row]) -> str:
@@ -68,18 +75,20 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
         lines.setdefault(key, {})[row["settings"]] = row
     heads = ("place", "of", "quantity", "counted", "printed", *settings)
     varied = [len({key[i] for key in lines}) > 1 for i in range(4)]
-    for i, head in enumerate(heads[:4]):
-        if not varied[i] and (same := next(iter(lines))[i]):
-            yield f"{head.capitalize()}: {same}."
+    first = next(iter(lines))
+    same = [f"{head}: {first[i]}" for i, head in enumerate(heads[:4]) if first[i] and not varied[i]]
+    if same:
+        text = "; ".join(same)
+        yield text[0].upper() + text[1:] + "."
+        yield ""
     shown = [head for i, head in enumerate(heads) if i >= 4 or varied[i]]
-    yield ""
     yield "| " + " | ".join(shown) + " |"
     yield "| " + " | ".join("---" for _ in shown) + " |"
     for key, by in lines.items():
         own = [text for text, vary in zip(key, varied, strict=True) if vary]
         printed = next(iter(by.values()))["printed"]
         cells = [cell(by[s]) if s in by else "" for s in settings]
-        yield "| " + " | ".join((*own, number(printed), *cells)) + " |"
+        yield "| " + " | ".join((*own, number(printed, 6), *cells)) + " |"
 
 
 def cell(row: Row) -> str:
@@ -91,17 +100,19 @@ def cell(row: Row) -> str:
     return f"{text} {SIGNS[row['verdict']]}".strip()
 
 
-def number(value: str | float | None) -> str:
-    """Return a number with three digits, a statement as it is, and a dash for none."""
+def number(value: str | float | None, digits: int = 3) -> str:
+    """Return a number with so many digits, a statement as it is, and a dash for none."""
     if value is None:
         return "–"
-    return value.replace("|", "\\|") if isinstance(value, str) else f"{value:.3g}"
+    return value.replace("|", "\\|") if isinstance(value, str) else f"{value:.{digits}g}"
 
 
 def main(arguments: Sequence[str]) -> None:
     """Store the numbers of a run, where one is named, and write the tables."""
     if arguments:
-        NUMBERS.write_text(stored(json.loads(Path(arguments[0]).read_text(encoding="utf-8"))), encoding="utf-8")
+        before = json.loads(NUMBERS.read_text(encoding="utf-8"))["rows"] if NUMBERS.exists() else []
+        run = json.loads(Path(arguments[0]).read_text(encoding="utf-8"))["rows"]
+        NUMBERS.write_text(stored(run, before), encoding="utf-8")
     rows = json.loads(NUMBERS.read_text(encoding="utf-8"))["rows"]
     PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), rows), encoding="utf-8")
 

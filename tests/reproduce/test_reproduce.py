@@ -2,8 +2,11 @@
 
 import json
 import re
+import runpy
 import sys
+from pathlib import Path
 from types import SimpleNamespace
+from typing import get_args
 
 import msgspec
 import numpy as np
@@ -17,7 +20,7 @@ from vsalog.figures.paper import FigureError, prepare_folder, write_reproduced
 from vsalog.reproduce import flacco2012, flacco2014, serio2011, shin
 from vsalog.reproduce.catalogue import ITEMS, select
 from vsalog.reproduce.measure import Setting, Study, estimate, mean_relative, mse, msrep, with_noise
-from vsalog.reproduce.rows import Result, Row, Spread
+from vsalog.reproduce.rows import Result, Row, Spread, Verdict
 from vsalog.simulation.experiments import vsa2_experiment
 
 pytestmark = pytest.mark.share(2)
@@ -310,10 +313,12 @@ def test_a_folder_that_cannot_be_made_is_refused_before_anything_is_computed(tmp
 def test_figures_are_written(results, tmp_path):
     pytest.importorskip("matplotlib")
     figures = results("flacco2012-table1").figures
+    assert [f.name for f in figures] == [f"flacco2012-fig{n}" for n in (4, 5, 6, 7, 8)]
+    figures = figures[2::2]
     for folder in ("new/folder", "again"):
         prepare_folder(tmp_path / folder, "--plots")
     written = write_reproduced(tmp_path / "new" / "folder", figures)
-    assert [p.name for p in written] == [f"flacco2012-fig{n}.svg" for n in (4, 5, 6, 7, 8)]
+    assert [p.name for p in written] == ["flacco2012-fig6.svg", "flacco2012-fig8.svg"]
     text = written[0].read_text(encoding="utf-8")
     assert text.startswith("<?xml")
     assert "<svg" in text
@@ -322,3 +327,57 @@ def test_figures_are_written(results, tmp_path):
     assert all(f"{f.name}: {f.title}\n    {f.caption}" in said and "Chosen, not printed" in f.caption for f in figures)
     assert again[0].read_bytes() == written[0].read_bytes()
     assert not list(tmp_path.rglob("*.part"))
+
+
+PAGE = Path(__file__).parents[2] / "docs"
+MADE = runpy.run_path(str(PAGE / "make_reproduce.py"))
+
+
+def stored_rows():
+    return json.loads((PAGE / "reproduce.json").read_text(encoding="utf-8"))["rows"]
+
+
+def test_the_page_has_the_tables_of_the_stored_numbers_of_every_item():
+    text, rows = (PAGE / "reproduce.md").read_text(encoding="utf-8"), stored_rows()
+    assert MADE["page"](text, rows) == text, "python -m docs.make_reproduce"
+    assert {row["item"] for row in rows} == set(ITEMS)
+    assert all(f"<!-- table: {name} -->" in text for name in ITEMS)
+    assert {row["verdict"] for row in rows} <= set(get_args(Verdict))
+    assert set(MADE["SIGNS"]) == set(get_args(Verdict))
+
+
+@pytest.mark.parametrize("name", ["flacco2014-table1", "shin-parameters"])
+def test_the_stored_numbers_are_those_of_a_run(results, name):
+    """Of the items that take a second and have no noise: whoever changes a number runs `vsalog reproduce --json` again."""
+    stored = [row for row in stored_rows() if row["item"] == name]
+    fresh = json.loads(json.dumps([msgspec.to_builtins(r) | {"verdict": r.verdict} for r in results(name).rows]))
+    assert len(stored) == len(fresh)
+    for row, other in zip(fresh, stored, strict=True):
+        for field in set(other) - {"ours", "whole_run"}:
+            assert row[field] == other[field], field
+        for field in ("ours", "whole_run"):
+            if isinstance(row[field], dict):
+                # Another processor rounds otherwise.
+                assert other[field]["median"] == pytest.approx(row[field]["median"], rel=0.02), (
+                    row["of"],
+                    row["quantity"],
+                )
+            else:
+                assert row[field] == other[field]
+
+
+def test_a_table_has_a_column_per_setting_and_says_once_what_all_rows_share():
+    common = {"item": "x", "place": "Table 1", "quantity": "q", "unit": "%", "window": "after 2 s", "whole_run": None}
+    ours = {"median": 0.01234, "low": 0.0, "high": 1.0, "seeds": 2}
+    rows = [
+        {**common, "of": of, "settings": s, "printed": 0.05, "ours": ours, "verdict": v}
+        for of, s, v in (("a", "one", "better"), ("a", "two", "worse"), ("b", "one", "not compared"))
+    ]
+    assert list(MADE["table"](rows)) == [
+        "Place: Table 1; quantity: q [%]; counted: after 2 s.",
+        "",
+        "| of | printed | one | two |",
+        "| --- | --- | --- | --- |",
+        "| a | 0.05 | 0.0123 + | 0.0123 **−** |",
+        "| b | 0.05 | 0.0123 |  |",
+    ]

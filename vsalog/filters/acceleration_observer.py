@@ -13,7 +13,8 @@ and comparing coefficients gives the gains. For D_θ = 0 they are those of the p
 
 Print of De Luca 2007: eq. 4's f₄ lacks the link's friction d(q, q̇) of eq. 1, which changes nothing, for f₄ is what q̈ measures.
 Comparing coefficients gives L₃ = a₂ − (D/B) a₃ + (D² − K B)/B²; whether the paper's last denominator is B or B² the text at hand
-does not tell. Motor friction is taken to be compensated; its viscous part D_θ is kept here. Eq. 9 adds g₀, which has to be −g: an accelerometer at rest reads upwards.
+does not tell. Motor friction is taken to be compensated; its viscous part D_θ is kept here. Eq. 9 adds g₀, which has to be −g: an
+accelerometer at rest reads upwards.
 """
 
 from __future__ import annotations

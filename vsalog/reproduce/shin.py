@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from time import perf_counter
+from time import thread_time
 
 import numpy as np
 from numpy.typing import NDArray
@@ -234,7 +234,7 @@ def online(study: Study) -> Result:
     )  # fmt: skip
     rows += [
         common.with_values(
-            quantity="mean processing time of a sample", unit="ms", printed=0.346, ours=Spread.of([float(times.mean())]),
+            quantity="mean processor time of a sample", unit="ms", printed=0.346, ours=Spread.of([float(times.mean())]),
             compare="none", remark="another computer than the paper's (3.2 GHz); angle, torque, stiffness and their deviations",
         ),
         common.with_values(
@@ -251,13 +251,13 @@ def online(study: Study) -> Result:
 
 
 def sample_times(experiment: Experiment, setting: Setting, samples: int = 2000) -> tuple[Array, bool]:
-    """Return the time that each sample takes, given one by one [ms], and whether the angles are those of one block."""
+    """Return the processor's time for each sample, given one by one [ms], and whether the angles are those of one block."""
     fold, signals = assemble(experiment, setting, "pam")
     state, times, angles = fold.start(), np.empty(samples), []
     for k in range(samples):
-        begun = perf_counter()
+        begun = thread_time()
         state, traces = fold.step(state, signals[k : k + 1])
-        times[k] = 1e3 * (perf_counter() - begun)
+        times[k] = 1e3 * (thread_time() - begun)
         angles += [column(t, "link_position") for t in traces]
     _, whole = fold.step(fold.start(), signals[:samples])
     at_once = np.concatenate([column(t, "link_position") for t in whole])
