@@ -24,6 +24,7 @@ SIGNS = {
     "better": "+",
     "better after the transient": "(+)",
     "as printed": "=",
+    "as printed after the transient": "(=)",
     "within our spread": "~",
     "worse": "**−**",
     "below, conditions differ": "<",

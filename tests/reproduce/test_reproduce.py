@@ -186,6 +186,7 @@ def test_an_error_is_better_or_worse_where_all_seeds_say_so():
     assert row.with_values(ours=Spread(1.2, 0.4, 2.0, 3)).verdict == "within our spread"
     assert row.with_values(ours=Spread(1.2, 1.1, 2.0, 3)).verdict == "worse"
     assert row.with_values(ours=Spread(1.004, 0.1, 9.0, 3)).verdict == "as printed"
+    assert row.with_values(printed=1.004, ours=Spread(1.0, 0.1, 9.0, 3)).verdict == "within our spread"
     assert row.with_values(ours=Spread(float("nan"), float("nan"), float("nan"), 3)).verdict == "worse"
     assert row.with_values(compare="holds", holds=False).verdict == "does not hold"
     assert row.because("why").reason == ""
@@ -200,12 +201,23 @@ def test_a_parameter_is_compared_by_its_distance_to_the_true_value():
     assert row.with_values(ours=Spread(0.998, 0.9, 1.4, 3)).verdict == "as printed"
 
 
+@pytest.mark.parametrize(
+    ("printed", "ours", "verdict"),
+    [(0.05, 0.0549, "as printed"), (0.05, 0.0551, "worse"), (0.05, 0.0449, "better"), (7.5135, 7.51354, "as printed"),
+     (7.5135, 7.5134, "better"), (20.1, 20.04, "better"), (20.1, 20.16, "worse"), (1e-17, 1.4e-17, "as printed")],
+)  # fmt: skip
+def test_a_number_is_as_printed_where_it_rounds_to_the_printed_digits(printed, ours, verdict):
+    row = Row(item="x", paper="p", place="1", quantity="q", printed=printed, ours=Spread(ours, ours, ours, 1))
+    assert row.verdict == verdict
+
+
 def test_what_is_left_out_and_other_conditions_are_part_of_the_verdict():
     row = Row(item="", paper="", place="", quantity="", printed=1.0, ours=Spread(0.5, 0.4, 0.9, 3))
     over_the_start = row.with_values(whole_run=Spread(3.0, 2.0, 4.0, 3))
     assert over_the_start.verdict == "better after the transient"
     assert over_the_start.with_values(window_printed=True).verdict == "better"
     assert row.with_values(whole_run=Spread(0.8, 0.7, 0.9, 3)).verdict == "better"
+    assert over_the_start.with_values(ours=Spread(1.01, 0.9, 1.1, 3)).verdict == "as printed after the transient"
     elsewhere = row.with_values(differs="another machine")
     assert elsewhere.verdict == "below, conditions differ"
     assert elsewhere.with_values(ours=Spread(1.5, 0.4, 2.0, 3)).verdict == "above, conditions differ"

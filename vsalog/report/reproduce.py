@@ -16,6 +16,7 @@ TONES: Mapping[str, Tone] = {
     "does not hold": "bad",
     "better": "good",
     "better after the transient": "open",
+    "as printed after the transient": "open",
     "within our spread": "open",
     "holds": "good",
 }

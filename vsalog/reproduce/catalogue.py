@@ -53,7 +53,7 @@ ITEMS = {
             "Fig. 21: stability factor on the AwAS",
             "flacco2012_robustness",
             "stability_factor",
-            work=100,
+            work=800,
         ),
         Item(
             "flacco2012-fig22",

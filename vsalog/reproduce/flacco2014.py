@@ -72,7 +72,8 @@ IDEAL_SETTINGS: Mapping[str, tuple[Setting, ...]] = {
 }
 IDEAL_CONDITIONS = (
     "VSA-II, ideal signals, 20 s at 1 kHz from rest, k drifting by 0.0005 N·mm/rad a second, B = 7.5 N·mm·s²/rad and D = 0.9"
-    " N·mm·s/rad in the machine, 7.3 and 1.0 in the rig"
+    " N·mm·s/rad in the machine, 7.3 and 1.0 in the rig; with the paper's settings velocities come from a Savitzky–Golay filter"
+    " of 20 ms, which changes next to nothing of ideal signals"
 )
 IDEAL_CHOSEN = "C = 1.8, link inertia 2 N·mm·s²/rad, m g l = 60 N·mm, link damping 5 N·mm·s/rad, 20 s"
 NOT_THE_DRIFT = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from decimal import Decimal
 from typing import Any, Literal, NamedTuple
 
 import msgspec
@@ -11,12 +12,9 @@ import numpy as np
 from vsalog.reproduce.drawing import Figure
 
 Verdict = Literal[
-    "better", "better after the transient", "as printed", "within our spread", "worse", "below, conditions differ",
-    "above, conditions differ", "holds", "does not hold", "not compared",
+    "better", "better after the transient", "as printed", "as printed after the transient", "within our spread", "worse",
+    "below, conditions differ", "above, conditions differ", "holds", "does not hold", "not compared",
 ]  # fmt: skip
-
-ROUNDING = 0.005
-"""Share within which a number is as printed: half of the last of the two or three digits."""
 
 
 class Spread(msgspec.Struct, frozen=True):
@@ -113,9 +111,9 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     def verdict(self) -> Verdict:
         """How ours compares with the printed number.
 
-        An error is better or worse where all seeds say so, and within our spread where they do not agree: what is printed is one
-        draw of the noise. It is as printed where the median is, to the digits printed. Where samples are left out that the paper
-        does not say it leaves out, an error that is larger over the whole run is better after the transient only.
+        It is as printed where the median rounds to the printed digits. Else an error is better or worse where all seeds say so,
+        and within our spread where they do not agree: what is printed is one draw of the noise. Where samples are left out that
+        the paper does not say it leaves out, and the whole run is above the printed number, both hold after the transient only.
         """
         if self.compare == "holds":
             return "holds" if self.holds else "does not hold"
@@ -123,18 +121,25 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
             return "not compared"
         true = self.true_value if self.compare == "closer" else None
         printed, (ours, low, high) = self.printed, self.ours.around(true)
-        same = abs(self.ours.median - printed) <= ROUNDING * abs(printed)
         off = printed if true is None else abs(printed - true)
         if self.differs:
             return "below, conditions differ" if ours < off else "above, conditions differ"
-        if same:
-            return "as printed"
+        whole = None if self.window_printed else self.whole_run
+        later = whole is not None and not whole.median < printed
+        if abs(self.ours.median - printed) <= last_digit(printed) / 2.0:
+            return "as printed after the transient" if later else "as printed"
         if not (high < off or low > off or not np.isfinite(ours)):
             return "within our spread"
         if not ours < off:
             return "worse"
-        whole = None if self.window_printed else self.whole_run
-        return "better" if whole is None or whole.median < printed else "better after the transient"
+        return "better after the transient" if later else "better"
+
+
+def last_digit(printed: float) -> float:
+    """Return the size of one in the last digit of a number as it is printed: 0.01 of 7.24."""
+    exponent = Decimal(repr(printed)).as_tuple().exponent
+    assert isinstance(exponent, int)
+    return float(10.0**exponent)
 
 
 class Result(NamedTuple):
