@@ -137,7 +137,7 @@ ITEMS = {
             "§IV-C: PI control without encoder and torque sensor",
             "shin_control",
             "pressures_alone",
-            work=57000,
+            work=36000,
         ),
     )
 }
