@@ -216,5 +216,5 @@ def test_a_log_of_pressures_and_voltages_is_bound_in_si_but_not_estimated(tmp_pa
     assert bound["valve_2"] == pytest.approx(5.0 + 1e-3 * np.arange(20))
     assert bound["link_position"] == pytest.approx(np.deg2rad(0.1 * np.arange(20)))
     assert choose("pam", joint, "auto", {}).name == "pam-ukf"
-    with pytest.raises(EstimatorError, match="for muscles there are pam-ukf and pam-model"):
+    with pytest.raises(EstimatorError, match="pneumatic"):
         choose("pam", joint, "direct", {})

@@ -67,6 +67,7 @@ class Limits(NamedTuple):
         before [1], eight ratios in between: the one for a spring with a corner, the other for a straight line
     rounds, most_rounds : times that noise and the torque as a whole are estimated anew from the estimate before [1]: the second
         changes them by little where the spring does not change, and the fourth where it does
+    jumps : at most [1]: a log that shows more has a spring that the basis cannot follow
     least_weight : of a hypothesis that is averaged [1]
     """
 
@@ -79,6 +80,7 @@ class Limits(NamedTuple):
     smoothest: float = 0.01
     rounds: int = 2
     most_rounds: int = 4
+    jumps: int = 4
     least_weight: float = 1e-3
 
     @property
@@ -289,8 +291,6 @@ class Smoother:
         self.names = shared + [(i, name) for i, own in enumerate(solver.unknowns) for name in own]
         self.size = n + len(self.names)
         fullest = max(len(part.rows) for part in boxes)
-        self.count = int(np.clip(fullest // LIMITS.boxes_per_interval, 1, intervals))
-        self.where = [np.minimum(part.place * self.count // samples, self.count - 1) for part in boxes]
         self.columns, first = [], n + solver.shared
         for own in solver.unknowns:
             self.columns.append(np.r_[: n + solver.shared, first : first + len(own)])
@@ -298,6 +298,9 @@ class Smoother:
         self.active = np.r_[
             :n, [n + i for i, name in enumerate(self.names) if name[1] in (*solver.required, SHARED)]
         ].astype(int)
+        # Fewer rows than unknowns make no triangle that is shorter than they are.
+        self.count = int(np.clip(fullest // max(LIMITS.boxes_per_interval, self.active.size), 1, intervals))
+        self.where = [np.minimum(part.place * self.count // samples, self.count - 1) for part in boxes]
         self.powers = np.zeros(self.size)
         self.powers[:n] = np.maximum(np.array(solver.powers) - 1.0, 0.0)
         self.knots = np.zeros(self.size, dtype=np.bool_)
@@ -438,21 +441,24 @@ class Smoother:
         usual = still.filtered_mean[-1] if usual is None else usual
         self.direction = self._direction(usual)
         self.usual = np.sqrt(usual**2 + np.square(still.filtered_root[-1]).sum(axis=0))
-        evidence = self._weighed(measurements, (), shapes)
+        # While noise is not known yet, decades will do.
+        sizes = LIMITS.changes[:: 1 if shapes else 2] if self.count > 1 else ()
+        evidence = self._weighed(measurements, [Change(), *(Change(whole=size) for size in sizes)])
         best = max(evidence, key=lambda change: evidence[change])
         while True:
             smoothed = self._smooth(measurements, best, self.direction, True)
             jump = self._jump(smoothed, best)
-            if jump is None:
+            if jump is None or len(best.jumps) == LIMITS.jumps:
                 break
-            jumps = (*best.jumps, jump)
-            added = self._weighed(measurements, jumps, shapes)
-            # Any interval could have been the one.
-            evidence |= {change: value - np.log(self.count - 1) * len(jumps) for change, value in added.items()}
+            # What jumps is no longer to be explained by a walk: that is as fast, half a decade slower, or none.
+            jumps, slower = (*best.jumps, jump), [size for size in sizes if size <= best.whole][-2:]
+            evidence |= self._weighed(measurements, [Change(whole, 0.0, jumps) for whole in (0.0, *slower)])
             better = max(evidence, key=lambda change: evidence[change])
             if better == best:
                 break
             best = better
+        if shapes:
+            evidence |= self._weighed(measurements, [best._replace(shape=size) for size in sizes])
         # A causal filter's acceleration lags and is noisy, which another inertia would explain.
         if shown and not self.solver.causal and self._shown(triangles, best):
             return self._explained(triangles, None, shapes)
@@ -475,25 +481,16 @@ class Smoother:
         self.prior, self.direction, self.usual = prior, direction, usual
         return shown
 
-    def _weighed(self, measurements: Array, jumps: tuple[int, ...], shapes: bool) -> dict[Change, float]:
-        """Return the log evidence of hypotheses with some jumps: no other change, of the whole, and of the shape, too."""
-        evidence: dict[Change, float] = {}
-        changes = LIMITS.changes
-        prior = np.log(0.5 / changes.size)  # either it changes or not, each alike
-
-        def weigh(change: Change, prior: float) -> float:
-            if change not in evidence:
-                evidence[change] = self._smooth(measurements, change, self.direction, False).log_likelihood + prior
-            return evidence[change]
-
-        still = Change(0.0, 0.0, jumps)
-        weigh(still, 2.0 * np.log(0.5))
-        for whole in changes if self.count > 1 else ():
-            weigh(still._replace(whole=whole), prior + np.log(0.5))
-        best = max(evidence, key=lambda change: evidence[change])
-        for shape in changes if shapes else ():
-            weigh(best._replace(shape=shape), prior + (np.log(0.5) if best.whole == 0.0 else prior))
-        return evidence
+    def _weighed(self, measurements: Array, changes: Sequence[Change]) -> dict[Change, float]:
+        """Return the log evidence of hypotheses: either the whole changes or not, and either the shape or not, each alike."""
+        each = np.log(0.5 / LIMITS.changes.size)
+        return {
+            change: self._smooth(measurements, change, self.direction, False).log_likelihood
+            + sum(each if size else np.log(0.5) for size in (change.whole, change.shape))
+            # Any interval could have been the one of a jump.
+            - np.log(max(self.count - 1, 1)) * len(change.jumps)
+            for change in changes
+        }
 
     def _jump(self, smoothed: Smoothed, change: Change) -> int | None:
         """Return the interval after which the disturbance is too large for the walk, None where none is."""
