@@ -26,7 +26,7 @@ from vsalog.residuals.sensing import at_joint
 from vsalog.residuals.system import build_system
 from vsalog.rig.schema import PneumaticJoint, SimpleFriction, TonduFriction
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 CHANNELS = {
     "link_position": "angle", "torque_sensor": "torque", "pressure_1": "p1", "pressure_2": "p2", "valve_1": "u1", "valve_2": "u2",

@@ -6,7 +6,7 @@ from restated import recorded
 
 from vsalog.diagnosis.run import Options, diagnose
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 BENCH = """
 [joint.spring]

@@ -11,7 +11,7 @@ import pytest
 from vsalog.diagnosis.run import Options, diagnose
 from vsalog.rig import Rig
 
-pytestmark = pytest.mark.share(3)
+pytestmark = pytest.mark.share(4)
 
 PERIOD, LOOP, DURATION = 0.01, 1e-3, 40.0
 MACHINE = {

@@ -17,7 +17,7 @@ from vsalog.diagnosis.document import Diagnosis
 from vsalog.diagnosis.joint import HELD_OUT
 from vsalog.rig import Rig
 
-pytestmark = pytest.mark.share(3)
+pytestmark = pytest.mark.share(4)
 
 FILES = ["diagnosis.html", "diagnosis.json", "extended.rig.toml"]
 WRONG = Truth(damping=0.08)

@@ -14,7 +14,7 @@ from vsalog.diagnosis.plan import formed, planned, signals_of, subject_of
 from vsalog.rig import Rig
 from vsalog.simulation.scenario import Scenario
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 # Nothing but J q̈ = k τ: twice the inertia is half the torque constant, whatever the motion.
 BARE = """

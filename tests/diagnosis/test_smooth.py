@@ -14,7 +14,7 @@ from vsalog.diagnosis.smooth import TERMS, SmoothSite
 from vsalog.residuals.kinds import balance_for
 from vsalog.residuals.system import build_system
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 
 def selected(truth, seed=2):

@@ -23,7 +23,7 @@ from vsalog.readers import read
 from vsalog.simulation.scenario import Scenario
 from vsalog.simulation.scenario_parts import sum_of_parts
 
-pytestmark = pytest.mark.share(3)
+pytestmark = pytest.mark.share(4)
 
 FILE = "next.scenario.toml"
 PERIOD = 1e-3

@@ -11,7 +11,7 @@ from vsalog.mechanics import flexibility_torque
 from vsalog.residuals.sensing import at_joint
 from vsalog.rig import Rig
 
-pytestmark = pytest.mark.share(3)
+pytestmark = pytest.mark.share(4)
 
 UNKNOWN = ELASTIC.replace('type = "cubic"\nstiffness = 12.0\ncubic = 150.0', 'type = "unknown"').replace(
     "damping = 0.05", "damping = 0.05\ngear_ratio = 10.0"

@@ -13,7 +13,7 @@ from test_grioli_methods import estimated
 from vsalog.estimators.averaging_error import averaging_error
 from vsalog.estimators.torque_rates import Rates
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 T = 1e-3
 

@@ -19,7 +19,7 @@ from vsalog.estimators.registry import method
 from vsalog.rig.load import Rig
 from vsalog.simulation.experiments import awas_experiment, vsa2_experiment
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 SEA = Rig.preset("sea").file
 PERIOD, SECONDS = 2e-3, 24.0
 STEP = float(np.deg2rad(0.01))

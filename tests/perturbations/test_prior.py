@@ -20,7 +20,7 @@ from vsalog.perturbations.prior import WEAKER, weaker
 from vsalog.perturbations.trials import Subject
 from vsalog.rig import Rig
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 ROLES = ("motor_position", "link_position", "setpoint", "motor_torque")
 

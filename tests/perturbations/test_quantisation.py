@@ -13,7 +13,7 @@ from vsalog.perturbations.quantisation import Quantisation
 from vsalog.perturbations.trials import Subject, run_trials
 from vsalog.rig import Rig
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 PERIOD, STEP, COUNT = 5e-3, 2 * np.pi / 500, 4000
 LINEAR, CUBIC = 30.0, 1000.0

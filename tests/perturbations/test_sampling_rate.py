@@ -19,7 +19,7 @@ from vsalog.perturbations.trials import Shift, Subject, run_trials, tried
 from vsalog.rig import Rig
 from vsalog.uncertainty.shift import Ranges, Spread
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 INERTIA, DAMPING, STIFFNESS, JERK = 0.08, 0.4, 150.0, 40.0
 

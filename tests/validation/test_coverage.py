@@ -13,7 +13,7 @@ from vsalog.simulation import simulate
 from vsalog.simulation.inputs import multisine
 from vsalog.validation.joint import judge, prepare
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 ROLES = ("motor_position", "link_position", "torque_sensor")
 

@@ -10,7 +10,7 @@ from vsalog.validation.dependence import dependences
 from vsalog.validation.region import inside_region
 from vsalog.validation.signatures import loops
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 RNG = np.random.default_rng(3)
 T = np.arange(20_000) * 1e-3
