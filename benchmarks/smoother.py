@@ -2,9 +2,9 @@
 
     python -m benchmarks.smoother [--seeds 8] [--seconds 60] [--case sea --case sea:-25 …] [--estimator NAME …]
 
-A case is a preset or one of its experiments (`awas-exp2`), with the change of the springs over the log in percent, slow
-(`sea:-25`) or at once in the middle (`sea:-25!`, the preset `sea` only, integrated by scipy). Errors are of the whole log, in
-percent of the true stiffness. Positions have zeros anywhere within an encoder's step.
+A case is a preset, one of its experiments (`awas-exp2`) or a motion of any rig (`awas/chirp`), with the change of the springs
+over the log in percent, slow (`sea:-25`) or at once in the middle (`sea:-25!`, the preset `sea` only, integrated by scipy). Errors
+are of the whole log, in percent of the true stiffness. Positions have zeros anywhere within an encoder's step.
 """
 
 from __future__ import annotations
@@ -41,8 +41,9 @@ BAND, FIRST_SEED = 1.96, 7000
 def motion(case: str, seconds: float) -> tuple[str, Experiment]:
     """Return the joint of a case and its experiment without noise."""
     name, _, change = case.partition(":")
-    scenario = name if "-exp" in name else f"{name}-exp1"
-    rig = Rig.preset(scenario.rsplit("-exp", 1)[0]).file
+    preset, _, scenario = name.partition("/")
+    scenario = scenario or (preset if "-exp" in preset else f"{preset}-exp1")
+    rig = Rig.preset(preset.rsplit("-exp", 1)[0]).file
     joint, sudden = next(iter(rig.joint)), change.endswith("!")
     part = float(change.strip("!") or 0.0) / 100.0
     if part and not sudden:
