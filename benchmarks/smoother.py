@@ -3,8 +3,8 @@
     python -m benchmarks.smoother [--seeds 8] [--seconds 60] [--case sea --case sea:-25 …] [--estimator NAME …]
 
 A case is a preset, one of its experiments (`awas-exp2`) or a motion of any rig (`awas/chirp`), with the change of the springs
-over the log in percent, slow (`sea:-25`) or at once in the middle (`sea:-25!`, the preset `sea` only, integrated by scipy). Errors
-are of the whole log, in percent of the true stiffness. Positions have zeros anywhere within an encoder's step.
+over the log in percent, slow (`sea:-25`) or at once in the middle (`sea:-25!`, the preset `sea` only, integrated by scipy).
+Errors are of the whole log, in percent of the true stiffness. Positions have zeros anywhere within an encoder's step.
 """
 
 from __future__ import annotations
