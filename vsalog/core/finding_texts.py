@@ -112,6 +112,8 @@ TEXTS: dict[str, Text] = {
     "stiffness.changed": Text(
         "transmission {part}: the stiffness changes by {value:+.1%} over the log, with {jumps:n sudden change}; the estimate"
         " follows it.",
+        "Where it changes more, or more often, than springs do, something else does that the rig does not have:"
+        " 'vsalog diagnose' looks for it.",
         false_alarm=FALSE_ALARM,
     ),
     "filter.smooths_motion": Text(

@@ -15,9 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.core.compiled import compiled, inlined
+from vsalog.core.compiled import compiled
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 
 class Smoothed(NamedTuple):
@@ -52,15 +53,16 @@ def smooth(measurements: Array, steps: Array, start_mean: Array, start_root: Arr
     count, n = measurements.shape[0], start_mean.size
     mean, root = np.empty((count, n)), np.empty((count, n, n))
     before = np.empty((count, n, n))
-    likelihood = _forward(measurements, steps, start_mean, start_root, mean, root, before)
+    moving = steps.any(axis=(1, 2))
+    likelihood = _forward(measurements, steps, moving, start_mean.copy(), start_root.copy(), mean, root, before)
     if not backward:
         return Smoothed(mean, root, mean, root, before, likelihood)
     smoothed_mean, smoothed_root = mean.copy(), root.copy()
-    _backward(steps, mean, root, before, smoothed_mean, smoothed_root)
+    _backward(steps, moving, mean, root, before, smoothed_mean, smoothed_root)
     return Smoothed(smoothed_mean, smoothed_root, mean, root, before, likelihood)
 
 
-@inlined
+@compiled
 def _triangularise(A: Array, columns: int, dots: Array) -> None:
     """Make the first columns of A, shape (rows, width), upper triangular in place by Householder reflections.
 
@@ -78,7 +80,8 @@ def _triangularise(A: Array, columns: int, dots: Array) -> None:
         alpha = -norm if head > 0.0 else norm
         beta = norm * (norm + abs(head))  # half of the squared length of the reflection's vector
         A[j, j] = head - alpha
-        dots[j + 1 : width] = 0.0
+        for c in range(j + 1, width):
+            dots[c] = 0.0
         for i in range(j, rows):
             own = A[i, j]
             if own != 0.0:
@@ -94,21 +97,30 @@ def _triangularise(A: Array, columns: int, dots: Array) -> None:
 
 
 @compiled
+def _copy(source: Array, target: Array, row: int) -> None:
+    """Copy as many rows of one matrix as fit into another, from a row of the other on."""
+    for i in range(min(source.shape[0], target.shape[0] - row)):
+        for j in range(target.shape[1]):
+            target[row + i, j] = source[i, j]
+
+
+@compiled
 def _forward(
-    measurements: Array, steps: Array, start_mean: Array, start_root: Array, mean: Array, root: Array, before: Array
+    measurements: Array, steps: Array, moving: Flags, x: Array, U: Array, mean: Array, root: Array, before: Array
 ) -> float:
-    count, m, n = measurements.shape[0], measurements.shape[1], start_mean.size
+    """Filter from x and U, which are overwritten."""
+    count, m, n = measurements.shape[0], measurements.shape[1], x.size
     r = steps.shape[1]
     walk, array, dots = np.empty((n + r, n)), np.empty((m + n, m + n)), np.empty(m + n)
-    x, innovation = start_mean.copy(), np.empty(m)
-    U = start_root.copy()
+    innovation = np.empty(m)
     likelihood = 0.0
     for k in range(count):
-        if k > 0 and np.any(steps[k - 1]):
-            walk[:n], walk[n:] = U, steps[k - 1]
+        if k > 0 and moving[k - 1]:
+            _copy(U, walk, 0)
+            _copy(steps[k - 1], walk, n)
             _triangularise(walk, n, dots)
-            U[:] = walk[:n]
-        before[k] = U
+            _copy(walk, U, 0)
+        _copy(U, before[k], 0)
         # [1 0; U Hᵀ U] → [E K; 0 U⁺]: E of the innovations' covariance Eᵀ E, K of the gain Kᵀ E⁻ᵀ.
         for i in range(m):
             innovation[i] = measurements[k, i, n]
@@ -132,21 +144,26 @@ def _forward(
             likelihood -= 0.5 * innovation[i] * innovation[i] + math.log(abs(array[i, i]))
             for j in range(n):
                 x[j] += array[i, m + j] * innovation[i]
-        U[:] = array[m:, m:]
-        mean[k], root[k] = x, U
+        for i in range(n):
+            mean[k, i] = x[i]
+            for j in range(n):
+                U[i, j] = array[m + i, m + j]
+                root[k, i, j] = U[i, j]
     return likelihood
 
 
 @compiled
 def _backward(
-    steps: Array, mean: Array, root: Array, before: Array, smoothed_mean: Array, smoothed_root: Array
+    steps: Array, moving: Flags, mean: Array, root: Array, before: Array, smoothed_mean: Array, smoothed_root: Array
 ) -> None:
     count, n = mean.shape
     r = steps.shape[1]
     C, stack, change, dots = np.empty((n, n)), np.empty((2 * n + r, n)), np.empty(n), np.empty(n)
     for k in range(count - 2, -1, -1):
-        if not np.any(steps[k]):
-            smoothed_mean[k], smoothed_root[k] = smoothed_mean[k + 1], smoothed_root[k + 1]
+        if not moving[k]:
+            for j in range(n):
+                smoothed_mean[k, j] = smoothed_mean[k + 1, j]
+            _copy(smoothed_root[k + 1], smoothed_root[k], 0)
             continue
         # C = P (P⁻)⁻¹, row by row: Cᵀ solves U⁻ᵀ U⁻ Cᵀ = P.
         U, V = root[k], before[k + 1]
@@ -185,4 +202,4 @@ def _backward(
                     total += steps[k, i, h] * C[j, h]
                 stack[n + i, j] = total
         _triangularise(stack, n, dots)
-        smoothed_root[k] = stack[:n]
+        _copy(stack, smoothed_root[k], 0)

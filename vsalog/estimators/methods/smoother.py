@@ -32,7 +32,7 @@ from vsalog.estimators.needs import sensor_role, torque_roles
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_for_torque
 from vsalog.estimators.screening import screened
-from vsalog.estimators.smoothing import SHARED, Choice, SmootherSolver, SmootherState, Trajectory
+from vsalog.estimators.smoothing import LIMITS, SHARED, Choice, SmootherSolver, SmootherState, Trajectory
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.windows import keeping_window, motor_window
 from vsalog.uncertainty.long_run import BOX
@@ -154,14 +154,18 @@ class SmootherFold(RegressionFold):
         """Return by how much transmissions changed, where the log shows that they did."""
         if trajectory.choice.probability_of_no_change > FALSE_ALARM:
             return []
-        changes = zip(equation.transmissions, trajectory.torque[-1] - trajectory.torque[0], strict=True)
-        return [
-            Finding(
-                code="stiffness.changed", joint=self.device.joint, part=view.name, severity="info", value=float(whole),
-                evidence={"jumps": len(trajectory.choice.change.jumps)},
-            )
-            for view, whole in changes
-        ]  # fmt: skip
+        jumps = len(trajectory.choice.change.jumps)
+        found = []
+        for view, whole in zip(equation.transmissions, trajectory.torque[-1] - trajectory.torque[0], strict=True):
+            # Springs neither vanish nor double, nor break as often as is looked for.
+            odd = jumps == LIMITS.jumps or abs(whole) > LIMITS.fastest
+            found.append(
+                Finding(
+                    code="stiffness.changed", joint=self.device.joint, part=view.name, severity="warning" if odd else "info",
+                    value=float(whole), evidence={"jumps": jumps},
+                )
+            )  # fmt: skip
+        return found
 
     def _inertias(self, equation: CombinedEquation, trajectory: Trajectory) -> list[Finding]:
         """Return where a motor's inertia is another than the rig's."""
