@@ -53,7 +53,7 @@ def smooth(measurements: Array, steps: Array, start_mean: Array, start_root: Arr
     count, n = measurements.shape[0], start_mean.size
     mean, root = np.empty((count, n)), np.empty((count, n, n))
     before = np.empty((count, n, n))
-    moving = steps.any(axis=(1, 2))
+    moving = np.asarray(steps.any(axis=(1, 2)), dtype=np.bool_)
     likelihood = _forward(measurements, steps, moving, start_mean.copy(), start_root.copy(), mean, root, before)
     if not backward:
         return Smoothed(mean, root, mean, root, before, likelihood)
