@@ -16,6 +16,7 @@ from vsalog.estimators.device import device_of
 from vsalog.estimators.folding import run
 from vsalog.estimators.methods import smoother
 from vsalog.estimators.registry import method
+from vsalog.perturbations.sampling_rate import every_second
 from vsalog.rig.load import Rig
 from vsalog.simulation.experiments import awas_experiment, vsa2_experiment
 
@@ -213,6 +214,33 @@ def test_outliers_cost_little():
     spoilt[np.random.default_rng(0).integers(0, t.size, 30)] += 20.0
     columns, _, _ = estimated(t, {**signals, "torque_sensor": spoilt})
     assert np.median(errors(columns, truth)[0]) < 0.002
+
+
+def test_a_sensor_that_reads_too_little_for_a_while_is_said_to_fit_nothing():
+    t, signals, _ = machine()
+    spoilt = signals["torque_sensor"] * np.where(t > 12.0, 0.7, 1.0)
+    _, fold, state = estimated(t, {**signals, "torque_sensor": spoilt})
+    assert "residual.not_noise" in {one.code for one in fold.findings(state)}
+    _, fold, state = estimated(t, signals)
+    assert "residual.not_noise" not in {one.code for one in fold.findings(state)}
+
+
+def test_an_inertia_that_noise_hides_is_not_said_to_be_another():
+    t, signals, _ = machine(step=0.05 * STEP, noise=1e-4)
+    noisy = signals["motor_position"] + 2e-3 * np.random.default_rng(0).normal(size=t.size)
+    _, fold, state = estimated(
+        t, {**signals, "motor_position": noisy, "deflection": signals["link_position"] - signals["motor_position"]}
+    )
+    assert "motor.inertia_differs" not in {one.code for one in fold.findings(state)}
+
+
+def test_trials_take_the_functions_that_were_found():
+    """A torque sensor that reads 30 % too little makes knots, and every second sample alone would not."""
+    t, signals, _ = machine(spring=CORNERED["corner"])
+    at = bound(t, signals)
+    fold = smoother.build(device_of("sea", SEA.joint["sea"], at.roles), at, smoother.TUNING())
+    half = every_second(at, 0)
+    assert fold.rebuilt(half).device.basis == fold.device.basis
 
 
 def test_samples_that_are_missing_are_left_out():

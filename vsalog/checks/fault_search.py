@@ -171,7 +171,8 @@ def _is_better(channels: Channels, undone: Faults, one: Fault, other: Fault) -> 
 
 def _part_left(now: Trial, then: Trial) -> float:
     """Return the part of its squares that an equation still leaves, of the one that is explained best and holds."""
-    return min((then.left(e) / now.left(e) for e in then.squares if then.holds[e] <= RULE.holds), default=1.0)
+    held = (e for e in then.squares if then.holds[e] <= RULE.holds and now.left(e) > 0.0)
+    return min((then.left(e) / now.left(e) for e in held), default=1.0)
 
 
 def _candidates(channels: Channels, undone: Faults, wrong: set[str]) -> Iterator[Fault]:

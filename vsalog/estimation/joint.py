@@ -134,6 +134,10 @@ def with_causal(found: Method, tuning: Mapping[str, str]) -> dict[str, str]:
         raise EstimatorError(
             f"{found.NAME} has no causal filter before it: leave out --causal, or take another estimator"
         )
+    if tuning.get("filter", "kinematic") != "kinematic":
+        raise EstimatorError(
+            f"{found.NAME}: filter={tuning['filter']} is not causal: leave it out, or leave out --causal"
+        )
     own = {name: value for name, value in tuning.items() if name != CAUSAL or CAUSAL in names}
     return {"filter": "kinematic", **own}
 

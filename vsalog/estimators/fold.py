@@ -75,6 +75,9 @@ class FollowingFold(Fold, Protocol):
 
     follows_changes: bool
 
+    def rebuilt(self, signals: JointSignals) -> Fold:
+        """Return the fold for other signals of the same joint, with the functions of this one."""
+
     def settled(self, state: Any) -> Fold:
         """Return the same fold, which no longer chooses anything but takes what it chose."""
 

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from vsalog.core.compiled import compiled
 from vsalog.core.significance import FALSE_ALARM, two_sided
-from vsalog.estimators.box_rows import BoxRows, BoxState, box_block, box_start
+from vsalog.estimators.box_rows import BOXES, BoxRows, BoxState, box_block, box_start
 from vsalog.estimators.equation import EquationRows
 from vsalog.estimators.qr import qr_update
+from vsalog.estimators.row_moments import ROWS_OF_LONG, lasts
 from vsalog.estimators.row_noise import RowNoise
 from vsalog.filters.square_root_smoother import Smoothed, smooth
 from vsalog.uncertainty.heavy_tails import tail_weights
@@ -149,6 +150,7 @@ class Trajectory(NamedTuple):
     noise : standard deviation of a row of the first equation, averaged over a box
     choice : what was chosen from the log
     torque : shape (K, transmissions), of each as a whole, over what it is usually
+    misfit : root mean square of a residual that does not average out, over that of its torque, the largest of all equations
     others : equation and name → value and standard deviation of an unknown that is no coefficient, where the log shows it
     """
 
@@ -159,6 +161,7 @@ class Trajectory(NamedTuple):
     noise: float
     choice: Choice
     torque: Array
+    misfit: float
     others: Mapping[tuple[int, str], tuple[float, float]]
 
 
@@ -360,12 +363,28 @@ class Smoother:
             usual = smoothed.mean.mean(axis=0)
         return evidence
 
-    def _noise(self, mean: Array) -> tuple[list[RowNoise], list[Array | None]]:
-        """Return the noise of each equation, from what an estimate leaves over of its rows, and the weights of these."""
-        residuals = [
+    def _misfit(self, mean: Array) -> float:
+        """Return the largest residual that is no noise, for averages over a filter's window and longer ones are as large."""
+        worst = 0.0
+        for part, residual in zip(self.boxes, self._residuals(mean), strict=True):
+            long = len(residual) // (BOXES.per_window * ROWS_OF_LONG)
+            if long:
+                short = residual[: long * BOXES.per_window * ROWS_OF_LONG].reshape(-1, BOXES.per_window).mean(axis=1)
+                left = [float(np.sqrt(np.mean(r**2))) for r in (short.reshape(long, -1).mean(axis=1), short)]
+                if lasts(*left):
+                    worst = max(worst, left[0] / float(np.sqrt(np.mean(part.rows[:, -1] ** 2))))
+        return worst
+
+    def _residuals(self, mean: Array) -> list[Array]:
+        """Return what unknowns (K, size) leave over of each equation's rows."""
+        return [
             part.rows[:, -1] - np.einsum("ij,ij->i", part.rows[:, :-1], mean[where][:, columns])
             for part, columns, where in zip(self.boxes, self.columns, self.where, strict=True)
         ]
+
+    def _noise(self, mean: Array) -> tuple[list[RowNoise], list[Array | None]]:
+        """Return the noise of each equation, from what an estimate leaves over of its rows, and the weights of these."""
+        residuals = self._residuals(mean)
         noise, weights = [], []
         for i, (residual, part) in enumerate(zip(residuals, self.boxes, strict=True)):
             before = list(zip(residuals[:i], self.boxes[:i], strict=True))
@@ -555,7 +574,17 @@ class Smoother:
             self.direction.T / np.square(self.direction).sum(axis=1)
         )
         external = np.ascontiguousarray(mean[:, order])
-        return Trajectory(self.samples, external, picked, linear, choice.noise[0].deviation, choice, torque, others)
+        return Trajectory(
+            self.samples,
+            external,
+            picked,
+            linear,
+            choice.noise[0].deviation,
+            choice,
+            torque,
+            self._misfit(mean),
+            others,
+        )
 
 
 def _triangle(rows: Array) -> Array:

@@ -19,6 +19,7 @@ from vsalog.core.errors import VsalogError
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.equation import REPORTED_CHANGE
+from vsalog.estimators.fold import follows_changes
 from vsalog.perturbations.trials import Shift, Subject, Trial
 
 
@@ -39,7 +40,11 @@ class SamplingRate:
         for first in (0, 1):
             half = every_second(subject.signals, first)
             try:
-                fold = subject.method.build(subject.device, half, subject.tuning)
+                fold = (
+                    subject.fold.rebuilt(half)
+                    if follows_changes(subject.fold)
+                    else subject.method.build(subject.device, half, subject.tuning)
+                )
                 fold.conditioner.check_length(half.longest_run)
             except VsalogError:
                 continue  # there is nothing to compare with

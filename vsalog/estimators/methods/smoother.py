@@ -7,11 +7,12 @@ together (`smoothing.py`); the first as in Flacco 2012 eq. 21, the others as in 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from typing import ClassVar, Literal, NamedTuple
 
+import msgspec
 import numpy as np
 
 from vsalog.core.basis import PolynomialBasis
@@ -21,8 +22,8 @@ from vsalog.core.signals import JointSignals
 from vsalog.core.significance import DETECTED, FALSE_ALARM
 from vsalog.estimators.box_rows import BOXES
 from vsalog.estimators.combined_equation import MOTOR_UNKNOWNS, SENSOR_UNKNOWNS, CombinedEquation
-from vsalog.estimators.device import Device
-from vsalog.estimators.equation import REPORTED_CHANGE
+from vsalog.estimators.device import Device, TransmissionView
+from vsalog.estimators.equation import REPORTED_CHANGE, REPORTED_MISFIT
 from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.folding import BLOCK
 from vsalog.estimators.known_effects import SLACK, conditioner_of
@@ -34,8 +35,11 @@ from vsalog.estimators.regressor_noise import noise_for_torque
 from vsalog.estimators.screening import screened
 from vsalog.estimators.smoothing import LIMITS, SHARED, Choice, SmootherSolver, SmootherState, Trajectory
 from vsalog.estimators.tuning import Tuning
-from vsalog.estimators.windows import keeping_window, motor_window
+from vsalog.estimators.windows import keeping_window, motor_window, rms
+from vsalog.filters.conditioning import Conditioner
+from vsalog.filters.savitzky_golay import savgol_filter
 from vsalog.uncertainty.long_run import BOX
+from vsalog.uncertainty.sensor_error import ENOUGH, sensor_error
 
 NAME = "smoother"
 SUMMARY = (
@@ -84,8 +88,15 @@ class SmootherFold(RegressionFold):
     follows_changes: ClassVar[bool] = True
     choices: tuple[Choice | None, ...] = ()
     rig_basis: PolynomialBasis | None = None
+    tuning: SmootherTuning
+    noise_of_acceleration: float = 0.0
     equations: tuple[CombinedEquation, ...]
     solver: SmootherSolver
+
+    def rebuilt(self, signals: JointSignals) -> SmootherFold:
+        """Return the fold for other signals of the same joint, with the functions of this one."""
+        fold = build(self.device, signals, msgspec.structs.replace(self.tuning, basis="rig"))
+        return fold.with_shape(self.device.basis, self.equations[0].slips)
 
     def settled(self, state: FoldState) -> SmootherFold:
         """Return the same fold, which takes what was chosen from the log."""
@@ -115,6 +126,14 @@ class SmootherFold(RegressionFold):
         for equation, own in zip(self.equations, state.solvers, strict=True):
             if own.trajectory is not None:
                 found += self._changes(equation, own.trajectory) + self._inertias(equation, own.trajectory)
+                if own.trajectory.misfit > REPORTED_MISFIT:
+                    part = " and ".join(view.name for view in equation.transmissions)
+                    found.append(
+                        Finding(
+                            code="residual.not_noise", joint=self.device.joint, part=part, value=own.trajectory.misfit,
+                            limit=REPORTED_MISFIT,
+                        )
+                    )  # fmt: skip
         return (*super().findings(state), *found)
 
     def _shapes(self, state: FoldState) -> list[Finding]:
@@ -159,6 +178,8 @@ class SmootherFold(RegressionFold):
         for view, whole in zip(equation.transmissions, trajectory.torque[-1] - trajectory.torque[0], strict=True):
             # Springs neither vanish nor double, nor break as often as is looked for.
             odd = jumps == LIMITS.jumps or abs(whole) > LIMITS.fastest
+            if not jumps and abs(whole) < LIMITS.slowest:
+                continue
             found.append(
                 Finding(
                     code="stiffness.changed", joint=self.device.joint, part=view.name, severity="warning" if odd else "info",
@@ -174,7 +195,10 @@ class SmootherFold(RegressionFold):
         for i, view in enumerate(equation.transmissions[: len(equation.motors)]):
             off, std = trajectory.others.get((first + i, "inertia"), (0.0, 0.0))
             rig = view.motor.reflected_inertia if equation.known else None
-            if rig is not None and abs(off) > (limit := max(REPORTED_CHANGE * rig, DETECTED * std)):
+            # Noise of the acceleration makes an inertia look smaller by its share of the acceleration's power.
+            if rig is not None and abs(off) > (
+                limit := max(REPORTED_CHANGE * rig, DETECTED * std + self.noise_of_acceleration * rig)
+            ):
                 evidence = {"inertia": rig + off, "rig": rig, "ratio": 1.0 + off / rig}
                 found.append(
                     Finding(
@@ -211,7 +235,7 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     views, offered = device.transmissions, signals.roles
     sensed = all(sensor_role(view, offered) in offered for view in views)
     motors = all({view.motor_position, view.motor_torque} <= set(offered) for view in views)
-    look = screened(device, signals, tuning)
+    look, asked = screened(device, signals, tuning), tuning
     tuning = (
         motor_window(device, signals, tuning)
         if motors
@@ -250,7 +274,26 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
         causal=tuning.causal,
     )
     plain = SmootherFold(NAME, "COMBINED", device, conditioner, tuple(equations), solver, passes=2, look=look)
+    plain.tuning = asked
+    plain.noise_of_acceleration = _noise_of_acceleration(signals, views, conditioner, solver.box) if motors else 0.0
     return plain if tuning.basis == "rig" or tuning.causal else _fitting(plain, signals)
+
+
+def _noise_of_acceleration(
+    signals: JointSignals, views: Sequence[TransmissionView], conditioner: Conditioner, box: int
+) -> float:
+    """Return which part of the power of the motors' accelerations, averaged over boxes, is noise, at most."""
+    if conditioner.kind == "kinematic":
+        return 1.0
+    # The average of an acceleration is a difference of speeds.
+    speed = conditioner.weights[1]
+    weights = np.concatenate((speed, np.zeros(box))) - np.concatenate((np.zeros(box), speed))
+    shares = []
+    for view in views:
+        theta = signals.roles[view.motor_position][:ENOUGH]
+        moved = rms(savgol_filter(theta, weights[None])[0])
+        shares.append(sensor_error(theta, weights.size).rms(weights) ** 2 / moved**2 if moved else 1.0)
+    return float(min(max(shares), 1.0))
 
 
 def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
