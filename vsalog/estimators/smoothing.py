@@ -192,6 +192,7 @@ class SmootherSolver:
     transmissions : how many they are of
     unknowns : of each equation, names of its own
     required : names of those that are always unknown; the others only where the log shows it
+    hidden : names of those that noise hides, which are not looked for
     box : samples of a box
     deflection : variance of each transmission's deflection behind the filters, at which its stiffness is evaluated [rad²]
     shared : unknowns of all equations that are no coefficients
@@ -203,6 +204,7 @@ class SmootherSolver:
     transmissions: int
     unknowns: tuple[tuple[str, ...], ...]
     required: frozenset[str]
+    hidden: frozenset[str]
     box: int
     deflection: tuple[float, ...]
     shared: int = 0
@@ -487,7 +489,9 @@ class Smoother:
         """Make the unknown of an equation active that the log shows most clearly, and tell whether there is one."""
         likelihoods = {}
         active, prior, direction, usual = self.active, self.prior, self.direction, self.usual
-        for i in (-1, *np.setdiff1d(np.arange(self.size), active)):
+        first = self.solver.coefficients
+        sought = [first + i for i, (_, name) in enumerate(self.names) if name not in self.solver.hidden]
+        for i in (-1, *np.setdiff1d(sought, active)):
             added = int(i >= 0)
             self.active = np.r_[active, [i] * added].astype(int)
             self.prior, self.usual = (np.r_[own, [1.0] * added] for own in (prior, usual))

@@ -263,19 +263,23 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     count = len(together[0])
     unknowns = (*((SENSOR_UNKNOWNS,) if sensed else ()), *(MOTOR_UNKNOWNS for _ in equations[0].motors))
     noises = (noise_for_torque(signals, view, conditioner) for view in views)
+    box = max(conditioner.window // BOXES.per_window, BOX)
+    hiding = _noise_of_acceleration(signals, views, conditioner, box) if motors else 0.0
     solver = SmootherSolver(
         device.basis.powers_of_terms * count,
         count,
         unknowns,
         frozenset() if known else frozenset(MOTOR_UNKNOWNS[1:]),
-        max(conditioner.window // BOXES.per_window, BOX),
+        # Noise of a regressor makes what multiplies it look smaller by its share.
+        frozenset(("inertia",)) if hiding > REPORTED_MISFIT else frozenset(),
+        box,
         (max(0.0 if noise is None else noise.own for noise in noises),) * count,
         leading=equations[0].leading,
         causal=tuning.causal,
     )
     plain = SmootherFold(NAME, "COMBINED", device, conditioner, tuple(equations), solver, passes=2, look=look)
     plain.tuning = asked
-    plain.noise_of_acceleration = _noise_of_acceleration(signals, views, conditioner, solver.box) if motors else 0.0
+    plain.noise_of_acceleration = hiding
     return plain if tuning.basis == "rig" or tuning.causal else _fitting(plain, signals)
 
 
