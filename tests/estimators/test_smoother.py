@@ -5,8 +5,8 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
+from tests.estimators.elastic_joint import DAMPING, INERTIA, SHAPES, cubic, played
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.core.errors import EstimatorError
 from vsalog.core.signals import JointSignals
@@ -16,7 +16,8 @@ from vsalog.estimators.device import device_of
 from vsalog.estimators.folding import run
 from vsalog.estimators.methods import smoother
 from vsalog.estimators.registry import method
-from vsalog.perturbations.sampling_rate import every_second
+from vsalog.perturbations.sampling_rate import SamplingRate, every_second
+from vsalog.perturbations.trials import Subject, run_trials
 from vsalog.rig.load import Rig
 from vsalog.simulation.experiments import awas_experiment, vsa2_experiment
 
@@ -24,47 +25,25 @@ pytestmark = pytest.mark.share(3)
 SEA = Rig.preset("sea").file
 PERIOD, SECONDS = 2e-3, 24.0
 STEP = float(np.deg2rad(0.01))
-INERTIA, DAMPING, LINK, LINK_DAMPING, WEIGHT, LINEAR, CUBIC = 0.08, 0.4, 0.05, 0.1, 3.0, 20.0, 2000.0
 
 
-def cubic(phi):
-    return LINEAR * phi + CUBIC * phi**3
+def drive(at):
+    return 3.0 * np.sin(2.0 * np.pi * 0.31 * at) + 1.5 * np.sin(2.0 * np.pi * 1.3 * at)
 
 
 def machine(softer=lambda t: 0.0, seed=0, noise=0.02, step=STEP, spring=cubic, loop=0.0):
-    """A series elastic joint with the preset's numbers, integrated by scipy: its signals and true stiffness, by role.
-
-    The spring is softer by a part that depends on time; `loop` is the torque of an elastic element that yields smoothly, 15
-    N·m/rad stiff, next to it (Dahl's model).
-    """
+    """Return times, signals and true stiffness of a joint, behind encoders whose zeros are anywhere within a step."""
     t = np.arange(round(SECONDS / PERIOD)) * PERIOD
-
-    def drive(at):
-        return 3.0 * np.sin(2.0 * np.pi * 0.31 * at) + 1.5 * np.sin(2.0 * np.pi * 1.3 * at)
-
-    def slope(at, x):
-        phi, rate = x[2] - x[0], x[3] - x[1]
-        torque = (1.0 - softer(at)) * spring(phi) + x[4]
-        return [
-            x[1],
-            (drive(at) + torque - DAMPING * x[1]) / INERTIA,
-            x[3],
-            (-torque - LINK_DAMPING * x[3] - WEIGHT * np.sin(x[2])) / LINK,
-            15.0 * (rate - abs(rate) * x[4] / loop) if loop else 0.0,
-        ]
-
-    theta, _, q, _, z = solve_ivp(slope, (0.0, t[-1]), np.zeros(5), t_eval=t, rtol=1e-7, atol=1e-9, max_step=0.02).y
-    phi, left = q - theta, 1.0 - np.array([softer(at) for at in t])
-    slopes = (spring(phi + 1e-7) - spring(phi - 1e-7)) / 2e-7
+    theta, q, torque, stiffness = played(t, drive, softer, spring, loop)
     rng = np.random.default_rng(seed)
     zeros = rng.uniform(0.0, step, 2)
     signals = {
         "motor_position": step * np.round((theta + zeros[0]) / step) - zeros[0],
         "link_position": step * np.round((q + zeros[1]) / step) - zeros[1],
         "motor_torque": drive(t) + noise * rng.normal(size=t.size),
-        "torque_sensor": left * spring(phi) + z + noise * rng.normal(size=t.size),
+        "torque_sensor": torque + noise * rng.normal(size=t.size),
     }
-    return t, signals, left * slopes
+    return t, signals, stiffness
 
 
 def bound(t, signals):
@@ -117,16 +96,9 @@ def test_a_constant_spring_is_told_better_than_by_any_other_method():
         assert whole < np.sqrt(np.nanmean(other**2)), name
 
 
-CORNERED = {
-    "corner": lambda phi: LINEAR * phi + np.where(np.abs(phi) > 0.04, 40.0 * (phi - 0.04 * np.sign(phi)), 0.0),
-    "one-sided corner": lambda phi: LINEAR * phi + np.where(phi > 0.03, 30.0 * (phi - 0.03), 0.0),
-    "knee": lambda phi: LINEAR * phi + 0.6 * np.sign(phi) * np.logaddexp(0.0, (np.abs(phi) - 0.06) / 0.01),
-}
-
-
-@pytest.mark.parametrize("shape", CORNERED)
+@pytest.mark.parametrize("shape", SHAPES)
 def test_a_spring_that_is_no_polynomial_is_followed_by_a_spline(shape):
-    t, signals, truth = machine(spring=CORNERED[shape])
+    t, signals, truth = machine(spring=SHAPES[shape])
     columns, fold, state = estimated(t, signals)
     relative, deviations = errors(columns, truth)
     assert np.median(relative[columns["excited"]]) < 0.01
@@ -234,13 +206,20 @@ def test_an_inertia_that_noise_hides_is_not_said_to_be_another():
     assert "motor.inertia_differs" not in {one.code for one in fold.findings(state)}
 
 
-def test_trials_take_the_functions_that_were_found():
-    """A torque sensor that reads 30 % too little makes knots, and every second sample alone would not."""
-    t, signals, _ = machine(spring=CORNERED["corner"])
-    at = bound(t, signals)
-    fold = smoother.build(device_of("sea", SEA.joint["sea"], at.roles), at, smoother.TUNING())
-    half = every_second(at, 0)
-    assert fold.rebuilt(half).device.basis == fold.device.basis
+def test_trials_take_what_was_chosen():
+    """Every second sample alone might need no knots, and other boxes make other intervals: neither could be compared."""
+    t, signals, _ = machine(spring=SHAPES["corner"])
+    at, device = bound(t, signals), device_of("sea", SEA.joint["sea"], signals)
+    fold = smoother.build(device, at, smoother.TUNING())
+    _, state = run(fold, at)
+    assert fold.rebuilt(every_second(at, 0)).device.basis == fold.device.basis
+    shifts = run_trials(Subject(smoother, device, at, smoother.TUNING(), fold), (SamplingRate(),)).shifts
+    assert next(iter(shifts.values())).covariance["1"].shape == (fold.device.basis.size,) * 2
+    shorter = {role: np.where(t > 18.0, np.nan, values) for role, values in signals.items()}
+    _, again = run(fold.settled(state), bound(t, shorter))
+    found = [one.solvers[0].trajectory for one in (state, again)]
+    assert len(found[0].mean) == len(found[1].mean)
+    assert found[1].choice is found[0].choice
 
 
 def test_samples_that_are_missing_are_left_out():
@@ -256,12 +235,14 @@ def test_samples_that_are_missing_are_left_out():
 
 def test_causal_estimates_do_not_know_what_comes_after():
     t, signals, truth = machine(lambda t: 0.2 * (t > 16.0), seed=1)
-    columns, _, _ = estimated(t, signals, causal=True)
-    before = slice(round(8.0 / PERIOD), round(16.0 / PERIOD))
-    assert np.median(errors(columns, truth)[0][before]) < 0.01
-    assert np.isnan(columns["stiffness"][:10]).all() or columns["stiffness_std"][10] > np.median(
-        columns["stiffness_std"]
-    )
+    causal, _, _ = estimated(t, signals, causal=True)
+    whole, _, _ = estimated(t, signals)
+    first, before, after = ((t >= a) & (t < b) for a, b in ((0.0, 0.1), (8.0, 16.0), (16.0, 16.05)))
+    assert not causal["excited"][first].any()
+    assert np.median(errors(causal, truth)[0][before]) < 0.01
+    # The jump is not there before it has been seen; a smoother knows of it at once.
+    assert np.median(errors(causal, truth)[0][after]) > 0.1
+    assert np.median(errors(whole, truth)[0][(t >= 16.2) & (t < 17.0)]) < 0.01
 
 
 def test_causal_asks_any_method_for_a_causal_filter():
@@ -269,8 +250,9 @@ def test_causal_asks_any_method_for_a_causal_filter():
     assert choose("sea", joint, "residual-rls", {"causal": "true"}).tuning.filter == "kinematic"
     chosen = choose("sea", joint, "smoother", {"causal": "true"}).tuning
     assert (chosen.filter, chosen.causal) == ("kinematic", True)
-    with pytest.raises(EstimatorError, match="causal"):
-        choose("sea", joint, "impedance", {"causal": "true"})
+    for name, tuning in (("impedance", {}), ("direct", {"filter": "savitzky-golay"})):
+        with pytest.raises(EstimatorError):
+            choose("sea", joint, name, {"causal": "true", **tuning})
 
 
 @pytest.mark.parametrize("experiment", [vsa2_experiment, awas_experiment])

@@ -101,7 +101,7 @@ TEXTS: dict[str, Text] = {
         "transmission {part}: its torque has a loop of ±{value:.3g} N·m: loading and unloading differ. The stiffness is that of"
         " the middle of the loop.",
         "Set slip elements of the transmission in the rig, or branches = true under [joint.{joint}.basis] for a stiffness of each"
-        " branch; 'vsalog diagnose' tells hysteresis from friction.",
+        " branch; 'vsalog diagnose' separates hysteresis from friction.",
         false_alarm=FALSE_ALARM,
     ),
     "spring.not_polynomial": Text(
@@ -112,8 +112,7 @@ TEXTS: dict[str, Text] = {
     "stiffness.changed": Text(
         "transmission {part}: the stiffness changes by {value:+.1%} over the log, with {jumps:n sudden change}; the estimate"
         " follows it.",
-        "Where it changes more, or more often, than springs do, something else does that the rig does not have:"
-        " 'vsalog diagnose' looks for it.",
+        "A change larger or more frequent than a spring's has another cause, which 'vsalog diagnose' looks for.",
         false_alarm=FALSE_ALARM,
     ),
     "filter.smooths_motion": Text(

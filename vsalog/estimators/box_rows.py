@@ -73,7 +73,7 @@ class BoxState(NamedTuple):
 
 
 def box_start(columns: int) -> BoxState:
-    """Return the state before the first sample, for so many columns."""
+    """Return the state before the first sample, for a number of columns."""
     return BoxState(np.zeros(columns), np.array([0, 0, 1, 1]))
 
 

@@ -1,4 +1,4 @@
-"""The torque sensor's equation and the motors' together: all that a joint's roles say of the same coefficients."""
+"""The torque sensor's equation and the motors' together: all equations of the same coefficients that a joint's roles allow."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ from vsalog.rig.parts import LinearTransmission, Transmission
 
 Array = NDArray[np.float64]
 
-# Unknowns of their own that equations have beside the coefficients: a torque's offset; of a motor's inertia and damping what the
-# rig's are short of.
+# Unknowns of an equation in addition to the coefficients: a torque's offset; corrections of the rig's motor inertia and damping.
 SENSOR_UNKNOWNS, MOTOR_UNKNOWNS = ("offset",), ("offset", "inertia", "damping")
 
 
@@ -70,7 +69,7 @@ class CombinedEquation:
 
     @property
     def loops(self) -> tuple[Transmission, ...]:
-        """Springs of no more than one friction element each, of the stiffness one: one per unknown of all transmissions."""
+        """One friction element of stiffness one per unknown, as a transmission's `slip`."""
         each = (LinearTransmission(stiffness=1.0, slip=(SlipElement(stiffness=1.0, limit=r),)) for r in self.slips)
         return (*each,) * len(self.transmissions)
 

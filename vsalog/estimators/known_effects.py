@@ -126,9 +126,13 @@ def known_of(
     # Below a small part of the torque that is learnt from it does no harm. That in a loop stays until the deflection moves on.
     least = NEGLIGIBLE_SHARE * size
     limits = max(DOUBT_OF_FRICTION * level, least), max(NEGLIGIBLE_SHARE * loops, least)
+    return KnownEffects(view, damping, gap, loops > 0.0, slack_of(view, signals, tuning), rubbing, load, *limits)
+
+
+def slack_of(view: TransmissionView, signals: JointSignals, tuning: Tuning) -> float:
+    """Return by how much noise may move a transmission's deflection behind the filters [rad]."""
     steps = [signals.resolution.get(role, 0.0) for role in view.deflection_roles(signals.roles)]
-    slack = SLACK[tuning.filter] * float(np.linalg.norm(steps)) / 12.0**0.5
-    return KnownEffects(view, damping, gap, loops > 0.0, slack, rubbing, load, *limits)
+    return float(SLACK[tuning.filter] * np.linalg.norm(steps) / 12.0**0.5)
 
 
 def conditioner_of(

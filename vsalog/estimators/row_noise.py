@@ -18,16 +18,16 @@ Integers = NDArray[np.int64]
 
 
 class RowNoise(NamedTuple):
-    """Noise of an equation's rows, as coloured as its residuals are, and as far as it is that of the equations before it.
+    """Coloured noise of an equation's rows, correlated with that of the equations before it.
 
-    Both sides of a joint's equations have the deflection's noise in common. What the equations before say of it, at the same time
-    and `reach` boxes to either side, is taken off; what is left is an autoregression of its own.
+    The equations of a joint have the deflection's noise in common. A regression on the residuals of the equations before, at the
+    same time and up to `reach` boxes earlier and later, predicts that part; the rest is an autoregression.
 
     Attributes
     ----------
-    shared : shape (equations before, 2 · reach + 1), what multiplies their residuals
-    left : of what they do not say
-    alone : of rows for which not all of them are there
+    shared : shape (equations before, 2 · reach + 1), coefficients of that regression
+    left : the autoregression of the rest
+    alone : the autoregression of rows for which not all of these residuals are there
     deviation : standard deviation of a row
     """
 
@@ -38,12 +38,12 @@ class RowNoise(NamedTuple):
 
     @property
     def innovation(self) -> float:
-        """Standard deviation of what neither the rows before nor the other equations say of a row."""
+        """Standard deviation of the prediction error, given the rows before and the other equations."""
         return float(self.left.deviation[-1])
 
     @classmethod
     def white(cls, part: BoxRows) -> RowNoise:
-        """Return white noise as large as what least squares leave over."""
+        """Return white noise with the residual variance of least squares."""
         x = np.linalg.lstsq(part.rows[:, :-1], part.rows[:, -1], rcond=None)[0]
         left = part.rows[:, -1] - part.rows[:, :-1] @ x
         deviation = float(np.hypot(np.sqrt(np.mean(left**2)), _rounding(part))) if len(left) else 1.0
@@ -97,13 +97,13 @@ class RowNoise(NamedTuple):
 
 
 def _rounding(part: BoxRows) -> float:
-    """Return what rounding alone leaves over of an equation's rows."""
+    """Return the size of rounding errors in an equation's rows."""
     largest = float(np.abs(part.rows[:, -1]).max(initial=0.0))
     return ROUNDING * largest or 1.0
 
 
 def _beside(part: BoxRows, other: BoxRows, lag: int) -> tuple[Integers, Flags]:
-    """Return which box of another equation lies so many boxes after each of an equation's, and whether it is there."""
+    """Return the index of another equation's box that lies `lag` boxes later, shape (M,), and whether there is one."""
     if not len(other.place):
         return np.zeros(len(part.place), dtype=np.int64), np.zeros(len(part.place), dtype=np.bool_)
     wanted = part.place + lag * part.size

@@ -66,10 +66,10 @@ class Limits(NamedTuple):
         more than all of a spring cannot go
     roughest, smoothest : of a power of the deflection what a spring's torque has at its largest deflection, in that of the power
         before [1], eight ratios in between: the one for a spring with a corner, the other for a straight line
-    rounds, most_rounds : times that noise and the torque as a whole are estimated anew from the estimate before [1]: the second
-        changes them by little where the spring does not change, and the fourth where it does
+    rounds, most_rounds : iterations of the noise model and the torque's scale, each from the estimate before it [1]: the second
+        changes them by little for a constant spring, the fourth for one that changes
     jumps : at most [1]: a log that shows more has a spring that the basis cannot follow
-    least_weight : of a hypothesis that is averaged [1]
+    least_probability : of a hypothesis that is averaged [1]
     """
 
     intervals: int = 512
@@ -82,7 +82,7 @@ class Limits(NamedTuple):
     rounds: int = 2
     most_rounds: int = 4
     jumps: int = 4
-    least_weight: float = 1e-3
+    least_probability: float = 1e-3
 
     @property
     def ratios(self) -> Array:
@@ -96,7 +96,7 @@ class Limits(NamedTuple):
 
     @property
     def changes(self) -> Array:
-        """The changes that are hypotheses, beside none."""
+        """The changes that are hypotheses, in addition to none."""
         count = 2 * round(np.log10(self.fastest / self.slowest)) + 1
         return np.asarray(np.geomspace(self.slowest, self.fastest, count))
 
@@ -111,6 +111,7 @@ class Choice(NamedTuple):
 
     Attributes
     ----------
+    intervals : K, of the log
     noise : of each equation
     active : numbers of the unknowns that are estimated
     prior : their standard deviations before the log
@@ -119,6 +120,7 @@ class Choice(NamedTuple):
     evidence : logarithm of each hypothesis' probability, but for a constant
     """
 
+    intervals: int
     noise: tuple[RowNoise, ...]
     active: NDArray[np.intp]
     prior: Array
@@ -132,11 +134,17 @@ class Choice(NamedTuple):
         return max(self.evidence, key=lambda change: self.evidence[change])
 
     @property
+    def probabilities(self) -> dict[Change, float]:
+        """The probability of each hypothesis."""
+        top = max(self.evidence.values())
+        weights = {change: float(np.exp(value - top)) for change, value in self.evidence.items()}
+        total = sum(weights.values())
+        return {change: weight / total for change, weight in weights.items()}
+
+    @property
     def probability_of_no_change(self) -> float:
         """Probability that the spring does not change."""
-        top = max(self.evidence.values())
-        weights = {change: np.exp(value - top) for change, value in self.evidence.items()}
-        return float(sum(w for change, w in weights.items() if change.constant) / sum(weights.values()))
+        return sum(p for change, p in self.probabilities.items() if change.constant)
 
 
 class Trajectory(NamedTuple):
@@ -263,7 +271,7 @@ class SmootherSolver:
         return SmootherState(None, 0, None, trajectory)
 
     def evidence(self, state: SmootherState, intervals: int = 1) -> float:
-        """Return the log evidence of the functions in what was collected; a spring may change between so many intervals."""
+        """Return the log evidence of the basis in the collected rows, of a spring that may change between the intervals."""
         assert state.boxes is not None
         return Smoother(self, [own.whole for own in state.boxes], state.samples, intervals=intervals).evidence()
 
@@ -303,8 +311,9 @@ class Smoother:
         self.active = np.r_[
             :n, [n + i for i, name in enumerate(self.names) if name[1] in (*solver.required, SHARED)]
         ].astype(int)
-        # Fewer rows than unknowns make no triangle that is shorter than they are.
-        self.count = int(np.clip(fullest // max(LIMITS.boxes_per_interval, self.active.size), 1, intervals))
+        # A triangle has as many rows as unknowns: of fewer boxes it would be no shorter.
+        count = int(np.clip(fullest // max(LIMITS.boxes_per_interval, self.active.size), 1, intervals))
+        self.count = count if choice is None else choice.intervals
         self.where = [np.minimum(part.place * self.count // samples, self.count - 1) for part in boxes]
         self.powers = np.zeros(self.size)
         self.powers[:n] = np.maximum(np.array(solver.powers) - 1.0, 0.0)
@@ -319,7 +328,7 @@ class Smoother:
             rms = np.sqrt(np.mean(np.square(part.rows), axis=0)) if len(part.rows) else np.ones(columns.size + 1)
             with np.errstate(divide="ignore", invalid="ignore"):
                 own = np.where(rms[:-1] > 0.0, rms[-1] / rms[:-1], 0.0)
-            # A piece is as large as the torque where it is one, however little of it is reached.
+            # The function of a knot reaches one at most: its coefficient is in the torque's unit, wherever the knot is.
             own[: self.solver.coefficients][self.knots[: self.solver.coefficients]] = rms[-1]
             scale[columns] = np.maximum(scale[columns], own)
         return LIMITS.prior * np.where(scale > 0.0, scale, 1.0)
@@ -332,9 +341,11 @@ class Smoother:
         if choice is None:
             triangles, choice = self._chosen()
         else:
-            self.active, self.prior, self.direction, self.usual = choice[1:5]
+            self.active, self.prior, self.direction, self.usual = (
+                choice.active, choice.prior, choice.direction, choice.usual
+            )  # fmt: skip
             triangles = self._triangles(choice.noise, [None] * len(self.boxes))
-        mean, root = self._averaged(triangles, choice.evidence)
+        mean, root = self._averaged(triangles, choice.probabilities)
         return self._external(mean, root, choice)
 
     def _chosen(self) -> tuple[Array, Choice]:
@@ -349,7 +360,9 @@ class Smoother:
                 break
         triangles = self._triangles(noise, weights)
         evidence, _ = self._explained(triangles, usual, True)
-        return triangles, Choice(tuple(noise), self.active, self.prior, self.direction, self.usual, evidence)
+        return triangles, Choice(
+            self.count, tuple(noise), self.active, self.prior, self.direction, self.usual, evidence
+        )
 
     def evidence(self) -> float:
         """Return the log evidence of the functions, for noise as the residuals show it."""
@@ -366,7 +379,7 @@ class Smoother:
         return evidence
 
     def _misfit(self, mean: Array) -> float:
-        """Return the largest residual that is no noise, for averages over a filter's window and longer ones are as large."""
+        """Return the largest residual that is no noise: it does not average out beyond a filter's window."""
         worst = 0.0
         for part, residual in zip(self.boxes, self._residuals(mean), strict=True):
             long = len(residual) // (BOXES.per_window * ROWS_OF_LONG)
@@ -378,14 +391,14 @@ class Smoother:
         return worst
 
     def _residuals(self, mean: Array) -> list[Array]:
-        """Return what unknowns (K, size) leave over of each equation's rows."""
+        """Return the residuals of each equation's rows for unknowns (K, size)."""
         return [
             part.rows[:, -1] - np.einsum("ij,ij->i", part.rows[:, :-1], mean[where][:, columns])
             for part, columns, where in zip(self.boxes, self.columns, self.where, strict=True)
         ]
 
     def _noise(self, mean: Array) -> tuple[list[RowNoise], list[Array | None]]:
-        """Return the noise of each equation, from what an estimate leaves over of its rows, and the weights of these."""
+        """Return the noise of each equation, fitted to the residuals of an estimate, and the weights of its rows."""
         residuals = self._residuals(mean)
         noise, weights = [], []
         for i, (residual, part) in enumerate(zip(residuals, self.boxes, strict=True)):
@@ -410,7 +423,7 @@ class Smoother:
         return out
 
     def _measurements(self, triangles: Array) -> Array:
-        """Return triangles in scaled unknowns, of those that are active, with a row of what none explains."""
+        """Return triangles of the active unknowns, scaled, with a last row for the residual that they cannot reduce."""
         picked = np.concatenate((triangles[:, :, self.active] * self.scale[self.active], triangles[:, :, -1:]), axis=2)
         return np.ascontiguousarray(_triangle(picked))
 
@@ -462,7 +475,7 @@ class Smoother:
         usual = still.filtered_mean[-1] if usual is None else usual
         self.direction = self._direction(usual)
         self.usual = np.sqrt(usual**2 + np.square(still.filtered_root[-1]).sum(axis=0))
-        # While noise is not known yet, decades will do.
+        # Until the noise is known, steps of a decade suffice.
         sizes = LIMITS.changes[:: 1 if shapes else 2] if self.count > 1 else ()
         evidence = self._weighed(measurements, [Change(), *(Change(whole=size) for size in sizes)])
         best = max(evidence, key=lambda change: evidence[change])
@@ -471,7 +484,7 @@ class Smoother:
             jump = self._jump(smoothed, best)
             if jump is None or len(best.jumps) == LIMITS.jumps:
                 break
-            # What jumps is no longer to be explained by a walk: that is as fast, half a decade slower, or none.
+            # A jump explains part of the random walk, which is then as fast, half a decade slower, or none.
             jumps, slower = (*best.jumps, jump), [size for size in sizes if size <= best.whole][-2:]
             evidence |= self._weighed(measurements, [Change(whole, 0.0, jumps) for whole in (0.0, *slower)])
             better = max(evidence, key=lambda change: evidence[change])
@@ -486,7 +499,7 @@ class Smoother:
         return evidence, smoothed
 
     def _shown(self, triangles: Array, change: Change) -> bool:
-        """Make the unknown of an equation active that the log shows most clearly, and tell whether there is one."""
+        """Make the unknown with the largest likelihood ratio active; return whether one is significant."""
         likelihoods = {}
         active, prior, direction, usual = self.active, self.prior, self.direction, self.usual
         first = self.solver.coefficients
@@ -516,7 +529,7 @@ class Smoother:
         }
 
     def _jump(self, smoothed: Smoothed, change: Change) -> int | None:
-        """Return the interval after which the disturbance is too large for the walk, None where none is."""
+        """Return the interval after which the disturbance is too large for the random walk, None where none is."""
         if self.count < 2:
             return None
         V = smoothed.before[1:]
@@ -536,16 +549,14 @@ class Smoother:
                 most, found = float(size[k]), k
         return found
 
-    def _averaged(self, triangles: Array, evidence: Mapping[Change, float]) -> tuple[Array, Array]:
+    def _averaged(self, triangles: Array, probabilities: Mapping[Change, float]) -> tuple[Array, Array]:
         """Return mean (K, n) and root (K, n, n) of all unknowns, averaged over hypotheses."""
         measurements = self._measurements(triangles)
-        top = max(evidence.values())
-        weights = {change: float(np.exp(value - top)) for change, value in evidence.items()}
-        weights = {change: w for change, w in weights.items() if w > LIMITS.least_weight}
-        total = sum(weights.values())
-        each = [(w / total, self._smooth(measurements, change, self.direction, True)) for change, w in weights.items()]
+        likely = {change: p for change, p in probabilities.items() if p > LIMITS.least_probability}
+        total = sum(likely.values())
+        each = [(p / total, self._smooth(measurements, change, self.direction, True)) for change, p in likely.items()]
         if self.solver.causal:
-            # An interval is told of by those before it.
+            # An interval is estimated from those before it.
             each = [
                 (w, s._replace(mean=np.vstack((0.0 * s.mean[:1], s.filtered_mean[:-1])), root=s.before))
                 for w, s in each
@@ -625,7 +636,7 @@ def _smoothness(measurements: Array, powers: Array, knots: Flags) -> Array:
 
 @compiled
 def _rotate(rows: Array, where: Integers, triangles: Array) -> float:
-    """Rotate each row into its interval's triangle; return the squares of what is left over, whatever the unknowns are."""
+    """Rotate each row into its interval's triangle; return the sum of squares that no value of the unknowns can reduce."""
     scratch = np.empty(rows.shape[1])
     n, left = rows.shape[1] - 1, 0.0
     for k in range(rows.shape[0]):

@@ -7,11 +7,11 @@ where a normal distribution has the least Bayesian information criterion.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
 
 Array = NDArray[np.float64]
 
@@ -46,9 +46,8 @@ def tail_weights(residual: Array) -> Array | None:
             weights = (degrees + 1.0) / (degrees + squares / scale)
             scale = float(np.mean(weights * squares))
         likelihood = count * (
-            gammaln(0.5 * (degrees + 1.0)) - gammaln(0.5 * degrees) - 0.5 * np.log(np.pi * degrees * scale)
+            math.lgamma(0.5 * (degrees + 1.0)) - math.lgamma(0.5 * degrees) - 0.5 * np.log(np.pi * degrees * scale)
         ) - 0.5 * (degrees + 1.0) * float(np.log1p(squares / (degrees * scale)).sum())
         if likelihood > best:
-            # Information of a row: that of Student's t is (ν + 1)/(ν + 3) of its scale's.
             best, found = likelihood, (degrees + 1.0) / (degrees + squares / scale) / scale
     return found

@@ -1,4 +1,4 @@
-"""smoother: the offline optimum, from all that a joint's roles say of its stiffness, which may change.
+"""smoother: the offline optimum of a stiffness that may change, from all equations that a joint's roles allow.
 
 A square-root Kalman filter and Rauch–Tung–Striebel smoother of the coefficients on the torque sensor's and the motors' equations
 together (`smoothing.py`); the first as in Flacco 2012 eq. 21, the others as in Flacco 2014 eq. 9, before it is integrated.
@@ -26,13 +26,13 @@ from vsalog.estimators.device import Device, TransmissionView
 from vsalog.estimators.equation import REPORTED_CHANGE, REPORTED_MISFIT
 from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.folding import BLOCK
-from vsalog.estimators.known_effects import SLACK, conditioner_of
+from vsalog.estimators.known_effects import conditioner_of, slack_of
 from vsalog.estimators.methods.qr_rls import integrated_equations
 from vsalog.estimators.methods.residual_rls import sensor_equations
 from vsalog.estimators.needs import sensor_role, torque_roles
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_for_torque
-from vsalog.estimators.screening import screened
+from vsalog.estimators.screening import Screening, screened
 from vsalog.estimators.smoothing import LIMITS, SHARED, Choice, SmootherSolver, SmootherState, Trajectory
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.windows import keeping_window, motor_window, rms
@@ -86,12 +86,17 @@ class SmootherFold(RegressionFold):
     """The least-squares fold, of which the second pass evaluates what was smoothed."""
 
     follows_changes: ClassVar[bool] = True
-    choices: tuple[Choice | None, ...] = ()
-    rig_basis: PolynomialBasis | None = None
-    tuning: SmootherTuning
-    noise_of_acceleration: float = 0.0
     equations: tuple[CombinedEquation, ...]
     solver: SmootherSolver
+
+    def __init__(
+        self, device: Device, conditioner: Conditioner, equations: tuple[CombinedEquation, ...], solver: SmootherSolver,
+        look: Screening, tuning: SmootherTuning, noise_of_acceleration: float,
+    ) -> None:  # fmt: skip
+        super().__init__(NAME, "COMBINED", device, conditioner, equations, solver, passes=2, look=look)
+        self.tuning, self.noise_of_acceleration = tuning, noise_of_acceleration
+        self.choices: tuple[Choice | None, ...] = ()
+        self.rig_basis = device.basis
 
     def rebuilt(self, signals: JointSignals) -> SmootherFold:
         """Return the fold for other signals of the same joint, with the functions of this one."""
@@ -110,7 +115,6 @@ class SmootherFold(RegressionFold):
         fold.device = replace(self.device, basis=basis)
         fold.equations = tuple(equation.with_basis(basis).with_slips(slips) for equation in self.equations)
         fold.solver = replace(self.solver, powers=basis.powers_of_terms * count, shared=len(slips) * count)
-        fold.rig_basis = self.device.basis
         return fold
 
     def start(self) -> FoldState:
@@ -140,7 +144,7 @@ class SmootherFold(RegressionFold):
         """Return what the log shows of the springs' shapes that the rig's basis has not."""
         found: list[Finding] = []
         basis = self.device.basis
-        if self.rig_basis is not None and basis.knots > self.rig_basis.knots:
+        if basis.knots > self.rig_basis.knots:
             found.append(
                 Finding(
                     code="spring.not_polynomial",
@@ -153,7 +157,7 @@ class SmootherFold(RegressionFold):
             if own.trajectory is None or not equation.slips:
                 continue
             for i, view in enumerate(equation.transmissions):
-                # Elements that slip all resist with their stiffness times the deflection they slip after.
+                # When all elements slip, each resists with its stiffness times the deflection at which it slips.
                 shared = [(i * len(equation.slips) + j, SHARED) for j in range(len(equation.slips))]
                 parts = [own.trajectory.others[key] for key in shared]
                 level = sum(value * reach for (value, _), reach in zip(parts, equation.slips, strict=True))
@@ -176,7 +180,7 @@ class SmootherFold(RegressionFold):
         jumps = len(trajectory.choice.change.jumps)
         found = []
         for view, whole in zip(equation.transmissions, trajectory.torque[-1] - trajectory.torque[0], strict=True):
-            # Springs neither vanish nor double, nor break as often as is looked for.
+            # No spring vanishes or doubles, or breaks as often as the search allows.
             odd = jumps == LIMITS.jumps or abs(whole) > LIMITS.fastest
             if not jumps and abs(whole) < LIMITS.slowest:
                 continue
@@ -247,8 +251,6 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     known = all(view.motor.reflected_inertia is not None for view in views)
     # One sensor for several transmissions ties them together.
     together = [views] if len(sensors) == 1 else [(view,) for view in views]
-    steps = [signals.resolution.get(role, 0.0) for role in views[0].deflection_roles(offered)]
-    slack = SLACK[tuning.filter] * float(np.linalg.norm(steps)) / 12.0**0.5
     equations = [
         CombinedEquation(
             own,
@@ -256,7 +258,7 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
             sensors[i] if sensors else None,
             driven if len(together) == 1 else driven[i : i + 1],
             known,
-            slack=slack,
+            slack=slack_of(own[0], signals, tuning),
         )
         for i, own in enumerate(together)
     ]
@@ -277,9 +279,7 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
         leading=equations[0].leading,
         causal=tuning.causal,
     )
-    plain = SmootherFold(NAME, "COMBINED", device, conditioner, tuple(equations), solver, passes=2, look=look)
-    plain.tuning = asked
-    plain.noise_of_acceleration = hiding
+    plain = SmootherFold(device, conditioner, tuple(equations), solver, look, asked, hiding)
     return plain if tuning.basis == "rig" or tuning.causal else _fitting(plain, signals)
 
 
