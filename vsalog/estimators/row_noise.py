@@ -87,8 +87,8 @@ class RowNoise(NamedTuple):
         for (other, boxes), weights in zip(before, self.shared, strict=True):
             for lag, weight in zip(range(-reach, reach + 1), weights, strict=True):
                 at, found = _beside(part, boxes, lag)
-                own -= weight * np.where(found[:, None], other[at], 0.0)
                 there &= found
+                own[found] -= weight * other[at[found]]
         changed = np.r_[True, there[1:] != there[:-1]]
         out = np.empty_like(rows)
         out[there] = self.left.whitened(own[there], (part.first | changed)[there])
@@ -117,6 +117,8 @@ def _neighbours(part: BoxRows, before: Sequence[tuple[Array, BoxRows]], reach: i
     for residual, boxes in before:
         for lag in range(-reach, reach + 1):
             at, found = _beside(part, boxes, lag)
-            columns.append(np.where(found, residual[at] if len(residual) else 0.0, 0.0))
+            column = np.zeros(len(found))
+            column[found] = residual[at[found]]
+            columns.append(column)
             there &= found
     return np.column_stack(columns), there
