@@ -242,7 +242,8 @@ def test_trials_take_what_was_chosen():
     fold = smoother.build(device, at, smoother.TUNING())
     _, state = run(fold, at)
     more = replace(fold.device.basis, knots=fold.device.basis.knots + 1)
-    assert fold.with_shape(more, ()).rebuilt(every_second(at, 0)).device.basis == more
+    rebuilt = fold.with_shape(more, (0.01,)).rebuilt(every_second(at, 0))
+    assert (rebuilt.device.basis, rebuilt.equations[0].slips) == (more, (0.01,))
     shifts = run_trials(Subject(smoother, device, at, smoother.TUNING(), fold), (SamplingRate(),)).shifts
     assert next(iter(shifts.values())).covariance["1"].shape == (fold.device.basis.size,) * 2
     shorter = {role: np.where(t > 18.0, np.nan, values) for role, values in signals.items()}

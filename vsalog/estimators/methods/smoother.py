@@ -91,10 +91,10 @@ class SmootherFold(RegressionFold):
 
     def __init__(
         self, device: Device, conditioner: Conditioner, equations: tuple[CombinedEquation, ...], solver: SmootherSolver,
-        look: Screening, tuning: SmootherTuning, noise_of_acceleration: float,
+        look: Screening, tuning: SmootherTuning,
     ) -> None:  # fmt: skip
         super().__init__(NAME, "COMBINED", device, conditioner, equations, solver, passes=2, look=look)
-        self.tuning, self.noise_of_acceleration = tuning, noise_of_acceleration
+        self.tuning = tuning
         self.choices: tuple[Choice | None, ...] = ()
         self.rig_basis = device.basis
 
@@ -199,10 +199,7 @@ class SmootherFold(RegressionFold):
         for i, view in enumerate(equation.transmissions[: len(equation.motors)]):
             off, std = trajectory.others.get((first + i, "inertia"), (0.0, 0.0))
             rig = view.motor.reflected_inertia if equation.known else None
-            # Noise of the acceleration makes an inertia look smaller by its share of the acceleration's power.
-            if rig is not None and abs(off) > (
-                limit := max(REPORTED_CHANGE * rig, DETECTED * std + self.noise_of_acceleration * rig)
-            ):
+            if rig is not None and abs(off) > (limit := max(REPORTED_CHANGE * rig, DETECTED * std)):
                 evidence = {"inertia": rig + off, "rig": rig, "ratio": 1.0 + off / rig}
                 found.append(
                     Finding(
@@ -266,20 +263,20 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     unknowns = (*((SENSOR_UNKNOWNS,) if sensed else ()), *(MOTOR_UNKNOWNS for _ in equations[0].motors))
     noises = (noise_for_torque(signals, view, conditioner) for view in views)
     box = max(conditioner.window // BOXES.per_window, BOX)
-    hiding = _noise_of_acceleration(signals, views, conditioner, box) if motors else 0.0
+    noisy = _noise_of_acceleration(signals, views, conditioner, box) if motors else 0.0
     solver = SmootherSolver(
         device.basis.powers_of_terms * count,
         count,
         unknowns,
         frozenset() if known else frozenset(MOTOR_UNKNOWNS[1:]),
-        # Noise of a regressor makes what multiplies it look smaller by its share.
-        frozenset(("inertia",)) if hiding > REPORTED_MISFIT else frozenset(),
+        # Noise of a regressor makes its coefficient smaller by its share of the power, which is not to be reported as a change.
+        frozenset(("inertia",)) if noisy > REPORTED_CHANGE else frozenset(),
         box,
         (max(0.0 if noise is None else noise.own for noise in noises),) * count,
         leading=equations[0].leading,
         causal=tuning.causal,
     )
-    plain = SmootherFold(device, conditioner, tuple(equations), solver, look, asked, hiding)
+    plain = SmootherFold(device, conditioner, tuple(equations), solver, look, asked)
     return plain if tuning.basis == "rig" or tuning.causal else _fitting(plain, signals)
 
 
