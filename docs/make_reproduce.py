@@ -102,7 +102,7 @@ def cell(row: Row) -> str:
 
 
 def number(value: str | float | None, digits: int = 3) -> str:
-    """Return a number with so many digits, a statement as it is, and a dash for none."""
+    """Return a number rounded to significant digits, a statement as it is, and a dash for none."""
     if value is None:
         return "–"
     return value.replace("|", "\\|") if isinstance(value, str) else f"{value:.{digits}g}"

@@ -192,7 +192,7 @@ class PamFold:
         ----------
         x, S : shape (N, 4) and (N, 4, 4), of the filter's trace
         u : shape (N, 3), of `acting`
-        goes_on : shape (N,), whether the next sample tells of this one; else it stays as filtered
+        goes_on : shape (N,), whether the next sample has information on this one; else it stays as filtered
         x_next, S_next : shape (4,) and (4, 4), the smoothed sample after the block, where the last one goes on
         """
         unknown = np.isnan(u[:, 0]) + 2 * np.isnan(u[:, 1])

@@ -43,16 +43,16 @@ def _carry_back(x: Array, S: Array, R: Array, X: Array, Y: Array, A: Array) -> N
         variance = 0.0
         for i in range(k + 1):
             variance += A[k, i] * A[k, i]
-        told = A[k, k] * A[k, k] > (n * np.finfo(np.float64).eps) ** 2 * variance
+        known = A[k, k] * A[k, k] > (n * np.finfo(np.float64).eps) ** 2 * variance
         for j in range(n + 1):
             s = Y[k, 0] if j == n else S[k, j]
             for i in range(k):
                 s -= A[k, i] * Y[i, j + 1]
-            Y[k, j + 1] = s / A[k, k] if told else 0.0
+            Y[k, j + 1] = s / A[k, k] if known else 0.0
         for j in range(n):
-            # What the next state does not tell stays with this one's own.
-            X[j, n + 1 + k] = 0.0 if told else A[n + j, k]
-        rows = rows if told else 3 * n
+            # A direction in which the next state has no information keeps this one's variance.
+            X[j, n + 1 + k] = 0.0 if known else A[n + j, k]
+        rows = rows if known else 3 * n
     for k in range(n):
         x[k] = X[k, 0]
         for i in range(n):
@@ -80,7 +80,8 @@ def unscented_smoother(transition: Callable[..., None]) -> Callable[..., None]:
 
     x, shape (n,), and S, shape (n, n), lower, are what the filter made of a sample; `xs` and `Ss` what the smoother made of the
     next one, which `steps` steps of the model lie ahead. x and S become the smoother's. `room` is of `smoother_room`, all else is
-    as for the filter's `predict`. What of a prediction has no variance, to a float's digits, tells nothing of the state before.
+    as for the filter's `predict`. A component of the
+    prediction without variance, to a float's digits, has no information on the state before.
     """
     # The step as an observation: what `condition` calls the measurement noise is the process noise.
     predict, condition = unscented_filter(transition, transition)

@@ -65,7 +65,7 @@ class Springs(Protocol):
         ...
 
     def motors(self, q: Array, m: Array, p: Array) -> dict[str, Array]:
-        """Return motor's role → where it has to be told to go [rad] for the link to be at q."""
+        """Return motor's role → position reference [rad] with which the link is at q."""
         ...
 
 
@@ -82,7 +82,7 @@ class Pair:
         return t1 + t2, s1 + s2
 
     def motors(self, q: Array, m: Array, p: Array) -> dict[str, Array]:
-        """Return both, each by so much farther as its spring pulls its loop off."""
+        """Return both, corrected for the position error that the spring's torque makes in each loop."""
         (t1, _), (t2, _) = self._each(m, p)
         return {
             role: q - phi - torque / self.loops[role].stiffness
@@ -104,7 +104,7 @@ class Series:
         return torque_and_stiffness(self.transmission, m, self.lever.arm(p))
 
     def motors(self, q: Array, m: Array, p: Array) -> dict[str, Array]:
-        """Return both, the primary one by so much farther as the spring pulls its loop off."""
+        """Return both, the primary one corrected for the position error that the spring's torque makes in its loop."""
         torque, _ = self.at(m, p)
         return {"motor_torque": q - m - torque / self.loops["motor_torque"].stiffness, "secondary_torque": p}
 
@@ -156,8 +156,8 @@ class StiffnessLoop:
         self._command(slice(None), self.wanted, unloaded, SEARCH.steps)
         self.begin = unloaded[0][:1], unloaded[1][:1]
         feedback = control.feedback
-        told = feedback in (NO_FEEDBACK, TRUE_FEEDBACK)
-        self.watcher = None if told else made(estimator, rig, name, feedback, control.tune)
+        unwatched = feedback in (NO_FEEDBACK, TRUE_FEEDBACK)
+        self.watcher = None if unwatched else made(estimator, rig, name, feedback, control.tune)
         self.reads: Mapping[str, Collection[str]] = {} if self.watcher is None else self.watcher.reads
 
     def prepare(self, dry: Recording) -> None:
@@ -166,7 +166,7 @@ class StiffnessLoop:
             self.watcher.prepare(dry)
 
     def act(self, k: int, said: Said, truth: Truth) -> None:
-        """Tell the motors' loops where to be in sample k + 1."""
+        """Write the references of the motors' loops for sample k + 1."""
         found = self._found(k, said, truth)
         if k + 1 >= self.wanted.size or self.control.feedback == NO_FEEDBACK:
             return
@@ -190,7 +190,7 @@ class StiffnessLoop:
         return read.get("stiffness", np.nan) if read.get("excited") else np.nan
 
     def _command(self, part: slice, stiffness: Array, begin: tuple[Array, Array], steps: int) -> None:
-        """Tell the motors where to be in a part of the samples.
+        """Write the references of the motors' loops for a part of the samples.
 
         Parameters
         ----------
@@ -214,7 +214,7 @@ class StiffnessLoop:
             np.asarray(self.commands[role].reference)[part, 0] = where
 
     def _loop(self, motor: Motor, time: Array) -> Servo:
-        """Return the position loop of a motor, which is told where to be sample by sample."""
+        """Return the position loop of a motor, whose reference is written sample by sample."""
         if motor.inertia is None:
             raise SimulationError(f"joint '{self.name}': stiffness_control needs the inertia of every motor in the rig")
         gains = loop_gains(motor, 0.0, self.control.frequency, 0.0, self.period)

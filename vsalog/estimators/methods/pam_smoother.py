@@ -28,7 +28,7 @@ NAME = "pam-smoother"
 SUMMARY = "pam-ukf forward, then a smoother backward: each sample by the whole log (Shin 2021, Särkkä 2008)"
 TUNING = PamTuning
 
-# What is put aside of a sample: state and factor, what acts until the next, and whether the filter begins or has lost the joint.
+# What is stored of a sample: state and factor, inputs until the next, and whether the filter begins or has diverged.
 ROW = np.dtype([("x", "f8", (4,)), ("S", "f8", (4, 4)), ("u", "f8", (3,)), ("begins", "?"), ("diverged", "?")])
 
 
@@ -96,13 +96,15 @@ class PamSmoother(StateObserver):
 
     def freeze(self, state: PamSmootherState) -> PamSmootherState:
         """Smooth from the last sample to the first, and go back to that."""
-        x_next, S_next, told = np.empty(4), np.empty((4, 4)), False
+        x_next, S_next, informs = np.empty(4), np.empty((4, 4)), False
         for rows in state.spool.backwards():
             x, S, u = (np.ascontiguousarray(rows[name]) for name in ("x", "S", "u"))
-            # A sample after a gap, or where the filter has lost the joint, tells nothing of the one before.
-            tells = ~(rows["begins"] | rows["diverged"])
-            self.filter.fold.smooth(x, S, u, np.append(tells[1:], told) & np.isfinite(x).all(axis=1), x_next, S_next)
-            x_next, S_next, told = x[0], S[0], bool(tells[0])
+            # A sample after a gap, or one at which the filter diverged, has no information on the one before.
+            informed = ~(rows["begins"] | rows["diverged"])
+            self.filter.fold.smooth(
+                x, S, u, np.append(informed[1:], informs) & np.isfinite(x).all(axis=1), x_next, S_next
+            )
+            x_next, S_next, informs = x[0], S[0], bool(informed[0])
             rows["x"], rows["S"] = x, S
         return state._replace(given=0)
 

@@ -245,7 +245,7 @@ class PamEstimate(StateObserver):
         return self.fold.start() if piece.starts[0] and not state.goes_on(piece) else state.filter
 
     def traced(self, state: PamFoldState, piece: JointSignals, found: UnscentedTrace) -> tuple[PamFoldState, Trace]:
-        """Return the trace of a piece, and the state with what it tells of the angle."""
+        """Return the trace of a piece, and the state with its count of samples whose angle is unknown."""
         anywhere = _anywhere(found)
         columns = self._columns(found, _blind(piece, self.fold.correct) | anywhere)
         counted = replace(state, anywhere=state.anywhere + int(np.count_nonzero(anywhere)))
