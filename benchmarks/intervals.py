@@ -12,6 +12,7 @@ alone and in combination, those whose interval holds the truth, and prints the C
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import tempfile
 import time
@@ -43,7 +44,8 @@ DRAWN = {
 MACHINES = (*PRESETS, *(f"{device} ({engine})" for engine, devices in DRAWN.items() for device in devices))
 OFF, CONFIDENCE = 0.3, 0.95
 SERVO_SECONDS = 60.0
-ENCODER = '{ channel = "rotation_position", resolution = "0.00153 rad", noise = "0.0005 rad" }'
+# The sample's rig says nothing of its encoder: a step of 4096 in a turn, and a third of it as noise.
+ENCODER = r'link_position = { channel = \1, resolution = "0.00153 rad", noise = "0.0005 rad" }'
 # Probability of the binomial test below which a share is not called 95 %.
 REJECTED = 0.01
 
@@ -69,11 +71,12 @@ def made(name: str, seed: int, seconds: float, folder: Path) -> tuple[Path, Rig]
     if name in PRESETS:
         servo, source = name == "position-servo", PRESETS[name]
         if servo:
-            # Its loop is played in windows of ten seconds; the sample's rig says nothing of the encoder's noise and step.
+            # Its loop is played in windows of ten seconds.
             seconds = max(seconds, SERVO_SECONDS)
             source = str(folder / "servo.rig.toml")
-            text = SERVO.read_text(encoding="utf-8")
-            Path(source).write_text(text.replace('"rotation_position"', ENCODER), encoding="utf-8")
+            text, changed = re.subn(r"link_position = (.+)", ENCODER, SERVO.read_text(encoding="utf-8"))
+            assert changed == 1, f"{SERVO}: no link_position"
+            Path(source).write_text(text, encoding="utf-8")
         log = folder / ("log.csv" if servo else "log.mcap")
         job = prepare(source, Simulated(seed=seed, duration=seconds, output=str(log)))
         job.write(job.run())

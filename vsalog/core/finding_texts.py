@@ -167,6 +167,12 @@ TEXTS: dict[str, Text] = {
         "A torque's scale or unit, the angles' unit, a nonlinear encoder or a gear ratio would explain it, and the stiffness"
         " would be as far off; or the rig has another motor's inertia.",
     ),
+    "torque.gain_differs": Text(
+        "transmission {part}: the gain of {signal} is {value:.3g} times what the joint's other equations say; the estimate is"
+        " corrected by that.",
+        "Calibrate it, and set its gain in the rig (docs/rig.md). A motor's inertia, damping or friction that the rig does not"
+        " have may look alike.",
+    ),
     "link.inertia_not_estimated": Text(
         "there is no link_position, so the link's inertia and damping are not estimated.",
         "Name its channel under [joint.{joint}.signals] in the rig to have them.",

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vsalog.core.basis import PolynomialBasis
 from vsalog.effects.hysteresis import SlipElement
 from vsalog.estimators.device import TransmissionView, deflection_of
-from vsalog.estimators.equation import EquationRows, Part
+from vsalog.estimators.equation import GAIN, EquationRows, Part
 from vsalog.estimators.equations import IntegratedMotorEquation, TorqueEquation
 from vsalog.filters.conditioning import Conditioned
 from vsalog.mechanics.hysteresis import loop_block, loop_start
@@ -19,8 +19,11 @@ from vsalog.rig.parts import LinearTransmission, Transmission
 
 Array = NDArray[np.float64]
 
-# Unknowns of an equation in addition to the coefficients: a torque's offset; corrections of the rig's motor inertia and damping.
-SENSOR_UNKNOWNS, MOTOR_UNKNOWNS = ("offset",), ("offset", "inertia", "damping")
+# Unknowns of an equation in addition to the coefficients: a torque's offset and the part by which its gain is off; corrections of
+# the rig's motor inertia and damping.
+SENSOR_UNKNOWNS, MOTOR_UNKNOWNS = ("offset", GAIN), ("offset", "inertia", "damping", GAIN)
+# Those of a motor that the rig does not know.
+UNKNOWN_MOTOR = MOTOR_UNKNOWNS[:3]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +53,7 @@ class CombinedEquation:
     @property
     def leading(self) -> int:
         """Unknowns before the coefficients: those of a motor that the rig does not know."""
-        return len(MOTOR_UNKNOWNS) if self.motors and not self.known and len(self.transmissions) == 1 else 0
+        return len(UNKNOWN_MOTOR) if self.motors and not self.known and len(self.transmissions) == 1 else 0
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -93,7 +96,9 @@ class CombinedEquation:
         slipping, loops = self._slipping(state[2], block)
         if self.sensor is not None:
             sensor, rows = self.sensor.rows(sensor, block)
-            parts.append(Part(np.column_stack((rows.F, loops, np.ones_like(rows.y), rows.y)), rows.use))
+            # A gain multiplies what the coefficients add up to, which is not known yet.
+            offset, gain = np.ones_like(rows.y), np.zeros_like(rows.y)
+            parts.append(Part(np.column_stack((rows.F, loops, offset, gain, rows.y)), rows.use))
             first = rows
         for i, (motor, own) in enumerate(zip(self.motors, state[1], strict=True)):
             after, rows = motor.rows(own, block)
@@ -105,7 +110,7 @@ class CombinedEquation:
         given = EquationRows(
             F, parts[0].columns[:, -1], first.use, block.rows.starts, first.fed, first.extra,
             first.dynamics if self.leading and self.sensor is None else np.zeros((len(F), self.leading)),
-            first.doubted, parts=tuple(parts),
+            first.doubted, motion=first.motion, plain=first.plain if self.leading else None, parts=tuple(parts),
         )  # fmt: skip
         return (sensor, tuple(states), slipping), given
 
@@ -128,8 +133,8 @@ class CombinedEquation:
         columns[:, i * n : (i + 1) * n] = -F[:, 3:]
         own = slice(i * len(self.slips), (i + 1) * len(self.slips))
         columns[:, self.coefficients :][:, own] = loops[:, own]
-        columns[:, -4], columns[:, -3:-1] = 1.0, -F[:, 1:3]
-        columns[:, -1] = inertia * F[:, 1] + damping * F[:, 2] - torque
+        moved = inertia * F[:, 1] + damping * F[:, 2]
+        columns[:, -5], columns[:, -4:-2], columns[:, -2], columns[:, -1] = 1.0, -F[:, 1:3], -moved, moved - torque
         return Part(columns, rows.use & np.isfinite(columns).all(axis=1))
 
     def _fed(self, rows: EquationRows, i: int) -> EquationRows:

@@ -27,6 +27,8 @@ REPORTED_MISFIT = 0.05
 NEGLIGIBLE_SHARE = 0.01
 # What holds for less than this share of a log does not hold for the log [1].
 MOST_OF_LOG = 0.5
+# Unknown of an equation: the part by which its torque reads too much.
+GAIN = "gain"
 
 
 def power_kept(share: float) -> float:

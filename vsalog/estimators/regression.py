@@ -28,7 +28,7 @@ from vsalog.estimators.equation import (
 )
 from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.region import Region, lengths
-from vsalog.estimators.residual_motion import motion_rows_block, motion_rows_start, residual_findings
+from vsalog.estimators.residual_motion import MotionRows, motion_rows_block, motion_rows_start, residual_findings
 from vsalog.estimators.screening import NOTHING_FOUND, Screening
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.conditioning import Conditioned, Conditioner, ConditionerState
@@ -288,8 +288,12 @@ class RegressionFold:
                 continue
             claimed = max(state.claimed.get(name, np.inf) for name in names)
             step = self.look.step(equation.transmissions)
-            found += residual_findings(self.device.joint, equation, state.residual_rows[names], claimed, step)
+            found += self._judged(equation, state.residual_rows[names], claimed, step)
         return found
+
+    def _judged(self, equation: Equation, rows: MotionRows, claimed: float, step: float) -> list[Finding]:
+        """Return what the residual of an equation shows; `claimed` and `step` as for `residual_motion.followers`."""
+        return residual_findings(self.device.joint, equation, rows, claimed, step)
 
     def model(self, state: FoldState) -> JointModel:
         """Freeze what has been learnt into a model."""

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from vsalog.core.compiled import compiled
 from vsalog.core.significance import FALSE_ALARM, two_sided
 from vsalog.estimators.box_rows import BOXES, BoxRows, BoxState, box_block, box_start
-from vsalog.estimators.equation import EquationRows
+from vsalog.estimators.equation import GAIN, EquationRows
 from vsalog.estimators.qr import qr_update
 from vsalog.estimators.row_moments import ROWS_OF_LONG, lasts
 from vsalog.estimators.row_noise import RowNoise
@@ -115,6 +115,7 @@ class Choice(NamedTuple):
     noise : of each equation
     active : numbers of the unknowns that are estimated
     prior : their standard deviations before the log
+    nominal : coefficients, and other unknowns that equations share, on average
     direction : shape (transmissions, active), the torque of each transmission as a whole
     usual : shape (active,), size of each unknown
     evidence : logarithm of each hypothesis' probability, but for a constant
@@ -124,6 +125,7 @@ class Choice(NamedTuple):
     noise: tuple[RowNoise, ...]
     active: NDArray[np.intp]
     prior: Array
+    nominal: Array
     direction: Array
     usual: Array
     evidence: Mapping[Change, float]
@@ -200,7 +202,8 @@ class SmootherSolver:
     transmissions : how many they are of
     unknowns : of each equation, names of its own
     required : names of those that are always unknown; the others only where the log shows it
-    hidden : names of those that noise hides, which are not looked for
+    hidden : of each equation, names of those that noise or others hide, which are not looked for
+    gains : how well the gain of each equation's torque is known, standard deviation as a part of it
     box : samples of a box
     deflection : variance of each transmission's deflection behind the filters, at which its stiffness is evaluated [rad²]
     shared : unknowns of all equations that are no coefficients
@@ -212,7 +215,8 @@ class SmootherSolver:
     transmissions: int
     unknowns: tuple[tuple[str, ...], ...]
     required: frozenset[str]
-    hidden: frozenset[str]
+    hidden: tuple[frozenset[str], ...]
+    gains: tuple[float, ...]
     box: int
     deflection: tuple[float, ...]
     shared: int = 0
@@ -320,6 +324,12 @@ class Smoother:
         self.knots = np.zeros(self.size, dtype=np.bool_)
         self.knots[:n] = np.array(solver.powers) < 0
         self.scale = self._scale()
+        # A torque is what the unknowns add up to and what the rig has of the motor.
+        self.rest = [
+            part.rows[:, n + solver.shared + own.index(GAIN)].copy()
+            for part, own in zip(boxes, solver.unknowns, strict=True)
+        ]
+        self._take(_least_squares(boxes[0])[: n + solver.shared] if choice is None else choice.nominal)
 
     def _scale(self) -> Array:
         """Return the prior's standard deviation of each unknown, shape (size,)."""
@@ -331,7 +341,16 @@ class Smoother:
             # The function of a knot reaches one at most: its coefficient is in the torque's unit, wherever the knot is.
             own[: self.solver.coefficients][self.knots[: self.solver.coefficients]] = rms[-1]
             scale[columns] = np.maximum(scale[columns], own)
-        return LIMITS.prior * np.where(scale > 0.0, scale, 1.0)
+        scale = LIMITS.prior * np.where(scale > 0.0, scale, 1.0)
+        for i, known in enumerate(self.solver.gains):
+            scale[self.solver.coefficients + self.names.index((i, GAIN))] = known
+        return scale
+
+    def _take(self, nominal: Array) -> None:
+        """Take what gains multiply from unknowns that the equations share, shape (n + shared,)."""
+        self.nominal, size = nominal, nominal.size
+        for part, own, rest in zip(self.boxes, self.solver.unknowns, self.rest, strict=True):
+            part.rows[:, size + own.index(GAIN)] = rest + part.rows[:, :size] @ nominal
 
     def trajectory(self) -> Trajectory | None:
         """Estimate the unknowns; None where there are fewer rows than unknowns."""
@@ -354,14 +373,16 @@ class Smoother:
         weights: list[Array | None] = [None] * len(noise)
         for done in range(LIMITS.most_rounds):
             evidence, smoothed = self._explained(self._triangles(noise, weights), usual, False)
-            noise, weights = self._noise(self._whole(smoothed.mean))
+            mean = self._whole(smoothed.mean)
+            noise, weights = self._noise(mean)
             usual = smoothed.mean.mean(axis=0)
+            self._take(mean[:, : self.nominal.size].mean(axis=0))
             if done + 1 >= LIMITS.rounds and max(evidence, key=lambda change: evidence[change]).constant:
                 break
         triangles = self._triangles(noise, weights)
         evidence, _ = self._explained(triangles, usual, True)
         return triangles, Choice(
-            self.count, tuple(noise), self.active, self.prior, self.direction, self.usual, evidence
+            self.count, tuple(noise), self.active, self.prior, self.nominal, self.direction, self.usual, evidence
         )
 
     def evidence(self) -> float:
@@ -503,7 +524,8 @@ class Smoother:
         likelihoods = {}
         active, prior, direction, usual = self.active, self.prior, self.direction, self.usual
         first = self.solver.coefficients
-        sought = [first + i for i, (_, name) in enumerate(self.names) if name not in self.solver.hidden]
+        hidden = {(part, name) for part, own in enumerate(self.solver.hidden) for name in own}
+        sought = [first + i for i, name in enumerate(self.names) if name not in hidden]
         for i in (-1, *np.setdiff1d(sought, active)):
             added = int(i >= 0)
             self.active = np.r_[active, [i] * added].astype(int)
@@ -600,6 +622,11 @@ class Smoother:
             self._misfit(mean),
             others,
         )
+
+
+def _least_squares(part: BoxRows) -> Array:
+    """Return the unknowns of an equation, shape (c - 1,), by its rows alone."""
+    return np.asarray(np.linalg.lstsq(part.rows[:, :-1], part.rows[:, -1], rcond=None)[0])
 
 
 def _triangle(rows: Array) -> Array:

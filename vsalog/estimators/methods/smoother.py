@@ -14,6 +14,7 @@ from typing import ClassVar, Literal, NamedTuple
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from vsalog.core.basis import PolynomialBasis
 from vsalog.core.errors import EstimatorError
@@ -21,9 +22,14 @@ from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import DETECTED, FALSE_ALARM
 from vsalog.estimators.box_rows import BOXES
-from vsalog.estimators.combined_equation import MOTOR_UNKNOWNS, SENSOR_UNKNOWNS, CombinedEquation
+from vsalog.estimators.combined_equation import (
+    MOTOR_UNKNOWNS,
+    SENSOR_UNKNOWNS,
+    UNKNOWN_MOTOR,
+    CombinedEquation,
+)
 from vsalog.estimators.device import Device, TransmissionView
-from vsalog.estimators.equation import REPORTED_CHANGE, REPORTED_MISFIT
+from vsalog.estimators.equation import GAIN, REPORTED_CHANGE, REPORTED_MISFIT, Equation
 from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.folding import BLOCK
 from vsalog.estimators.known_effects import conditioner_of, slack_of
@@ -32,14 +38,18 @@ from vsalog.estimators.methods.residual_rls import sensor_equations
 from vsalog.estimators.needs import sensor_role, torque_roles
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_for_torque
+from vsalog.estimators.residual_motion import POSITION, SUSPECTS, MotionRows, followers, following
 from vsalog.estimators.screening import Screening, screened
 from vsalog.estimators.smoothing import LIMITS, SHARED, Choice, SmootherSolver, SmootherState, Trajectory
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.windows import keeping_window, motor_window, rms
 from vsalog.filters.conditioning import Conditioner
 from vsalog.filters.savitzky_golay import savgol_filter
+from vsalog.rig.tolerance import default_deviation
 from vsalog.uncertainty.long_run import BOX
 from vsalog.uncertainty.sensor_error import ENOUGH, sensor_error
+
+Array = NDArray[np.float64]
 
 NAME = "smoother"
 SUMMARY = (
@@ -129,7 +139,8 @@ class SmootherFold(RegressionFold):
         found = self._shapes(state)
         for equation, own in zip(self.equations, state.solvers, strict=True):
             if own.trajectory is not None:
-                found += self._changes(equation, own.trajectory) + self._inertias(equation, own.trajectory)
+                found += self._changes(equation, own.trajectory)
+                found += self._inertias(equation, own.trajectory) + self._gains(equation, own.trajectory)
                 if own.trajectory.misfit > REPORTED_MISFIT:
                     part = " and ".join(view.name for view in equation.transmissions)
                     found.append(
@@ -139,6 +150,15 @@ class SmootherFold(RegressionFold):
                         )
                     )  # fmt: skip
         return (*super().findings(state), *found)
+
+    def _judged(self, equation: Equation, rows: MotionRows, claimed: float, step: float) -> list[Finding]:
+        """Return what the first equation's residual follows; whether it is noise, trajectories know better."""
+        assert isinstance(equation, CombinedEquation)
+        # A motor's equation has its speed and acceleration among the unknowns; what a loop leaves goes with the speed.
+        suspects = () if equation.slips else SUSPECTS if equation.sensor is not None else (POSITION,)
+        found = followers(rows, claimed, step, suspects)
+        part = " and ".join(view.name for view in equation.transmissions)
+        return [following(self.device.joint, part, found, equation.motor, claimed)] if found else []
 
     def _shapes(self, state: FoldState) -> list[Finding]:
         """Return what the log shows of the springs' shapes that the rig's basis has not."""
@@ -195,7 +215,7 @@ class SmootherFold(RegressionFold):
     def _inertias(self, equation: CombinedEquation, trajectory: Trajectory) -> list[Finding]:
         """Return where a motor's inertia is another than the rig's."""
         found = []
-        first = len(self.solver.unknowns) - len(equation.motors)
+        first = int(equation.sensor is not None)
         for i, view in enumerate(equation.transmissions[: len(equation.motors)]):
             off, std = trajectory.others.get((first + i, "inertia"), (0.0, 0.0))
             rig = view.motor.reflected_inertia if equation.known else None
@@ -207,6 +227,23 @@ class SmootherFold(RegressionFold):
                         unit="kg*m^2", evidence=evidence,
                     )
                 )  # fmt: skip
+        return found
+
+    def _gains(self, equation: CombinedEquation, trajectory: Trajectory) -> list[Finding]:
+        """Return which torque has another gain than the other equations say."""
+        found, views = [], equation.transmissions
+        for (i, name), (off, std) in trajectory.others.items():
+            if name != GAIN or abs(off) <= (limit := max(REPORTED_CHANGE, DETECTED * std)):
+                continue
+            sensed = i == 0
+            found.append(
+                Finding(
+                    code="torque.gain_differs", joint=self.device.joint,
+                    part=" and ".join(view.name for view in (views if sensed else views[i - 1 : i])),
+                    value=1.0 + off, limit=1.0 + float(np.copysign(limit, off)),
+                    evidence={"signal": "torque_sensor" if sensed else "motor_torque", "std": std},
+                )
+            )  # fmt: skip
         return found
 
     def freeze(self, state: FoldState) -> FoldState:
@@ -264,13 +301,21 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     noises = (noise_for_torque(signals, view, conditioner) for view in views)
     box = max(conditioner.window // BOXES.per_window, BOX)
     noisy = _noise_of_acceleration(signals, views, conditioner, box) if motors else 0.0
+    sensor_parts = int(sensed)
+    motor_parts = len(unknowns) - sensor_parts
+    # Noise of a regressor makes its coefficient smaller by its share of the power, which is not to be reported as a change.
+    hidden = {"inertia", GAIN} if noisy > REPORTED_CHANGE else set[str]()
+    # A gain is relative to the other equations, and inertia and damping that the rig does not have are relative to the torque's.
+    if not (sensed and known):
+        hidden.add(GAIN)
     solver = SmootherSolver(
         device.basis.powers_of_terms * count,
         count,
         unknowns,
-        frozenset() if known else frozenset(MOTOR_UNKNOWNS[1:]),
-        # Noise of a regressor makes its coefficient smaller by its share of the power, which is not to be reported as a change.
-        frozenset(("inertia",)) if noisy > REPORTED_CHANGE else frozenset(),
+        frozenset() if known else frozenset(UNKNOWN_MOTOR[1:]),
+        (frozenset(() if motors else (GAIN,)),) * sensor_parts + (frozenset(hidden),) * motor_parts,
+        (default_deviation("torque_sensor.gain", 1.0, 1.0),) * sensor_parts
+        + (default_deviation("motor.torque_gain", 1.0, 1.0),) * motor_parts,
         box,
         (max(0.0 if noise is None else noise.own for noise in noises),) * count,
         leading=equations[0].leading,
