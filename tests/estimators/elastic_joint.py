@@ -20,7 +20,7 @@ SHAPES = {
 }
 
 
-def played(t, drive, softer=lambda at: 0.0, spring=cubic, loop=0.0, start=(0.0, 0.0)):
+def played(t, drive, softer=lambda at: 0.0, spring=cubic, loop=0.0, start=(0.0, 0.0), push=lambda at: 0.0):
     """Return motor position, link position, torque of the transmission and stiffness of its spring, shape (N,) each.
 
     Parameters
@@ -31,6 +31,7 @@ def played(t, drive, softer=lambda at: 0.0, spring=cubic, loop=0.0, start=(0.0, 
     spring : its torque, a function of the deflection [N·m]
     loop : largest torque of an element next to the spring that yields smoothly (Dahl's model) [N·m]
     start : motor and link position at the beginning [rad]
+    push : what pushes the link, a function of time [N·m]
     """
 
     def slope(at, x):
@@ -40,7 +41,7 @@ def played(t, drive, softer=lambda at: 0.0, spring=cubic, loop=0.0, start=(0.0, 
             x[1],
             (drive(at) + torque - DAMPING * x[1]) / INERTIA,
             x[3],
-            (-torque - LINK_DAMPING * x[3] - WEIGHT * np.sin(x[2])) / LINK,
+            (push(at) - torque - LINK_DAMPING * x[3] - WEIGHT * np.sin(x[2])) / LINK,
             YIELDING * (rate - abs(rate) * x[4] / loop) if loop else 0.0,
         ]
 

@@ -35,10 +35,10 @@ def drive(at):
     return 3.0 * np.sin(2.0 * np.pi * 0.31 * at) + 1.5 * np.sin(2.0 * np.pi * 1.3 * at)
 
 
-def machine(softer=lambda t: 0.0, seed=0, noise=0.02, step=STEP, spring=cubic, loop=0.0):
+def machine(softer=lambda t: 0.0, seed=0, noise=0.02, step=STEP, spring=cubic, loop=0.0, push=lambda t: 0.0 * t):
     """Return times, signals and true stiffness of a joint, behind encoders whose zeros are anywhere within a step."""
     t = np.arange(round(SECONDS / PERIOD)) * PERIOD
-    theta, q, torque, stiffness = played(t, drive, softer, spring, loop)
+    theta, q, torque, stiffness = played(t, drive, softer, spring, loop, push=push)
     rng = np.random.default_rng(seed)
     zeros = rng.uniform(0.0, step, 2)
     signals = {
@@ -46,17 +46,23 @@ def machine(softer=lambda t: 0.0, seed=0, noise=0.02, step=STEP, spring=cubic, l
         "link_position": step * np.round((q + zeros[1]) / step) - zeros[1],
         "motor_torque": drive(t) + noise * rng.normal(size=t.size),
         "torque_sensor": torque + noise * rng.normal(size=t.size),
+        "external_torque": push(t) + noise * rng.normal(size=t.size),
     }
     return t, signals, stiffness
 
 
 def bound(t, signals):
-    """Signals of the preset's joint on their grid."""
+    """Signals of the preset's joint on their grid; what pushes it where something does."""
+    signals = {role: x for role, x in signals.items() if role != "external_torque" or np.ptp(x) > 1.0}
     starts = np.zeros(t.size, dtype=bool)
     starts[0] = True
     return JointSignals(
         "sea", PERIOD, np.round(t * 1e9).astype(np.int64), t, signals, starts, np.zeros(t.size, dtype=np.int32)
     )
+
+
+def without(signals, *roles):
+    return {role: x for role, x in signals.items() if role not in roles}
 
 
 def estimated(t, signals, joint=None, name="smoother", **tune):
@@ -163,6 +169,52 @@ def test_another_inertia_than_the_rig_s_is_found_and_costs_little():
     (found,) = (one for one in fold.findings(state) if one.code == "motor.inertia_differs")
     assert found.evidence["inertia"] == pytest.approx(INERTIA, rel=0.03)
     assert np.median(errors(columns, truth)[0]) < 0.003
+
+
+@pytest.mark.parametrize(("role", "gain"), [("torque_sensor", 1.1), ("torque_sensor", 0.7), ("motor_torque", 0.9)])
+def test_the_torque_whose_gain_is_off_is_found_and_costs_nothing(role, gain):
+    t, signals, truth = machine()
+    columns, fold, state = estimated(t, signals | {role: gain * signals[role]})
+
+    (found,) = [f for f in fold.findings(state) if f.code == "torque.gain_differs"]
+    assert found.evidence["signal"] == role
+    assert found.value == pytest.approx(gain, abs=3.0 * found.evidence["std"] + 1e-3)
+    assert np.median(errors(columns, truth)[0]) < 0.002
+
+
+def test_a_sensor_alone_cannot_tell_its_gain():
+    t, signals, truth = machine()
+    columns, fold, state = estimated(t, without(signals, "motor_torque") | {"torque_sensor": 1.1 * signals["torque_sensor"]})
+
+    assert "torque.gain_differs" not in {f.code for f in fold.findings(state)}
+    assert np.median(columns["stiffness"] / truth) == pytest.approx(1.1, rel=0.003)
+
+
+def push(at):
+    return 2.0 * np.sin(2.0 * np.pi * 0.47 * at) + 1.0 * np.sin(2.0 * np.pi * 1.9 * at)
+
+
+def test_the_link_s_equation_alone_tells_the_stiffness():
+    t, signals, truth = machine(push=push)
+    columns, _, _ = estimated(t, without(signals, "motor_torque", "torque_sensor"))
+
+    relative, deviations = errors(columns, truth)
+    assert np.median(relative[columns["excited"] > 0]) < 0.01
+    assert np.mean(deviations < 1.96) > 0.85
+
+
+def test_a_link_heavier_than_the_rig_s_and_its_friction_are_found():
+    t, signals, truth = machine(push=push)
+    velocity = np.gradient(signals["link_position"], PERIOD)
+    rubs = 0.3 * np.sign(np.convolve(velocity, np.full(25, 0.04), "same"))
+    own = SEA.joint["sea"]
+    light = msgspec.structs.replace(own, link=msgspec.structs.replace(own.link, inertia=0.8 * own.link.inertia))
+    columns, fold, state = estimated(t, signals | {"external_torque": signals["external_torque"] + rubs}, light)
+
+    (found,) = [f for f in fold.findings(state) if f.code == "link.inertia_differs"]
+    assert found.evidence["inertia"] == pytest.approx(own.link.inertia, rel=0.03)
+    assert state.solvers[0].trajectory.others[2, "friction"][0] == pytest.approx(0.3, abs=0.05)
+    assert np.median(errors(columns, truth)[0]) < 0.002
 
 
 def test_inertia_and_damping_are_estimated_where_the_rig_has_none():

@@ -43,9 +43,11 @@ Sink = Callable[[Trace], None]
 PRESET, PAPER = "preset", "paper"
 # What asks any method for estimates from the samples before alone.
 CAUSAL = "causal"
+# The estimator that learns from the whole log.
+SMOOTHER = "smoother"
 # What one more sensor would add.
 SENSOR_ADDS = (
-    "a joint torque sensor would need no motor data (direct) and show the link's inertia and damping too (impedance)"
+    "a joint torque sensor would judge the motor's torque and show the link's inertia and damping too (impedance)"
 )
 
 
@@ -108,7 +110,7 @@ def choose(name: str, joint: Joint, estimator: str, tuning: Mapping[str, str], r
     """
     offered = offered_roles(joint)
     device = device_of(name, joint, rig=rig)
-    estimator, reason = _automatic(device, offered) if estimator == "auto" else (estimator, "asked for")
+    estimator, reason = _automatic(device, offered, tuning) if estimator == "auto" else (estimator, "asked for")
     found = method(estimator)
     values = read_tuning(found.TUNING, estimator, with_printed(found, device, with_causal(found, tuning)))
     return Choice(estimator, found, values, found.roles(device, offered, values), reason)
@@ -162,8 +164,9 @@ def with_printed(found: Method, device: Device, tuning: Mapping[str, str]) -> di
     return {**printed(device), **own}
 
 
-def _automatic(device: Device, offered: Collection[str]) -> tuple[str, str]:
+def _automatic(device: Device, offered: Collection[str], tuning: Mapping[str, str]) -> tuple[str, str]:
     views = device.transmissions
+    causal = tuning.get(CAUSAL) == "true" or tuning.get("filter", "savitzky-golay") != "savitzky-golay"
     if device.pneumatic is not None:
         return "pam-ukf", "the joint has pneumatic muscles, whose pressures tell its state" + (
             ""
@@ -184,24 +187,34 @@ def _automatic(device: Device, offered: Collection[str]) -> tuple[str, str]:
     _refuse(device, missing)
     motors = all({v.motor_position, v.motor_torque} <= set(offered) for v in views)
     sensor = "torque_sensor" in offered or all(v.torque_sensor in offered for v in views)
-    if motors and all(v.motor.inertia is not None for v in views):
-        why = "motor position and torque are recorded and the motor's inertia is known"
+    known = all(v.motor.inertia is not None for v in views)
+    if not causal:
+        return SMOOTHER, _whole_log(device, offered, motors, sensor, known)
+    if motors and known:
+        why = "it is causal, motor position and torque are recorded, and the motor's inertia is known"
         return "residual-rls", why if sensor else f"{why}; {SENSOR_ADDS}"
-    if sensor and motors:
-        return "direct", (
-            "there is a torque sensor, and the motor's inertia is not known; with it in the rig the motor's torque would be a"
-            " cross-check (residual-rls)"
-        )
     if sensor:
-        lacking = dict.fromkeys(r for v in views for r in (v.motor_torque, v.motor_position) if r not in offered)
-        inertia = "" if all(v.motor.inertia is not None for v in views) else " and the motor's inertia in the rig"
-        roles = " and ".join(lacking)
-        return "direct", (
-            f"there is a torque sensor, and no {roles.replace(' and ', ' or ')} is recorded; with {roles}{inertia} the motor's"
-            " torque would be a cross-check (residual-rls)"
+        return "direct", "it is causal, and there is a torque sensor"
+    return "qr-rls", f"it is causal, and neither the motor's inertia nor a torque sensor is there; {SENSOR_ADDS}"
+
+
+def _whole_log(device: Device, offered: Collection[str], motors: bool, sensor: bool, known: bool) -> str:
+    """Say what a smoother has to learn from, and what would add to it."""
+    if sensor and motors:
+        return "the torque sensor's and the motor's equations together, and every instant from the whole log" + (
+            "" if known else "; the motor's inertia is estimated, too, for the rig does not have it"
         )
-    why = "motor position and torque are recorded, but neither the motor's inertia nor a torque sensor is there"
-    return "qr-rls", f"{why}; {SENSOR_ADDS}"
+    if motors:
+        why = "motor position and torque are recorded, and every instant is estimated from the whole log"
+        return f"{why if known else why + ', the inertia too'}; {SENSOR_ADDS}"
+    lacking = dict.fromkeys(
+        r for v in device.transmissions for r in (v.motor_torque, v.motor_position) if r not in offered
+    )
+    roles = " and ".join(lacking)
+    return (
+        "there is a torque sensor, and every instant is estimated from the whole log;"
+        f" with {roles} the motor's equation would add to it and judge the sensor"
+    )
 
 
 def _observer_lacks(missing: Collection[str]) -> str:

@@ -1,4 +1,4 @@
-"""The torque sensor's equation and the motors' together: all equations of the same coefficients that a joint's roles allow."""
+"""The torque sensor's, the motors' and the link's equations: all of the same coefficients that a joint's roles allow."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from vsalog.effects.hysteresis import SlipElement
 from vsalog.estimators.device import TransmissionView, deflection_of
 from vsalog.estimators.equation import GAIN, EquationRows, Part
 from vsalog.estimators.equations import IntegratedMotorEquation, TorqueEquation
+from vsalog.estimators.link_equation import LinkEquation, LinkRows
 from vsalog.filters.conditioning import Conditioned
 from vsalog.mechanics.hysteresis import loop_block, loop_start
 from vsalog.rig.parts import LinearTransmission, Transmission
@@ -20,8 +21,9 @@ from vsalog.rig.parts import LinearTransmission, Transmission
 Array = NDArray[np.float64]
 
 # Unknowns of an equation in addition to the coefficients: a torque's offset and the part by which its gain is off; corrections of
-# the rig's motor inertia and damping.
+# the rig's inertia and damping; dry friction.
 SENSOR_UNKNOWNS, MOTOR_UNKNOWNS = ("offset", GAIN), ("offset", "inertia", "damping", GAIN)
+LINK_UNKNOWNS = ("offset", "inertia", "damping", "friction", GAIN)
 # Those of a motor that the rig does not know.
 UNKNOWN_MOTOR = MOTOR_UNKNOWNS[:3]
 
@@ -35,6 +37,7 @@ class CombinedEquation:
     transmissions, basis : that the equations speak of
     sensor : that of the torque sensor, None for none
     motors : one of each transmission's motor, or none
+    link : that of the link, None for none
     known : whether the rig has the motors' inertias; else these and the dampings are unknowns
     slips : deflections after which friction elements of a transmission slip, each with a stiffness that is unknown [rad]
     slack : what noise may move a deflection by [rad]
@@ -44,6 +47,7 @@ class CombinedEquation:
     basis: PolynomialBasis
     sensor: TorqueEquation | None
     motors: tuple[IntegratedMotorEquation, ...]
+    link: LinkEquation | None
     known: bool
     slips: tuple[float, ...] = ()
     slack: float = 0.0
@@ -71,6 +75,32 @@ class CombinedEquation:
         return self.leading + self.coefficients
 
     @property
+    def unknowns(self) -> tuple[tuple[str, ...], ...]:
+        """Unknowns of each equation, in the order of `parts`."""
+        of = {"torque_sensor": SENSOR_UNKNOWNS, "motor_torque": MOTOR_UNKNOWNS, "external_torque": LINK_UNKNOWNS}
+        return tuple(of[torque] for torque, _ in self.parts)
+
+    @property
+    def parts(self) -> tuple[tuple[str, str], ...]:
+        """Each equation's torque, and the transmissions that bear it."""
+        names = [view.name for view in self.transmissions]
+        every = " and ".join(names)
+        return (
+            *((("torque_sensor", every),) if self.sensor is not None else ()),
+            *(("motor_torque", name) for name, _ in zip(names, self.motors, strict=False)),
+            *((("external_torque", every),) if self.link is not None else ()),
+        )
+
+    def inertia_of(self, torque: str, part: str) -> float | None:
+        """Return the inertia that the rig has of what one of `parts` moves [kg·m²]; None where it has none."""
+        if torque == "external_torque":
+            return None if self.link is None else self.link.inertia
+        motors = [
+            view.motor for view in self.transmissions if view.name == part and torque == "motor_torque" and self.known
+        ]
+        return motors[0].reflected_inertia if motors else None
+
+    @property
     def loops(self) -> tuple[Transmission, ...]:
         """One friction element of stiffness one per unknown, as a transmission's `slip`."""
         each = (LinearTransmission(stiffness=1.0, slip=(SlipElement(stiffness=1.0, limit=r),)) for r in self.slips)
@@ -83,12 +113,20 @@ class CombinedEquation:
     def with_basis(self, basis: PolynomialBasis) -> CombinedEquation:
         """Return the same equations of other functions."""
         sensor = None if self.sensor is None else replace(self.sensor, basis=basis)
-        return replace(self, basis=basis, sensor=sensor, motors=tuple(replace(m, basis=basis) for m in self.motors))
+        link = None if self.link is None else replace(self.link, pushed=replace(self.link.pushed, basis=basis))
+        motors = tuple(replace(motor, basis=basis) for motor in self.motors)
+        return replace(self, basis=basis, sensor=sensor, link=link, motors=motors)
 
     def start(self) -> tuple[Any, ...]:
         """Return the states of the equations before the first sample."""
         sensor = None if self.sensor is None else self.sensor.start()
-        return (sensor, tuple(motor.start() for motor in self.motors), tuple(loop_start(one) for one in self.loops))
+        link = None if self.link is None else self.link.start()
+        return (
+            sensor,
+            tuple(motor.start() for motor in self.motors),
+            tuple(loop_start(one) for one in self.loops),
+            link,
+        )
 
     def rows(self, state: tuple[Any, ...], block: Conditioned) -> tuple[tuple[Any, ...], EquationRows]:
         """Form the equations for a block."""
@@ -105,6 +143,11 @@ class CombinedEquation:
             states.append(after)
             parts.append(self._motor_part(i, rows, loops))
             first = self._fed(rows, i) if first is None else first
+        link = state[3]
+        if self.link is not None:
+            link, moved = self.link.rows(link, block)
+            parts.append(self._link_part(moved, loops))
+            first = self._borne(moved, block) if first is None else first
         assert first is not None
         F = np.hstack((np.zeros((len(block.rows), self.leading)), parts[0].columns[:, : self.coefficients]))
         given = EquationRows(
@@ -112,7 +155,7 @@ class CombinedEquation:
             first.dynamics if self.leading and self.sensor is None else np.zeros((len(F), self.leading)),
             first.doubted, motion=first.motion, plain=first.plain if self.leading else None, parts=tuple(parts),
         )  # fmt: skip
-        return (sensor, tuple(states), slipping), given
+        return (sensor, tuple(states), slipping, link), given
 
     def _slipping(self, state: tuple[Array, ...], block: Conditioned) -> tuple[tuple[Array, ...], Array]:
         """Return the friction elements' state and how far each is strained, shape (N, elements) [rad]."""
@@ -136,6 +179,18 @@ class CombinedEquation:
         moved = inertia * F[:, 1] + damping * F[:, 2]
         columns[:, -5], columns[:, -4:-2], columns[:, -2], columns[:, -1] = 1.0, -F[:, 1:3], -moved, moved - torque
         return Part(columns, rows.use & np.isfinite(columns).all(axis=1))
+
+    def _link_part(self, rows: LinkRows, loops: Array) -> Part:
+        offset = np.ones_like(rows.torque)
+        return Part(np.column_stack((rows.F, loops, offset, rows.motion, rows.moving, rows.torque)), rows.use)
+
+    def _borne(self, rows: LinkRows, block: Conditioned) -> EquationRows:
+        """Return rows with the torque that the transmissions bear."""
+        alone = len(self.transmissions) == 1
+        fed = {view.name: rows.torque if alone else np.full_like(rows.torque, np.nan) for view in self.transmissions}
+        fed |= {} if alone else {"total": rows.torque}
+        position = block.fit["link_position"], block.fit["velocity:link_position"]
+        return EquationRows(rows.F, rows.torque, rows.use, block.rows.starts, fed, {}, motion=position)
 
     def _fed(self, rows: EquationRows, i: int) -> EquationRows:
         """Return rows with the torque that the rig's motor transmits, not only that of its drive."""

@@ -143,15 +143,17 @@ def conditioner_of(
     *,
     motor: bool,
     present: bool = True,
+    rates: tuple[str, ...] = (),
 ) -> Conditioner:
     """Return the filters for a method that reads `roles`, with what the rig knows of motors and transmissions in mind.
 
-    A motor whose position or torque is not among the roles has nothing to take friction off. `present` as for a `Conditioner`.
+    A motor whose position or torque is not among the roles has nothing to take friction off. `present` and `rates`, in addition
+    to what damping needs, as for a `Conditioner`.
     """
     driven = (v for v in device.transmissions if {v.motor_position, v.motor_torque} <= set(roles))
     views = tuple(v for v in driven if motor and extended(v.motor))
     before = FrictionCompensation(views, signals, tuning.filter, tuning.shape) if views else None
-    return tuning.conditioner(roles, signals, _rates(device, roles), before, present)
+    return tuning.conditioner(roles, signals, (*_rates(device, roles), *rates), before, present)
 
 
 def _rates(device: Device, roles: Collection[str]) -> tuple[str, ...]:

@@ -201,26 +201,26 @@ class SmootherSolver:
     powers : of the deflection that each coefficient multiplies, of all transmissions
     transmissions : how many they are of
     unknowns : of each equation, names of its own
-    required : names of those that are always unknown; the others only where the log shows it
+    required : of each equation, names of those that are always unknown; the others only where the log shows it
     hidden : of each equation, names of those that noise or others hide, which are not looked for
     gains : how well the gain of each equation's torque is known, standard deviation as a part of it
     box : samples of a box
     deflection : variance of each transmission's deflection behind the filters, at which its stiffness is evaluated [rad²]
     shared : unknowns of all equations that are no coefficients
-    leading : unknowns that functionals have before the coefficients
+    leading : unknowns that functionals have before the coefficients, the equation and the name of each
     causal : whether an interval is estimated from those before alone
     """
 
     powers: tuple[int, ...]
     transmissions: int
     unknowns: tuple[tuple[str, ...], ...]
-    required: frozenset[str]
+    required: tuple[frozenset[str], ...]
     hidden: tuple[frozenset[str], ...]
     gains: tuple[float, ...]
     box: int
     deflection: tuple[float, ...]
     shared: int = 0
-    leading: int = 0
+    leading: tuple[tuple[int, str], ...] = ()
     causal: bool = False
 
     @property
@@ -275,13 +275,17 @@ class SmootherSolver:
         return SmootherState(None, 0, None, trajectory)
 
     def evidence(self, state: SmootherState, intervals: int = 1) -> float:
-        """Return the log evidence of the basis in the collected rows, of a spring that may change between the intervals."""
+        """Return the log evidence of the basis in the collected rows, of a spring that may change between the intervals.
+
+        It is the largest of other unknowns as known, and as the log shows them.
+        """
         assert state.boxes is not None
-        return Smoother(self, [own.whole for own in state.boxes], state.samples, intervals=intervals).evidence()
+        boxes = [own.whole for own in state.boxes]
+        return max(Smoother(self, boxes, state.samples, intervals=intervals).evidence(shown) for shown in (False, True))
 
     def solution(self, state: SmootherState) -> tuple[Array, Array, float]:
         """Return ξ̂ (n,), its covariance (n, n), both averages over the log, and the noise seen in y (standard deviation)."""
-        size = self.leading + self.coefficients
+        size = len(self.leading) + self.coefficients
         found = state.trajectory
         if found is None:
             return np.full(size, np.nan), np.full((size, size), np.nan), float("nan")
@@ -313,7 +317,8 @@ class Smoother:
             self.columns.append(np.r_[: n + solver.shared, first : first + len(own)])
             first += len(own)
         self.active = np.r_[
-            :n, [n + i for i, name in enumerate(self.names) if name[1] in (*solver.required, SHARED)]
+            :n,
+            [n + i for i, (part, name) in enumerate(self.names) if name == SHARED or name in solver.required[part]],
         ].astype(int)
         # A triangle has as many rows as unknowns: of fewer boxes it would be no shorter.
         count = int(np.clip(fullest // max(LIMITS.boxes_per_interval, self.active.size), 1, intervals))
@@ -385,13 +390,13 @@ class Smoother:
             self.count, tuple(noise), self.active, self.prior, self.nominal, self.direction, self.usual, evidence
         )
 
-    def evidence(self) -> float:
-        """Return the log evidence of the functions, for noise as the residuals show it."""
+    def evidence(self, shown: bool) -> float:
+        """Return the log evidence of the functions, for noise as the residuals show it; `shown` as for `_explained`."""
         noise, evidence, usual = [RowNoise.white(part) for part in self.boxes], -np.inf, None
         if sum(len(part.rows) for part in self.boxes) <= self.active.size:
             return evidence
         for _ in range(LIMITS.rounds + 1):
-            found, smoothed = self._explained(self._triangles(noise, [None] * len(noise)), usual, False, shown=False)
+            found, smoothed = self._explained(self._triangles(noise, [None] * len(noise)), usual, False, shown)
             # Rows were divided by these deviations.
             sizes = sum(len(p.rows) * np.log(own.innovation) for p, own in zip(self.boxes, noise, strict=True))
             evidence = float(np.logaddexp.reduce(list(found.values()))) - float(sizes) - 0.5 * self.left
@@ -597,9 +602,8 @@ class Smoother:
 
     def _external(self, mean: Array, root: Array, choice: Choice) -> Trajectory:
         """Return what functionals are of: the motor's unknowns where it has any, and the coefficients."""
-        n, leading = self.solver.coefficients, self.solver.leading
-        own = self.solver.unknowns[-1]
-        order = np.r_[n + len(self.names) - len(own) + np.arange(leading), :n].astype(int) if leading else np.arange(n)
+        n = self.solver.coefficients
+        order = np.r_[[n + self.names.index(name) for name in self.solver.leading], :n].astype(int)
         full = np.zeros((self.count, root.shape[1], self.size))
         full[:, :, self.active] = root
         picked = _triangle(full[:, :, order])

@@ -7,7 +7,7 @@ together (`smoothing.py`); the first as in Flacco 2012 eq. 21, the others as in 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from copy import copy
 from dataclasses import replace
 from typing import ClassVar, Literal, NamedTuple
@@ -22,25 +22,23 @@ from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import DETECTED, FALSE_ALARM
 from vsalog.estimators.box_rows import BOXES
-from vsalog.estimators.combined_equation import (
-    MOTOR_UNKNOWNS,
-    SENSOR_UNKNOWNS,
-    UNKNOWN_MOTOR,
-    CombinedEquation,
-)
-from vsalog.estimators.device import Device, TransmissionView
+from vsalog.estimators.combined_equation import UNKNOWN_MOTOR, CombinedEquation
+from vsalog.estimators.device import Device
 from vsalog.estimators.equation import GAIN, REPORTED_CHANGE, REPORTED_MISFIT, Equation
+from vsalog.estimators.equations import TorqueEquation
 from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.folding import BLOCK
-from vsalog.estimators.known_effects import conditioner_of, slack_of
+from vsalog.estimators.known_effects import conditioner_of, known_of, slack_of
+from vsalog.estimators.link_equation import LinkEquation
 from vsalog.estimators.methods.qr_rls import integrated_equations
 from vsalog.estimators.methods.residual_rls import sensor_equations
-from vsalog.estimators.needs import sensor_role, torque_roles
+from vsalog.estimators.needs import deflection_roles, require, sensor_role, torque_roles
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_for_torque
 from vsalog.estimators.residual_motion import POSITION, SUSPECTS, MotionRows, followers, following
 from vsalog.estimators.screening import Screening, screened
 from vsalog.estimators.smoothing import LIMITS, SHARED, Choice, SmootherSolver, SmootherState, Trajectory
+from vsalog.estimators.transmission_torque import carried_by
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.windows import keeping_window, motor_window, rms
 from vsalog.filters.conditioning import Conditioner
@@ -55,6 +53,11 @@ NAME = "smoother"
 SUMMARY = (
     "all equations that the roles allow, a stiffness that may change, from the whole log (Kalman, Rauch–Tung–Striebel)"
 )
+
+
+# What pushes the link; and where it stands how well the gain of each equation's torque is known.
+PUSH = "external_torque"
+GAINS = {"torque_sensor": "torque_sensor.gain", "motor_torque": "motor.torque_gain", PUSH: "external_torque.gain"}
 
 
 class SmootherTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -213,37 +216,34 @@ class SmootherFold(RegressionFold):
         return found
 
     def _inertias(self, equation: CombinedEquation, trajectory: Trajectory) -> list[Finding]:
-        """Return where a motor's inertia is another than the rig's."""
+        """Return where the inertia of a motor or of the link is another than the rig's."""
         found = []
-        first = int(equation.sensor is not None)
-        for i, view in enumerate(equation.transmissions[: len(equation.motors)]):
-            off, std = trajectory.others.get((first + i, "inertia"), (0.0, 0.0))
-            rig = view.motor.reflected_inertia if equation.known else None
+        for i, (torque, part) in enumerate(equation.parts):
+            off, std = trajectory.others.get((i, "inertia"), (0.0, 0.0))
+            rig = equation.inertia_of(torque, part)
             if rig is not None and abs(off) > (limit := max(REPORTED_CHANGE * rig, DETECTED * std)):
-                evidence = {"inertia": rig + off, "rig": rig, "ratio": 1.0 + off / rig}
+                link = torque == "external_torque"
                 found.append(
                     Finding(
-                        code="motor.inertia_differs", joint=self.device.joint, part=view.name, value=off, limit=limit,
-                        unit="kg*m^2", evidence=evidence,
+                        code="link.inertia_differs" if link else "motor.inertia_differs", joint=self.device.joint,
+                        part="" if link else part, value=off, limit=limit, unit="kg*m^2",
+                        evidence={"inertia": rig + off, "rig": rig, "ratio": 1.0 + off / rig},
                     )
                 )  # fmt: skip
         return found
 
     def _gains(self, equation: CombinedEquation, trajectory: Trajectory) -> list[Finding]:
         """Return which torque has another gain than the other equations say."""
-        found, views = [], equation.transmissions
-        for (i, name), (off, std) in trajectory.others.items():
-            if name != GAIN or abs(off) <= (limit := max(REPORTED_CHANGE, DETECTED * std)):
-                continue
-            sensed = i == 0
-            found.append(
-                Finding(
-                    code="torque.gain_differs", joint=self.device.joint,
-                    part=" and ".join(view.name for view in (views if sensed else views[i - 1 : i])),
-                    value=1.0 + off, limit=1.0 + float(np.copysign(limit, off)),
-                    evidence={"signal": "torque_sensor" if sensed else "motor_torque", "std": std},
-                )
-            )  # fmt: skip
+        found = []
+        for i, (torque, part) in enumerate(equation.parts):
+            off, std = trajectory.others.get((i, GAIN), (0.0, 0.0))
+            if abs(off) > (limit := max(REPORTED_CHANGE, DETECTED * std)):
+                found.append(
+                    Finding(
+                        code="torque.gain_differs", joint=self.device.joint, part=part, value=1.0 + off,
+                        limit=1.0 + float(np.copysign(limit, off)), evidence={"signal": torque, "std": std},
+                    )
+                )  # fmt: skip
         return found
 
     def freeze(self, state: FoldState) -> FoldState:
@@ -262,9 +262,16 @@ def roles(device: Device, offered: Collection[str], tuning: SmootherTuning) -> t
             found += torque_roles(NAME, device, offered, modality)
         except EstimatorError as error:
             refused = error
+    if _has_link(device, offered):
+        found += [
+            *(r for view in device.transmissions for r in deflection_roles(device, view, offered)),
+            "link_position",
+            PUSH,
+        ]
     if not found:
         assert refused is not None
         raise refused
+    require(NAME, device, found, offered)
     return tuple(dict.fromkeys(found))
 
 
@@ -279,67 +286,96 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
         if motors
         else keeping_window(device, signals, tuning, tuning.default_window)
     )
-    conditioner = conditioner_of(device, signals, tuning, roles(device, offered, tuning), motor=motors)
+    rates = ("link_position",) if _has_link(device, offered) else ()
+    conditioner = conditioner_of(device, signals, tuning, roles(device, offered, tuning), motor=motors, rates=rates)
     sensors = sensor_equations(device, signals, tuning, conditioner) if sensed else ()
     driven = integrated_equations(device, signals, tuning, conditioner) if motors else ()
     known = all(view.motor.reflected_inertia is not None for view in views)
-    # One sensor for several transmissions ties them together.
-    together = [views] if len(sensors) == 1 else [(view,) for view in views]
+    pushed = _pushed(device, signals, tuning, sensed=sensed and len(sensors) > 1)
+    # One sensor for several transmissions ties them together, and so does their link.
+    together = [views] if len(sensors) == 1 or pushed else [(view,) for view in views]
     equations = [
         CombinedEquation(
             own,
             device.basis,
             sensors[i] if sensors else None,
             driven if len(together) == 1 else driven[i : i + 1],
+            pushed,
             known,
             slack=slack_of(own[0], signals, tuning),
         )
         for i, own in enumerate(together)
     ]
-    count = len(together[0])
-    unknowns = (*((SENSOR_UNKNOWNS,) if sensed else ()), *(MOTOR_UNKNOWNS for _ in equations[0].motors))
+    first, count = equations[0], len(together[0])
     noises = (noise_for_torque(signals, view, conditioner) for view in views)
     box = max(conditioner.window // BOXES.per_window, BOX)
-    noisy = _noise_of_acceleration(signals, views, conditioner, box) if motors else 0.0
-    sensor_parts = int(sensed)
-    motor_parts = len(unknowns) - sensor_parts
-    # Noise of a regressor makes its coefficient smaller by its share of the power, which is not to be reported as a change.
-    hidden = {"inertia", GAIN} if noisy > REPORTED_CHANGE else set[str]()
-    # A gain is relative to the other equations, and inertia and damping that the rig does not have are relative to the torque's.
-    if not (sensed and known):
-        hidden.add(GAIN)
     solver = SmootherSolver(
         device.basis.powers_of_terms * count,
         count,
-        unknowns,
-        frozenset() if known else frozenset(UNKNOWN_MOTOR[1:]),
-        (frozenset(() if motors else (GAIN,)),) * sensor_parts + (frozenset(hidden),) * motor_parts,
-        (default_deviation("torque_sensor.gain", 1.0, 1.0),) * sensor_parts
-        + (default_deviation("motor.torque_gain", 1.0, 1.0),) * motor_parts,
+        first.unknowns,
+        tuple(_required(torque, known, device) for torque, _ in first.parts),
+        tuple(_hidden(torque, first, signals, conditioner, box) for torque, _ in first.parts),
+        tuple(default_deviation(GAINS[torque], 1.0, 1.0) for torque, _ in first.parts),
         box,
         (max(0.0 if noise is None else noise.own for noise in noises),) * count,
-        leading=equations[0].leading,
+        leading=tuple((int(sensed), name) for name in UNKNOWN_MOTOR) if first.leading else (),
         causal=tuning.causal,
     )
     plain = SmootherFold(device, conditioner, tuple(equations), solver, look, asked)
     return plain if tuning.basis == "rig" or tuning.causal else _fitting(plain, signals)
 
 
-def _noise_of_acceleration(
-    signals: JointSignals, views: Sequence[TransmissionView], conditioner: Conditioner, box: int
-) -> float:
-    """Return which part of the power of the motors' accelerations, averaged over boxes, is noise, at most."""
+def _pushed(device: Device, signals: JointSignals, tuning: SmootherTuning, *, sensed: bool) -> LinkEquation | None:
+    """Return the link's equation where the rig has the link and what pushes it is recorded; none beside several sensors."""
+    if sensed or not _has_link(device, signals.roles):
+        return None
+    assert device.link is not None
+    known = [known_of(device, view, signals, tuning, PUSH, motor=False) for view in device.transmissions]
+    pushed = TorqueEquation(
+        device.transmissions, device.basis, lambda block: block.fit[PUSH], tuple(k for k in known if k is not None)
+    )
+    inertia, weight = carried_by(device.link)
+    return LinkEquation(pushed, inertia, device.link.damping, weight, signals.period)
+
+
+def _has_link(device: Device, offered: Collection[str]) -> bool:
+    return device.link is not None and {PUSH, "link_position"} <= set(offered)
+
+
+def _required(torque: str, known: bool, device: Device) -> frozenset[str]:
+    """Return the unknowns of an equation that are always looked for: what the rig does not have, or only says that there is."""
+    if torque == "motor_torque" and not known:
+        return frozenset(UNKNOWN_MOTOR[1:])
+    rubs = torque == PUSH and device.link is not None and device.link.friction.coulomb > 0.0
+    return frozenset(("friction",)) if rubs else frozenset()
+
+
+def _hidden(
+    torque: str, equation: CombinedEquation, signals: JointSignals, conditioner: Conditioner, box: int
+) -> frozenset[str]:
+    """Return the unknowns of an equation that cannot be told."""
+    # A gain is relative to the other equations'.
+    alone = len({torque for torque, _ in equation.parts}) == 1
+    if torque == "torque_sensor":
+        return frozenset((GAIN,)) if alone else frozenset()
+    # Inertia and damping that the rig does not have are relative to the torque.
+    hidden = {GAIN} if alone or (torque == "motor_torque" and not equation.known) else set[str]()
+    # Noise of a regressor makes its coefficient smaller by its share of the power, which is not to be reported as a change.
+    moved = ["link_position"] if torque == PUSH else [view.motor_position for view in equation.transmissions]
+    if max(_noise_of_acceleration(signals.roles[role], conditioner, box) for role in moved) > REPORTED_CHANGE:
+        hidden |= {"inertia", GAIN}
+    return frozenset(hidden)
+
+
+def _noise_of_acceleration(position: Array, conditioner: Conditioner, box: int) -> float:
+    """Return which part of the power of an acceleration, averaged over boxes, is noise, at most."""
     if conditioner.kind == "kinematic":
         return 1.0
     # The average of an acceleration is a difference of speeds.
-    speed = conditioner.weights[1]
+    speed, position = conditioner.weights[1], position[:ENOUGH]
     weights = np.concatenate((speed, np.zeros(box))) - np.concatenate((np.zeros(box), speed))
-    shares = []
-    for view in views:
-        theta = signals.roles[view.motor_position][:ENOUGH]
-        moved = rms(savgol_filter(theta, weights[None])[0])
-        shares.append(sensor_error(theta, weights.size).rms(weights) ** 2 / moved**2 if moved else 1.0)
-    return float(min(max(shares), 1.0))
+    moved = rms(savgol_filter(position, weights[None])[0])
+    return min(sensor_error(position, weights.size).rms(weights) ** 2 / moved**2, 1.0) if moved else 1.0
 
 
 def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
