@@ -118,16 +118,16 @@ def fitted(
     if start is not None:
         return search.all_the_way(start)
     begin, other = search.begin(np.zeros(len(unknowns))), search.otherwise_held()
-    if other is not None:
+    if other is not None and other.promises(begin.values, other.few) < search.promises(begin.values, search.few):
         held = other.tried(begin.values, other.few)
         if held is not None and _left(held) < _left(begin):
             search, begin, other = other, held, search
     fit = search.all_the_way(search.searched(begin).values)
     # Few windows say little of it, all of them nearly everything.
-    there = None if other is None else other.tried(fit.values, other.windows)
-    if other is None or there is None or _left(there) >= _left(fit):
+    if other is None or other.promises(fit.values, other.windows) >= search.promises(fit.values, search.windows):
         return fit
-    return other.all_the_way(there.values)
+    there = other.all_the_way(fit.values)
+    return there if _left(there) < _left(fit) else fit
 
 
 def _left(fit: Fit) -> float:
@@ -163,6 +163,13 @@ class _Search:
             return self._from(values, windows, 1)
         except SimulationError:
             return None
+
+    def promises(self, values: Array, windows: Windows) -> float:
+        """Return the squares that the errors are left with where a step from some values does as its slopes say."""
+        try:
+            return _Objective(self.joint, self.unknowns, windows, values, self.lever).promised(values)
+        except SimulationError:
+            return np.inf
 
     def searched(self, begin: Fit) -> Fit:
         """Return a fit to a part of the windows; where one is far from the log, the best of others, from draws of the prior."""
@@ -239,8 +246,7 @@ class _Objective:
 
         def jacobian(values: Array) -> Array:
             J, rows = self.jacobian(values), self.residual(values)
-            promised = np.square(np.linalg.qr(J)[0].T @ rows).sum()
-            if promised < tolerance * np.square(rows).sum():
+            if _reached(J, rows) < tolerance * np.square(rows).sum():
                 raise _SettledError(values)
             return J
 
@@ -267,6 +273,11 @@ class _Objective:
         self.near = self._begun(values)
         self.slopes = by_states(*self._placed(values), self.near)
         return np.concatenate([self._columns(values).reshape(-1, values.size), np.eye(values.size)])
+
+    def promised(self, values: Array) -> float:
+        """Return the sum of the errors' squares that a step to where the slopes lead leaves, not weighed."""
+        J, rows = self.jacobian(values), self.residual(values)
+        return float((np.square(rows).sum() - _reached(J, rows)) / self.weights[0] ** 2)
 
     def fit(self, values: Array) -> Fit:
         """Return the fit with these values."""
@@ -324,6 +335,11 @@ class _Objective:
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
             columns = np.stack(list(pool.map(changed, range(values.size))), axis=-1)
         return np.asarray(projected(bases_of(self.slopes), columns) * self.weights[None, :, None])
+
+
+def _reached(J: Array, rows: Array) -> float:
+    """Return what a linear fit takes off the sum of squares of errors."""
+    return float(np.square(np.linalg.qr(J)[0].T @ rows).sum())
 
 
 @dataclass(frozen=True, slots=True)
