@@ -1,4 +1,4 @@
-"""CPU time per sample of the recursive estimators, beside hand-tuned C of the recursion alone, and padasip.
+"""CPU time per sample of the recursive estimators and the smoother, beside hand-tuned C of the recursion alone, and padasip.
 
     python -m benchmarks.recursions
 
@@ -13,6 +13,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,10 +23,12 @@ from vsalog.estimators.folding import BLOCK
 from vsalog.estimators.qr import QrState, qr_block
 from vsalog.estimators.rls import RlsState, rls_block
 from vsalog.estimators.solvers import QrSolver, RlsSolver
+from vsalog.filters.square_root_smoother import Smoothed, smooth
 from vsalog.uncertainty.errors_in_variables import DeflectionNoise, RegressorNoise
 
 SAMPLES = 100_000
 PADASIP_SAMPLES = 2_000
+INSTANTS = 10_000
 ROUNDS = 15
 P0 = 1e6
 FLAGS = ("-O3", "-march=native", "-fPIC", "-shared")
@@ -51,14 +54,17 @@ def drive_solver(solver: RlsSolver | QrSolver, F, y, E, spread) -> None:
         )
 
 
-def c_function(folder: str, name: str, n: int) -> Callable[..., None]:
+ARRAY = np.ctypeslib.ndpointer(np.float64, flags="C")
+RECURSION = (ctypes.c_ssize_t, ARRAY, ARRAY, ctypes.c_double, ARRAY, ARRAY)
+
+
+def c_function(folder: str, name: str, n: int, argument_types: tuple[Any, ...] = RECURSION) -> Callable[..., None]:
     """Compile a recursion in C, for so many unknowns."""
-    target = Path(folder) / f"recursions{n}.so"
+    target = Path(folder) / f"{name}{n}.so"
     source = Path(__file__).with_name("recursions.c")
     subprocess.run(["cc", *FLAGS, f"-DN={n}", "-o", target, source, "-lm"], check=True)
     function = getattr(ctypes.CDLL(str(target)), name)
-    array = np.ctypeslib.ndpointer(np.float64, flags="C")
-    function.argtypes = [ctypes.c_ssize_t, array, array, ctypes.c_double, array, array]
+    function.argtypes = argument_types
     function.restype = None
     return function
 
@@ -148,6 +154,29 @@ def qr(folder: str, n: int, forgetting: float) -> dict[str, Time]:
     return per_sample(times, SAMPLES)
 
 
+def smoother(folder: str, n: int) -> dict[str, Time]:
+    """Filter and smooth a random walk; an instant has a triangle of rows, as an interval of a log has."""
+    rng = np.random.default_rng(n)
+    rows = np.triu(rng.normal(size=(INSTANTS, n + 1, n + 1)))
+    steps = 1e-3 * rng.normal(size=(INSTANTS - 1, 1, n))
+    in_c = c_function(folder, "smoother_run", n, (ctypes.c_ssize_t, *(ARRAY,) * 7))
+    mean, root = np.empty((INSTANTS, n)), np.empty((INSTANTS, n, n))
+    theirs = Smoothed(mean.copy(), root.copy(), mean, root, np.empty_like(root), 0.0)
+    ours = smooth(rows, steps, np.zeros(n), np.eye(n))
+
+    def hand_tuned() -> None:
+        in_c(INSTANTS, rows, steps, mean, root, theirs.before, theirs.mean, theirs.root)
+
+    def recursion() -> None:
+        nonlocal ours
+        ours = smooth(rows, steps, np.zeros(n), np.eye(n))
+
+    times = side_by_side({"C": hand_tuned, "recursion": recursion}, ROUNDS)
+    np.testing.assert_allclose(ours.mean, theirs.mean, rtol=1e-6, atol=1e-9)
+    found = per_sample(times, INSTANTS)
+    return found | {"step": found["recursion"]}
+
+
 def per_sample(times: dict[str, Time], count: int) -> dict[str, Time]:
     return {name: Time(t.least / count, t.median / count) for name, t in times.items()}
 
@@ -170,7 +199,10 @@ def report(name: str, times: dict[str, Time]) -> bool:
 def main() -> int:
     print(machine("vsalog", "numba", "llvmlite", "numpy", "padasip"))
     print(f"{compiler()}: cc {' '.join(FLAGS[:2])}")
-    print(f"µs of CPU time (user and system) per sample, least and median of {ROUNDS} rounds of {SAMPLES} samples\n")
+    print(
+        f"µs of CPU time (user and system) per sample, least and median of {ROUNDS} rounds of {SAMPLES} samples;"
+        f" of the smoother per instant, of {INSTANTS}\n"
+    )
     print(
         f"{'':32}{'C, by hand':>15} |{'recursion':>15} |{'estimate':>15} | {'each to C':>10} | {'padasip':>7} | {'faster':>6} |"
         f" {'C is':>4}\n{'':32}{'least   median':>15} |{'least   median':>15} |{'least   median':>15} |"
@@ -181,6 +213,8 @@ def main() -> int:
             ("enhanced RLS, 18 unknowns", lambda: rls(folder, 18, 1.0)),
             ("QR-RLS and solution, 9 unknowns", lambda: qr(folder, 9, 1.0)),
             ("  the same, forgetting 0.999", lambda: qr(folder, 9, 0.999)),
+            ("square-root smoother, 4 states", lambda: smoother(folder, 4)),
+            ("square-root smoother, 18 states", lambda: smoother(folder, 18)),
         ]
         met = [report(name, run()) for name, run in runs]
     print(

@@ -4,9 +4,9 @@
 
 A case is a preset, one of its experiments (`awas-exp2`) or a motion of any rig (`awas/chirp`), with the change of the springs
 over the log in percent, slow (`sea:-25`) or at once in the middle (`sea:-25!`), or with another spring (`sea:corner`); the last
-two of the preset `sea` only, integrated by scipy. Errors are of the whole log, in percent of the true stiffness. Positions have
-zeros anywhere within an encoder's step; behind ± is the standard error of the share in the band. Exits with 1 where the smoother's median error in a case is above 0.5 %, or above 2 % of
-another spring.
+two of the preset `sea` only, integrated by scipy. Errors are of the whole log, in percent of the true stiffness; behind ± is the
+standard error of the share in the band. Estimates are without the trials of `vsalog estimate`. Positions have zeros anywhere
+within an encoder's step. Exits with 1 where the smoother's median error in a case is above 0.5 %, or above 2 % of another spring.
 """
 
 from __future__ import annotations
