@@ -175,7 +175,7 @@ def _automatic(device: Device, offered: Collection[str], tuning: Mapping[str, st
         )
     missing = _missing(device, offered)
     if missing and told_by_the_link(device, offered):
-        return "grioli-bicchi", (
+        return "grioli-bicchi" if causal or "setpoint" in missing else SMOOTHER, (
             "neither the motor's torque nor the joint's is recorded, but what pushes the link is, and the rig has the link's"
             " inertia"
         )

@@ -69,6 +69,7 @@ class Limits(NamedTuple):
     rounds, most_rounds : iterations of the noise model and the torque's scale, each from the estimate before it [1]: the second
         changes them by little for a constant spring, the fourth for one that changes
     jumps : at most [1]: a log that shows more has a spring that the basis cannot follow
+    relevance : iterations of the knots' own prior deviations [1]: a hundred make those that do not bend a tenth of what they were
     least_probability : of a hypothesis that is averaged [1]
     """
 
@@ -82,6 +83,7 @@ class Limits(NamedTuple):
     rounds: int = 2
     most_rounds: int = 4
     jumps: int = 4
+    relevance: int = 100
     least_probability: float = 1e-3
 
     @property
@@ -497,6 +499,8 @@ class Smoother:
         """
         measurements = self._measurements(triangles)
         self.prior = _smoothness(measurements, self.powers[self.active], self.knots[self.active])
+        if shapes:
+            self.prior = _relevance(measurements, self.prior, self.knots[self.active])
         still = self._smooth(measurements, Change(), np.zeros((0, self.active.size)), False)
         usual = still.filtered_mean[-1] if usual is None else usual
         self.direction = self._direction(usual)
@@ -663,6 +667,28 @@ def _smoothness(measurements: Array, powers: Array, knots: Flags) -> Array:
         evidence.append(0.5 * float(np.sum(U[:n, n] ** 2)) - float(np.log(np.abs(np.diagonal(U)[:n])).sum()))
     weights = np.exp(np.array(evidence) - max(evidence))
     return np.asarray(np.sqrt(weights @ priors**2 / weights.sum()))
+
+
+def _relevance(measurements: Array, prior: Array, knots: Flags) -> Array:
+    """Return prior deviations, shape (n,), of which each knot has its own, by marginal likelihood.
+
+    A corner bends at one place: what is elsewhere must not count for it, nor the other way round (automatic relevance
+    determination: Tipping, "Sparse Bayesian learning and the relevance vector machine", J. Mach. Learn. Res. 1, 2001, eq. 16).
+
+    Parameters
+    ----------
+    measurements, knots : as for `_smoothness`
+    prior : shape (n,), where it begins
+    """
+    n = measurements.shape[2] - 1
+    R, prior = _triangle(measurements.reshape(-1, n + 1))[:n], prior.copy()
+    for _ in range(LIMITS.relevance if knots.any() else 0):
+        H = np.vstack((R[:, :n] * prior, np.eye(n)))
+        U = _triangle(np.column_stack((H, np.concatenate((R[:, n], np.zeros(n))))))
+        inverse = np.linalg.inv(U[:n, :n])
+        mean, variance = inverse @ U[:n, n], np.square(inverse).sum(axis=1)
+        prior = np.where(knots, prior * np.sqrt(mean**2 + variance), prior)
+    return prior
 
 
 @compiled

@@ -10,7 +10,7 @@ import math
 from collections.abc import Collection, Mapping
 from copy import copy
 from dataclasses import replace
-from typing import ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -24,7 +24,7 @@ from vsalog.core.significance import DETECTED, FALSE_ALARM
 from vsalog.estimators.box_rows import BOXES
 from vsalog.estimators.combined_equation import UNKNOWN_MOTOR, CombinedEquation
 from vsalog.estimators.device import Device
-from vsalog.estimators.equation import GAIN, REPORTED_CHANGE, REPORTED_MISFIT, Equation
+from vsalog.estimators.equation import GAIN, REPORTED_CHANGE, REPORTED_MISFIT, Equation, EquationRows
 from vsalog.estimators.equations import TorqueEquation
 from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.folding import BLOCK
@@ -41,7 +41,7 @@ from vsalog.estimators.smoothing import LIMITS, SHARED, Choice, SmootherSolver, 
 from vsalog.estimators.transmission_torque import carried_by
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.windows import keeping_window, motor_window, rms
-from vsalog.filters.conditioning import Conditioner
+from vsalog.filters.conditioning import Conditioned, Conditioner
 from vsalog.filters.savitzky_golay import savgol_filter
 from vsalog.rig.tolerance import default_deviation
 from vsalog.uncertainty.long_run import BOX
@@ -110,6 +110,29 @@ class SmootherFold(RegressionFold):
         self.tuning = tuning
         self.choices: tuple[Choice | None, ...] = ()
         self.rig_basis = device.basis
+
+    def _solve(
+        self, state: FoldState, equation: Equation, solver_state: Any, rows: EquationRows, block: Conditioned
+    ) -> tuple[Any, dict[str, dict[str, Any]], Array]:
+        solver_state, columns, variance = super()._solve(state, equation, solver_state, rows, block)
+        for view in equation.transmissions if self.device.basis.knots else ():
+            own = columns[view.name]
+            between = self._between_knots(own)
+            own["stiffness_std"] = np.hypot(own["stiffness_std"], np.sqrt(between))
+            variance = variance + between
+        return solver_state, columns, variance
+
+    def _between_knots(self, columns: Mapping[str, Any]) -> Array:
+        """Return the variance of a stiffness, for nobody knows where between two knots it changes, shape (N,).
+
+        A spline draws a line where it may as well jump, anywhere alike: at a part p of the way it has with probability p.
+        """
+        basis = self.device.basis
+        apart = basis.deflection_scale / basis.knots
+        place = np.abs(columns["deflection"]) / apart
+        p = place - np.floor(place)
+        change = columns["stiffness_derivative"] * apart
+        return np.asarray(np.where(place < basis.knots, p * (1.0 - p), 0.0) * change**2)
 
     def rebuilt(self, signals: JointSignals) -> SmootherFold:
         """Return the fold for other signals of the same joint, with the functions of this one."""
