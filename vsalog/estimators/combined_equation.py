@@ -9,16 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.basis import PolynomialBasis
-from vsalog.effects.hysteresis import SlipElement
+from vsalog.effects.hysteresis import BoucWen, SlipElement
 from vsalog.estimators.device import TransmissionView, deflection_of
-from vsalog.estimators.equation import GAIN, EquationRows, Part
+from vsalog.estimators.equation import GAIN, NEGLIGIBLE_SHARE, EquationRows, Part
 from vsalog.estimators.equations import IntegratedMotorEquation, TorqueEquation
 from vsalog.estimators.link_equation import LinkEquation, LinkRows
 from vsalog.filters.conditioning import Conditioned
-from vsalog.mechanics.hysteresis import loop_block, loop_start
+from vsalog.mechanics.hysteresis import loop_block, loop_level, loop_start
 from vsalog.rig.parts import LinearTransmission, Transmission
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 # Unknowns of an equation in addition to the coefficients: a torque's offset and the part by which its gain is off; corrections of
 # the rig's inertia and damping; dry friction.
@@ -40,6 +41,8 @@ class CombinedEquation:
     link : that of the link, None for none
     known : whether the rig has the motors' inertias; else these and the dampings are unknowns
     slips : deflections after which friction elements of a transmission slip, each with a stiffness that is unknown [rad]
+    smooth : whether they begin to slip smoothly (Dahl), not at once (Prandtl and Ishlinskii)
+    wait : deflection after which an element slips that has to have forgotten what was before the log, 0 for none [rad]
     slack : what noise may move a deflection by [rad]
     """
 
@@ -50,6 +53,8 @@ class CombinedEquation:
     link: LinkEquation | None
     known: bool
     slips: tuple[float, ...] = ()
+    smooth: bool = False
+    wait: float = 0.0
     slack: float = 0.0
 
     motor: ClassVar[None] = None
@@ -102,13 +107,14 @@ class CombinedEquation:
 
     @property
     def loops(self) -> tuple[Transmission, ...]:
-        """One friction element of stiffness one per unknown, as a transmission's `slip`."""
-        each = (LinearTransmission(stiffness=1.0, slip=(SlipElement(stiffness=1.0, limit=r),)) for r in self.slips)
-        return (*each,) * len(self.transmissions)
-
-    def with_slips(self, slips: tuple[float, ...]) -> CombinedEquation:
-        """Return the same equations with friction elements."""
-        return replace(self, slips=slips)
+        """One friction element of stiffness one per unknown, each as the hysteresis of a transmission."""
+        kinds: list[dict[str, Any]] = [
+            {"bouc_wen": BoucWen(torque=r, width=r)}
+            if self.smooth
+            else {"slip": (SlipElement(stiffness=1.0, limit=r),)}
+            for r in self.slips
+        ]
+        return tuple(LinearTransmission(stiffness=1.0, **kind) for kind in kinds) * len(self.transmissions)
 
     def with_basis(self, basis: PolynomialBasis) -> CombinedEquation:
         """Return the same equations of other functions."""
@@ -124,14 +130,18 @@ class CombinedEquation:
         return (
             sensor,
             tuple(motor.start() for motor in self.motors),
-            tuple(loop_start(one) for one in self.loops),
+            tuple(loop_start(one) for one in (*self.loops, *self._memory)),
             link,
+            np.zeros((1, len(self.loops))),
         )
 
     def rows(self, state: tuple[Any, ...], block: Conditioned) -> tuple[tuple[Any, ...], EquationRows]:
         """Form the equations for a block."""
         sensor, states, first, parts = state[0], [], None, []
-        slipping, loops = self._slipping(state[2], block)
+        slipping, loops, settled = self._slipping(state[2], block)
+        # Motor and link equation go from each sample to the next.
+        seen = np.vstack((state[4], loops))
+        halfway = 0.5 * (seen[1:] + seen[:-1])
         if self.sensor is not None:
             sensor, rows = self.sensor.rows(sensor, block)
             # A gain multiplies what the coefficients add up to, which is not known yet.
@@ -141,31 +151,46 @@ class CombinedEquation:
         for i, (motor, own) in enumerate(zip(self.motors, state[1], strict=True)):
             after, rows = motor.rows(own, block)
             states.append(after)
-            parts.append(self._motor_part(i, rows, loops))
+            parts.append(self._motor_part(i, rows, halfway))
             first = self._fed(rows, i) if first is None else first
         link = state[3]
         if self.link is not None:
             link, moved = self.link.rows(link, block)
-            parts.append(self._link_part(moved, loops))
+            parts.append(self._link_part(moved, halfway))
             first = self._borne(moved, block) if first is None else first
         assert first is not None
+        parts = [part._replace(use=part.use & settled) for part in parts]
         F = np.hstack((np.zeros((len(block.rows), self.leading)), parts[0].columns[:, : self.coefficients]))
         given = EquationRows(
             F, parts[0].columns[:, -1], first.use, block.rows.starts, first.fed, first.extra,
             first.dynamics if self.leading and self.sensor is None else np.zeros((len(F), self.leading)),
             first.doubted, motion=first.motion, plain=first.plain if self.leading else None, parts=tuple(parts),
         )  # fmt: skip
-        return (sensor, tuple(states), slipping, link), given
+        return (sensor, tuple(states), slipping, link, seen[-1:]), given
 
-    def _slipping(self, state: tuple[Array, ...], block: Conditioned) -> tuple[tuple[Array, ...], Array]:
-        """Return the friction elements' state and how far each is strained, shape (N, elements) [rad]."""
+    def _slipping(self, state: tuple[Array, ...], block: Conditioned) -> tuple[tuple[Array, ...], Array, Flags]:
+        """Return the friction elements' state, how far each is strained [rad], and where they have forgotten what was before."""
         after, strains = [], np.zeros((len(block.rows), len(self.loops)))
-        for j, (loop, own) in enumerate(zip(self.loops, state, strict=True)):
-            phi = deflection_of(block.fit, self.transmissions[j // len(self.slips)])
-            begun = loop_start(loop) if block.rows.starts[0] else own
-            new, strains[:, j], _ = loop_block(begun, loop, phi, self.slack)
+        settled = np.ones(len(strains), dtype=np.bool_)
+        for j, (loop, own) in enumerate(zip((*self.loops, *self._memory), state, strict=True)):
+            i = j // len(self.slips) if j < len(self.loops) else j - len(self.loops)
+            phi = deflection_of(block.fit, self.transmissions[i])
+            new, strain, doubt = loop_block(loop_start(loop) if block.rows.starts[0] else own, loop, phi, self.slack)
             after.append(new)
-        return tuple(after), strains
+            if j < len(self.loops):
+                strains[:, j] = strain
+            else:
+                settled &= doubt < NEGLIGIBLE_SHARE * loop_level(loop)
+        return tuple(after), strains, settled
+
+    @property
+    def _memory(self) -> tuple[Transmission, ...]:
+        """The friction element of each transmission that remembers longest; none where none is waited for."""
+        if not self.wait:
+            return ()
+        return (LinearTransmission(stiffness=1.0, slip=(SlipElement(stiffness=1.0, limit=self.wait),)),) * len(
+            self.transmissions
+        )
 
     def _motor_part(self, i: int, rows: EquationRows, loops: Array) -> Part:
         assert rows.plain is not None

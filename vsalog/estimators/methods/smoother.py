@@ -84,12 +84,10 @@ class Shape(NamedTuple):
     ----------
     knots : on either side of zero [1]: corners in between cost half a percent
     slips : friction elements [1], which slip after a half, a quarter … of the largest deflection
-    intervals : between which a spring may change while shapes are compared [1]
     """
 
     knots: int = 16
     slips: int = 5
-    intervals: int = 32
 
 
 SHAPE = Shape()
@@ -137,7 +135,8 @@ class SmootherFold(RegressionFold):
     def rebuilt(self, signals: JointSignals) -> SmootherFold:
         """Return the fold for other signals of the same joint, with the functions of this one."""
         fold = build(self.device, signals, msgspec.structs.replace(self.tuning, basis="rig"))
-        return fold.with_shape(self.device.basis, self.equations[0].slips)
+        own = self.equations[0]
+        return fold.with_shape(own.basis, own.slips, own.smooth, own.wait)
 
     def settled(self, state: FoldState) -> SmootherFold:
         """Return the same fold, which takes what was chosen from the log."""
@@ -145,11 +144,15 @@ class SmootherFold(RegressionFold):
         fold.choices = tuple(None if own.trajectory is None else own.trajectory.choice for own in state.solvers)
         return fold
 
-    def with_shape(self, basis: PolynomialBasis, slips: tuple[float, ...]) -> SmootherFold:
-        """Return the same fold with other functions, and friction elements that slip after such deflections [rad]."""
+    def with_shape(
+        self, basis: PolynomialBasis, slips: tuple[float, ...], smooth: bool = False, wait: float = 0.0
+    ) -> SmootherFold:
+        """Return the same fold with other functions and friction elements, as a `CombinedEquation` has them."""
         fold, count = copy(self), self.solver.transmissions
         fold.device = replace(self.device, basis=basis)
-        fold.equations = tuple(equation.with_basis(basis).with_slips(slips) for equation in self.equations)
+        fold.equations = tuple(
+            replace(own.with_basis(basis), slips=slips, smooth=smooth, wait=wait) for own in self.equations
+        )
         fold.solver = replace(self.solver, powers=basis.powers_of_terms * count, shared=len(slips) * count)
         return fold
 
@@ -407,17 +410,26 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
     # Of a basis with a set-point each knot would be there several times.
     spline = basis if basis.setpoint_order > 1 else replace(basis, knots=max(basis.knots, SHAPE.knots))
     slips = tuple(basis.deflection_scale * 2.0**-k for k in range(1, SHAPE.slips + 1))
-    states = {plain: _collected(plain, signals)}
-    best = plain
+    states: dict[SmootherFold, list[SmootherState]] = {}
+
+    def collected(own: PolynomialBasis, elements: tuple[float, ...] = (), smooth: bool = False) -> SmootherFold:
+        # Evidence is of the same rows.
+        fold = plain.with_shape(own, elements, smooth, wait=slips[0])
+        states[fold] = _collected(fold, signals)
+        return fold
+
+    best = collected(basis)
     for own, elements in ((spline, ()), (basis, slips), (spline, slips)):
         if own == basis and not elements:
             continue
-        fold = plain.with_shape(own, elements)
-        states[fold] = _collected(fold, signals)
+        fold = collected(own, elements)
         # A spring that changes may look like one of another shape, until that is allowed for.
-        if all(_more_probable(states, fold, best, intervals) for intervals in (1, SHAPE.intervals)):
+        if all(_gain(states, fold, best, intervals) > -math.log(FALSE_ALARM) for intervals in (1, LIMITS.intervals)):
             best = fold
-    return best
+    if not best.equations[0].slips:
+        return plain.with_shape(best.device.basis, ())
+    smooth = collected(best.device.basis, slips, smooth=True)
+    return smooth if _gain(states, smooth, best, LIMITS.intervals) > 0.0 else best
 
 
 def _collected(fold: SmootherFold, signals: JointSignals) -> list[SmootherState]:
@@ -429,9 +441,9 @@ def _collected(fold: SmootherFold, signals: JointSignals) -> list[SmootherState]
     return state.solvers
 
 
-def _more_probable(
+def _gain(
     states: Mapping[SmootherFold, list[SmootherState]], fold: SmootherFold, other: SmootherFold, intervals: int
-) -> bool:
-    """Tell whether a fold's functions are a thousand times as probable as another's."""
+) -> float:
+    """Return the logarithm of how many times as probable a fold's functions are as another's."""
     evidence = (sum(one.solver.evidence(own, intervals) for own in states[one]) for one in (fold, other))
-    return next(evidence) - next(evidence) > -math.log(FALSE_ALARM)
+    return next(evidence) - next(evidence)
