@@ -105,7 +105,7 @@ def test_the_table_goes_with_the_traces(data):
     assert summary["stiffness_low"] == pytest.approx(excited.stiffness.quantile(0.01), rel=0.02)
     assert summary["samples"] == (trace.transmission == "total").sum()
     assert summary["status"] == "done"
-    assert summary["estimator"] == "residual-rls"
+    assert summary["estimator"] == "smoother"
 
 
 @pytest.mark.parametrize("language", ["sql", "python"])

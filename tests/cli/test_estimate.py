@@ -28,9 +28,9 @@ def test_what_one_more_sensor_would_add_is_said(run, samples, tmp_path):
     """The estimator is picked by what is recorded, and which other one a further sensor would allow is told."""
     roles = ("motor_position", "link_position", "motor_torque", "torque_sensor")
     for removed, chosen, added in (
-        ("", "residual-rls", None),
-        ("torque_sensor", "residual-rls", "a joint torque sensor"),
-        ("motor_torque", "direct", "cross-check"),
+        ("", "smoother", None),
+        ("torque_sensor", "smoother", "a joint torque sensor"),
+        ("motor_torque", "smoother", "cross-check"),
     ):
         signals = "".join(f'{role} = "{role.replace("_", " ")}"\n' for role in roles if role != removed)
         rig = f'[joint.sea]\nkind = "elastic"\nmotor = {{ inertia = 0.05 }}\n[joint.sea.signals]\n{signals}'
@@ -43,7 +43,7 @@ def test_what_one_more_sensor_would_add_is_said(run, samples, tmp_path):
 
 
 def test_the_trace_keeps_its_contract(run, samples, tmp_path):
-    run("estimate", samples / "vsa2_exp1.mcap")
+    run("estimate", samples / "vsa2_exp1.mcap", "-e", "residual-rls")
     schema = pq.read_schema(tmp_path / "vsa2_exp1.stiffness.parquet")
     units = {f.name: (f.metadata or {}).get(b"unit") for f in schema}
     assert units["time"] == b"s"
@@ -89,7 +89,12 @@ def test_the_modalities_on_the_vsa2(run, samples, tmp_path, name, experiment, tu
 @pytest.mark.parametrize(("modality", "most"), [("MODEL", 2e-6), ("SENSOR", 5e-4), ("RESIDUAL", 5e-4)])
 def test_the_modalities_on_the_awas(run, samples, tmp_path, modality, most):
     """MSREP in % after the first second; the dominant coefficient is 2 k_s (Flacco 2012 §6.2)."""
-    assert run("estimate", samples / "awas_exp1.mcap", "--tune", f"modality={modality}", "-o", ".").returncode == 0
+    assert (
+        run(
+            "estimate", samples / "awas_exp1.mcap", "-e", "residual-rls", "--tune", f"modality={modality}", "-o", "."
+        ).returncode
+        == 0
+    )
     trace = columns(tmp_path / "awas_exp1.stiffness.parquet", "total")
     sigma = awas_experiment(1, seed=1).truth["stiffness"]
     after = trace.time >= 1.0
@@ -115,10 +120,11 @@ def test_every_estimator_on_an_elastic_joint(run, samples, tmp_path, name, numbe
     assert np.mean(np.abs(error) < 3.0 * std) > 0.8
 
 
-def test_several_settings_in_one_file_make_one_model(run, samples, tmp_path):
+@pytest.mark.parametrize(("estimator", "off"), [("direct", 0.2), ("smoother", 0.25)])
+def test_several_settings_in_one_file_make_one_model(run, samples, tmp_path, estimator, off):
     """A real device: the loading stiffness rises with the slider, as a plain line fit through the raw data has it too."""
     log = samples / "desr_foot" / "desr_foot.mat"
-    assert run("estimate", log).returncode == 0
+    assert run("estimate", log, "-e", estimator).returncode == 0
     model = ModelFile.load(tmp_path / "desr_foot.model.toml").joint["ankle"]
     table = columns(tmp_path / "desr_foot.stiffness.parquet", "1")
     phi = np.linspace(0.10, 0.15, 51)
@@ -130,7 +136,7 @@ def test_several_settings_in_one_file_make_one_model(run, samples, tmp_path):
         fitted.append(sigma.mean())
     assert len(fitted) == 9
     assert (np.diff(fitted) > 0).all()
-    assert np.abs(np.array(fitted) / line - 1.0).max() < 0.2
+    assert np.abs(np.array(fitted) / line - 1.0).max() < off
 
 
 def test_a_fixed_setpoint_from_the_command_line(run, tmp_path):
@@ -176,7 +182,7 @@ def test_json_is_one_document_on_stdout(run, samples):
     document = json.loads(run("estimate", samples / "awas_exp2.mcap", "--json").stdout)
     assert document["joints"][0]["summary"]["transmissions"][0]["transmission"] == "1"
     assert document["outputs"]["trace"] == "awas_exp2.stiffness.parquet"
-    assert document["joints"][0]["settings"]["p0"] > 0
+    assert document["joints"][0]["settings"]["window"] > 0
 
 
 def test_the_trace_written_as_a_log_is_read_by_the_mcap_library(run, samples, tmp_path):

@@ -381,7 +381,7 @@ def test_auto_takes_it_only_where_nothing_tells_a_stiffness(rig):
     joint = rig.joint["axis1"]
     watched = replace(joint, signals=replace(joint.signals, link_position="/q.data"))
     assert choose("axis1", joint, "auto", {}, rig).name == "acceleration-observer"
-    assert choose("axis1", watched, "auto", {}, rig).name == "residual-rls"
+    assert choose("axis1", watched, "auto", {}, rig).name == "smoother"
     deaf = replace(joint, signals=replace(joint.signals, motor_torque=None))
     with pytest.raises(EstimatorError, match="motor_torque"):
         choose("axis1", deaf, "auto", {}, replace(rig, joint={**rig.joint, "axis1": deaf}))

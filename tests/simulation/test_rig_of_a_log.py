@@ -19,5 +19,5 @@ def test_a_motor_that_is_moved_as_prescribed_has_no_torque_in_it(run, tmp_path, 
     done = run("estimate", log, "--json")
     assert done.returncode == 0, done.stderr
     (joint,) = json.loads(done.stdout)["joints"]
-    assert joint["estimator"] == "direct"
+    assert joint["estimator"] == "smoother"
     assert "no motor_torque is recorded" in joint["reason"]

@@ -202,7 +202,7 @@ def _whole_log(device: Device, offered: Collection[str], motors: bool, sensor: b
     """Say what a smoother has to learn from, and what would add to it."""
     if sensor and motors:
         return "the torque sensor's and the motor's equations together, and every instant from the whole log" + (
-            "" if known else "; the motor's inertia is estimated, too, for the rig does not have it"
+            "" if known else "; the motor's inertia is not known, and is estimated, too"
         )
     if motors:
         why = "motor position and torque are recorded, and every instant is estimated from the whole log"
@@ -210,10 +210,11 @@ def _whole_log(device: Device, offered: Collection[str], motors: bool, sensor: b
     lacking = dict.fromkeys(
         r for v in device.transmissions for r in (v.motor_torque, v.motor_position) if r not in offered
     )
-    roles = " and ".join(lacking)
+    inertia, roles = "" if known else " and the motor's inertia in the rig", " and ".join(lacking)
     return (
         "there is a torque sensor, and every instant is estimated from the whole log;"
-        f" with {roles} the motor's equation would add to it and judge the sensor"
+        f" no {roles.replace(' and ', ' or ')} is recorded; with {roles}{inertia} the motor's equation would add to it and be"
+        " a cross-check"
     )
 
 

@@ -211,6 +211,7 @@ class SmootherSolver:
     shared : unknowns of all equations that are no coefficients
     leading : unknowns that functionals have before the coefficients, the equation and the name of each
     causal : whether an interval is estimated from those before alone
+    constant : whether no change is looked for
     """
 
     powers: tuple[int, ...]
@@ -224,6 +225,7 @@ class SmootherSolver:
     shared: int = 0
     leading: tuple[tuple[int, str], ...] = ()
     causal: bool = False
+    constant: bool = False
 
     @property
     def coefficients(self) -> int:
@@ -330,6 +332,7 @@ class Smoother:
         self.powers[:n] = np.maximum(np.array(solver.powers) - 1.0, 0.0)
         self.knots = np.zeros(self.size, dtype=np.bool_)
         self.knots[:n] = np.array(solver.powers) < 0
+        self.knots[n : n + solver.shared] = True
         self.scale = self._scale()
         # A torque is what the unknowns add up to and what the rig has of the motor.
         self.rest = [
@@ -506,12 +509,12 @@ class Smoother:
         self.direction = self._direction(usual)
         self.usual = np.sqrt(usual**2 + np.square(still.filtered_root[-1]).sum(axis=0))
         # Until the noise is known, steps of a decade suffice.
-        sizes = LIMITS.changes[:: 1 if shapes else 2] if self.count > 1 else ()
+        sizes = LIMITS.changes[:: 1 if shapes else 2] if self.count > 1 and not self.solver.constant else ()
         evidence = self._weighed(measurements, [Change(), *(Change(whole=size) for size in sizes)])
         best = max(evidence, key=lambda change: evidence[change])
         while True:
             smoothed = self._smooth(measurements, best, self.direction, True)
-            jump = self._jump(smoothed, best)
+            jump = None if self.solver.constant else self._jump(smoothed, best)
             if jump is None or len(best.jumps) == LIMITS.jumps:
                 break
             # A jump explains part of the random walk, which is then as fast, half a decade slower, or none.
@@ -565,10 +568,11 @@ class Smoother:
             return None
         V = smoothed.before[1:]
         P, Ps = np.swapaxes(V, 1, 2) @ V, np.swapaxes(smoothed.root[1:], 1, 2) @ smoothed.root[1:]
-        off = smoothed.mean[1:] - smoothed.filtered_mean[:-1]
+        off, inverse = smoothed.mean[1:] - smoothed.filtered_mean[:-1], np.linalg.pinv(P, hermitian=True)
         most, found = two_sided(FALSE_ALARM / (self.count - 1) / len(self.direction)), None
         for direction in self.direction:
-            g = np.linalg.solve(P, np.broadcast_to(direction, off.shape)[:, :, None])[:, :, 0]
+            # By the pseudo-inverse: what is known exactly does not change.
+            g = np.einsum("kij,j->ki", inverse, direction)
             score = np.einsum("ki,ki->k", g, off)
             information = np.einsum("ki,kij,kj->k", g, P - Ps, g)
             with np.errstate(divide="ignore", invalid="ignore"):

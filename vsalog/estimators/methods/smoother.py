@@ -132,6 +132,11 @@ class SmootherFold(RegressionFold):
         change = columns["stiffness_derivative"] * apart
         return np.asarray(np.where(place < basis.knots, p * (1.0 - p), 0.0) * change**2)
 
+    @property
+    def derived(self) -> dict[str, float]:
+        """What was derived from the log; there is no p0."""
+        return {name: value for name, value in super().derived.items() if name != "p0"}
+
     def rebuilt(self, signals: JointSignals) -> SmootherFold:
         """Return the fold for other signals of the same joint, with the functions of this one."""
         fold = build(self.device, signals, msgspec.structs.replace(self.tuning, basis="rig"))
@@ -346,6 +351,7 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
         (max(0.0 if noise is None else noise.own for noise in noises),) * count,
         leading=tuple((int(sensed), name) for name in UNKNOWN_MOTOR) if first.leading else (),
         causal=tuning.causal,
+        constant=_has_a_setpoint_per_run(signals),
     )
     plain = SmootherFold(device, conditioner, tuple(equations), solver, look, asked)
     return plain if tuning.basis == "rig" or tuning.causal else _fitting(plain, signals)
@@ -362,6 +368,14 @@ def _pushed(device: Device, signals: JointSignals, tuning: SmootherTuning, *, se
     )
     inertia, weight = carried_by(device.link)
     return LinkEquation(pushed, inertia, device.link.damping, weight, signals.period)
+
+
+def _has_a_setpoint_per_run(signals: JointSignals) -> bool:
+    """Tell whether runs differ in the set-point, which stands still in each: a spring that changes looks the same."""
+    if "setpoint" not in signals.roles:
+        return False
+    by_run = [signals.roles["setpoint"][signals.run == run] for run in np.unique(signals.run)]
+    return len(by_run) > 1 and all(np.ptp(own) == 0.0 for own in by_run)
 
 
 def _has_link(device: Device, offered: Collection[str]) -> bool:
@@ -420,7 +434,8 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
 
     best = collected(basis)
     for own, elements in ((spline, ()), (basis, slips), (spline, slips)):
-        if own == basis and not elements:
+        # Branches are a loop already.
+        if (own == basis and not elements) or (basis.branches and elements):
             continue
         fold = collected(own, elements)
         # A spring that changes may look like one of another shape, until that is allowed for.
