@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from itertools import pairwise
+
+import numpy as np
 
 from vsalog.binding.joint import bind, offered_roles, wanted_channels
 from vsalog.checks.channel import channel_findings
@@ -84,16 +87,24 @@ def log_findings(
     look : signals to look at instead of all of a log that is too long for memory
     """
     found = list(channel_findings(recordings, name, joint))
-    if look is not None:
+    if look is not None and len(recordings) == 1:
         found += findings_of(look)
     elif len(recordings) == 1:
         found += _together(recordings[0], name, joint, setpoints)
+    elif look is not None:
+        for name_of_run, (begin, end) in zip(look.run_names, pairwise(_edges(look)), strict=False):
+            found += of_log(name_of_run, findings_of(look[begin:end]))
     else:
         # A fault is one recording's, and so are the spring, the load and the set-point that the equations presume.
         for i, one in enumerate(recordings):
             found += of_log(one.path.name, _together(one, name, joint, setpoints[i : i + 1]))
     # How fast a clock runs against another `inspect` tells, of all of a log: a stretch of one is no measure.
     return [finding for finding in found if finding.code != CODES["drift"]]
+
+
+def _edges(look: JointSignals) -> list[int]:
+    """Return where runs begin, and the end."""
+    return [0, *(np.flatnonzero(np.diff(look.run)) + 1).tolist(), len(look)]
 
 
 def _together(recording: Recording, name: str, joint: Joint, setpoints: Sequence[float | None]) -> Iterable[Finding]:
