@@ -135,6 +135,13 @@ def test_a_loop_is_found_and_the_stiffness_is_that_of_its_middle():
     assert np.median(errors(estimated(t, signals, basis="rig")[0], truth)[0]) > 0.05
 
 
+def test_what_a_wide_loop_remembers_of_the_time_before_the_log_is_not_the_spring_s():
+    t, signals, truth = machine(loop=0.5, seed=1, noise=0.005)
+    columns, fold, _ = estimated(t, signals)
+    assert fold.equations[0].smooth
+    assert np.median(errors(columns, truth)[0]) < 0.005
+
+
 def test_a_loop_that_slips_at_once_is_told_from_one_that_yields_smoothly():
     t, signals, truth = machine()
     phi, pulled = signals["link_position"] - signals["motor_position"], np.zeros(t.size)
@@ -159,7 +166,7 @@ def test_between_two_knots_nobody_knows_where_the_stiffness_jumps():
 
 
 def test_runs_under_set_points_of_their_own_say_nothing_of_time():
-    """τ = (100 + 5 c) φ: a spring that changes from run to run would be as good."""
+    """Under one set-point the spring is stiffer than the basis has it: one that changes from run to run would fit better."""
     t = np.arange(0.0, 5.0, 2e-3)
     runs, rng = [0.0, 10.0, 20.0], np.random.default_rng(0)
     at = np.concatenate([t + 6.0 * i for i in range(len(runs))])
@@ -168,7 +175,7 @@ def test_runs_under_set_points_of_their_own_say_nothing_of_time():
     starts[:: t.size] = True
     roles = {
         "deflection": phi,
-        "torque_sensor": (100.0 + 5.0 * c) * phi + 0.05 * rng.normal(size=at.size),
+        "torque_sensor": (100.0 + 5.0 * c + 8.0 * (c == 10.0)) * phi + 0.05 * rng.normal(size=at.size),
         "setpoint": c,
     }
     stamps, run_of = np.round(at * 1e9).astype(np.int64), np.repeat(np.arange(3, dtype=np.int32), t.size)
@@ -183,7 +190,7 @@ def test_runs_under_set_points_of_their_own_say_nothing_of_time():
     model = fold.model(state)
     for setpoint in runs:
         sigma, _ = model.stiffness("1", np.array([0.05]), np.array([setpoint]))
-        assert sigma[0] == pytest.approx(100.0 + 5.0 * setpoint, rel=2e-3)
+        assert sigma[0] == pytest.approx(100.0 + 5.0 * setpoint, rel=0.06)
 
 
 def test_a_polynomial_without_a_loop_stays_one():
@@ -230,6 +237,7 @@ def test_the_torque_whose_gain_is_off_is_found_and_costs_nothing(role, gain):
 
     (found,) = [f for f in fold.findings(state) if f.code == "torque.gain_differs"]
     assert found.evidence["signal"] == role
+    assert not fold.device.basis.knots
     assert found.value == pytest.approx(gain, abs=3.0 * found.evidence["std"] + 1e-3)
     assert np.median(errors(columns, truth)[0]) < 0.002
 

@@ -83,11 +83,18 @@ class Shape(NamedTuple):
     Attributes
     ----------
     knots : on either side of zero [1]: corners in between cost half a percent
-    slips : friction elements [1], which slip after a half, a quarter … of the largest deflection
+    intervals : between which a spring may change while shapes are compared [1]: not at all, slowly, at once
+    slips : friction elements [1], which slip after a half of the largest deflection … a thirty-second: shorter ones noise hides
     """
 
     knots: int = 16
-    slips: int = 5
+    slips: int = 9
+    intervals: tuple[int, ...] = (1, 32, LIMITS.intervals)
+
+    @property
+    def parts(self) -> Array:
+        """Of the largest deflection, after which friction elements slip: a loop between two that are √2 apart is their sum."""
+        return np.asarray(0.5 * np.geomspace(1.0, 1.0 / 16.0, self.slips))
 
 
 SHAPE = Shape()
@@ -423,7 +430,7 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
     basis = plain.device.basis
     # Of a basis with a set-point each knot would be there several times.
     spline = basis if basis.setpoint_order > 1 else replace(basis, knots=max(basis.knots, SHAPE.knots))
-    slips = tuple(basis.deflection_scale * 2.0**-k for k in range(1, SHAPE.slips + 1))
+    slips = tuple(basis.deflection_scale * part for part in SHAPE.parts)
     states: dict[SmootherFold, list[SmootherState]] = {}
 
     def collected(own: PolynomialBasis, elements: tuple[float, ...] = (), smooth: bool = False) -> SmootherFold:
@@ -439,12 +446,12 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
             continue
         fold = collected(own, elements)
         # A spring that changes may look like one of another shape, until that is allowed for.
-        if all(_gain(states, fold, best, intervals) > -math.log(FALSE_ALARM) for intervals in (1, LIMITS.intervals)):
+        if all(_gain(states, fold, best, intervals) > -math.log(FALSE_ALARM) for intervals in SHAPE.intervals):
             best = fold
     if not best.equations[0].slips:
         return plain.with_shape(best.device.basis, ())
     smooth = collected(best.device.basis, slips, smooth=True)
-    return smooth if _gain(states, smooth, best, LIMITS.intervals) > 0.0 else best
+    return smooth if _gain(states, smooth, best, SHAPE.intervals[-1]) > 0.0 else best
 
 
 def _collected(fold: SmootherFold, signals: JointSignals) -> list[SmootherState]:
