@@ -208,7 +208,7 @@ class SmootherSolver:
     gains : how well the gain of each equation's torque is known, standard deviation as a part of it
     box : samples of a box
     deflection : variance of each transmission's deflection behind the filters, at which its stiffness is evaluated [rad²]
-    shared : unknowns of all equations that are no coefficients
+    slips : of each friction element, whose stiffness is an unknown of all equations, the deflection after which it slips [rad]
     leading : unknowns that functionals have before the coefficients, the equation and the name of each
     causal : whether an interval is estimated from those before alone
     constant : whether no change is looked for
@@ -222,7 +222,7 @@ class SmootherSolver:
     gains: tuple[float, ...]
     box: int
     deflection: tuple[float, ...]
-    shared: int = 0
+    slips: tuple[float, ...] = ()
     leading: tuple[tuple[int, str], ...] = ()
     causal: bool = False
     constant: bool = False
@@ -231,6 +231,11 @@ class SmootherSolver:
     def coefficients(self) -> int:
         """Number of coefficients."""
         return len(self.powers)
+
+    @property
+    def shared(self) -> int:
+        """Number of unknowns of all equations that are no coefficients."""
+        return len(self.slips)
 
     @property
     def p0(self) -> float:
@@ -309,8 +314,10 @@ class Smoother:
         samples: int,
         choice: Choice | None = None,
         intervals: int = LIMITS.intervals,
+        loops: bool = True,
     ) -> None:
         self.solver, self.boxes, self.samples, self.choice = solver, boxes, samples, choice
+        self.loops = loops and bool(solver.slips)
         n = solver.coefficients
         shared = [(i, SHARED) for i in range(solver.shared)]
         self.names = shared + [(i, name) for i, own in enumerate(solver.unknowns) for name in own]
@@ -322,7 +329,11 @@ class Smoother:
             first += len(own)
         self.active = np.r_[
             :n,
-            [n + i for i, (part, name) in enumerate(self.names) if name == SHARED or name in solver.required[part]],
+            [
+                n + i
+                for i, (part, name) in enumerate(self.names)
+                if (loops if name == SHARED else name in solver.required[part])
+            ],
         ].astype(int)
         # A triangle has as many rows as unknowns: of fewer boxes it would be no shorter.
         count = int(np.clip(fullest // max(LIMITS.boxes_per_interval, self.active.size), 1, intervals))
@@ -368,7 +379,9 @@ class Smoother:
             return None
         choice = self.choice
         if choice is None:
-            triangles, choice = self._chosen()
+            triangles, choice, smoothed = self._chosen()
+            if not self._resists(smoothed):
+                return Smoother(self.solver, self.boxes, self.samples, loops=False).trajectory()
         else:
             self.active, self.prior, self.direction, self.usual = (
                 choice.active, choice.prior, choice.direction, choice.usual
@@ -377,8 +390,8 @@ class Smoother:
         mean, root = self._averaged(triangles, choice.probabilities)
         return self._external(mean, root, choice)
 
-    def _chosen(self) -> tuple[Array, Choice]:
-        """Choose noise, unknowns and hypotheses; return the triangles, too."""
+    def _chosen(self) -> tuple[Array, Choice, Smoothed]:
+        """Choose noise, unknowns and hypotheses; return the triangles, too, and what the best hypothesis estimates."""
         noise, usual = [RowNoise.white(part) for part in self.boxes], None
         weights: list[Array | None] = [None] * len(noise)
         for done in range(LIMITS.most_rounds):
@@ -390,10 +403,11 @@ class Smoother:
             if done + 1 >= LIMITS.rounds and max(evidence, key=lambda change: evidence[change]).constant:
                 break
         triangles = self._triangles(noise, weights)
-        evidence, _ = self._explained(triangles, usual, True)
-        return triangles, Choice(
+        evidence, smoothed = self._explained(triangles, usual, True)
+        choice = Choice(
             self.count, tuple(noise), self.active, self.prior, self.nominal, self.direction, self.usual, evidence
         )
+        return triangles, choice, smoothed
 
     def evidence(self, shown: bool) -> float:
         """Return the log evidence of the functions, for noise as the residuals show it; `shown` as for `_explained`."""
@@ -407,7 +421,20 @@ class Smoother:
             evidence = float(np.logaddexp.reduce(list(found.values()))) - float(sizes) - 0.5 * self.left
             noise, _ = self._noise(self._whole(smoothed.mean))
             usual = smoothed.mean.mean(axis=0)
-        return evidence
+        return evidence if self._resists(smoothed) else -np.inf
+
+    def _resists(self, smoothed: Smoothed) -> bool:
+        """Tell whether friction elements, if there are any, resist: all together, and none the other way, each significantly."""
+        if not self.loops:
+            return True
+        n, scale = self.solver.coefficients, self.scale[self.active]
+        each = np.zeros((self.solver.shared, self.active.size))
+        each[:, n : n + self.solver.shared] = np.diag(self.solver.slips)
+        torques = np.vstack((each, each.sum(axis=0))) * scale
+        mean = torques @ smoothed.mean.mean(axis=0)
+        deviation = np.sqrt(np.square(smoothed.root @ torques.T).sum(axis=1).mean(axis=0))
+        sure = two_sided(FALSE_ALARM) * deviation
+        return bool(np.all(mean[:-1] > -sure[:-1]) and mean[-1] > sure[-1])
 
     def _misfit(self, mean: Array) -> float:
         """Return the largest residual that is no noise: it does not average out beyond a filter's window."""
@@ -537,7 +564,7 @@ class Smoother:
         active, prior, direction, usual = self.active, self.prior, self.direction, self.usual
         first = self.solver.coefficients
         hidden = {(part, name) for part, own in enumerate(self.solver.hidden) for name in own}
-        sought = [first + i for i, name in enumerate(self.names) if name not in hidden]
+        sought = [first + i for i, name in enumerate(self.names) if name not in hidden and name[1] != SHARED]
         for i in (-1, *np.setdiff1d(sought, active)):
             added = int(i >= 0)
             self.active = np.r_[active, [i] * added].astype(int)

@@ -165,7 +165,7 @@ class SmootherFold(RegressionFold):
         fold.equations = tuple(
             replace(own.with_basis(basis), slips=slips, smooth=smooth, wait=wait) for own in self.equations
         )
-        fold.solver = replace(self.solver, powers=basis.powers_of_terms * count, shared=len(slips) * count)
+        fold.solver = replace(self.solver, powers=basis.powers_of_terms * count, slips=slips * count)
         return fold
 
     def start(self) -> FoldState:
@@ -220,6 +220,8 @@ class SmootherFold(RegressionFold):
             for i, view in enumerate(equation.transmissions):
                 # When all elements slip, each resists with its stiffness times the deflection at which it slips.
                 shared = [(i * len(equation.slips) + j, SHARED) for j in range(len(equation.slips))]
+                if not own.trajectory.others.keys() >= set(shared):
+                    continue
                 parts = [own.trajectory.others[key] for key in shared]
                 level = sum(value * reach for (value, _), reach in zip(parts, equation.slips, strict=True))
                 found.append(
