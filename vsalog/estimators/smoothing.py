@@ -424,17 +424,14 @@ class Smoother:
         return evidence if self._resists(smoothed) else -np.inf
 
     def _resists(self, smoothed: Smoothed) -> bool:
-        """Tell whether friction elements, if there are any, resist: all together, and none the other way, each significantly."""
+        """Tell whether friction elements, if there are any, resist all together, more surely than chance makes of a thousand."""
         if not self.loops:
             return True
-        n, scale = self.solver.coefficients, self.scale[self.active]
-        each = np.zeros((self.solver.shared, self.active.size))
-        each[:, n : n + self.solver.shared] = np.diag(self.solver.slips)
-        torques = np.vstack((each, each.sum(axis=0))) * scale
-        mean = torques @ smoothed.mean.mean(axis=0)
-        deviation = np.sqrt(np.square(smoothed.root @ torques.T).sum(axis=1).mean(axis=0))
-        sure = two_sided(FALSE_ALARM) * deviation
-        return bool(np.all(mean[:-1] > -sure[:-1]) and mean[-1] > sure[-1])
+        n, level = self.solver.coefficients, np.zeros(self.active.size)
+        level[n : n + self.solver.shared] = self.solver.slips
+        level *= self.scale[self.active]
+        deviation = np.sqrt(np.square(smoothed.root @ level).sum(axis=1).mean())
+        return bool(level @ smoothed.mean.mean(axis=0) > two_sided(FALSE_ALARM) * deviation)
 
     def _misfit(self, mean: Array) -> float:
         """Return the largest residual that is no noise: it does not average out beyond a filter's window."""
