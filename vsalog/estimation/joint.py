@@ -175,7 +175,8 @@ def _automatic(device: Device, offered: Collection[str], tuning: Mapping[str, st
         )
     missing = _missing(device, offered)
     if missing and told_by_the_link(device, offered):
-        return "grioli-bicchi" if causal or "setpoint" in missing else SMOOTHER, (
+        # The one that needs no basis needs no set-point.
+        return "grioli-bicchi" if "setpoint" in missing else SMOOTHER, (
             "neither the motor's torque nor the joint's is recorded, but what pushes the link is, and the rig has the link's"
             " inertia"
         )
