@@ -4,6 +4,7 @@ import json
 import os
 
 import numpy as np
+import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from mcap.reader import make_reader
@@ -40,6 +41,22 @@ def test_what_one_more_sensor_would_add_is_said(run, samples, tmp_path):
         assert f" {chosen}: " in said, done.stderr
         assert ("would" in said) == (added is not None), removed
         assert added is None or added in said, removed
+
+
+def test_a_channel_that_was_not_recorded_is_done_without_where_that_can_be(run, samples, tmp_path):
+    table = pd.read_csv(samples / "sea_exp1.csv")
+    rig = samples / "sea_exp1.rig.toml"
+    for column, role in (("torque sensor [N·mm]", "torque_sensor"), ("motor torque [N·mm]", "motor_torque")):
+        table.drop(columns=column).to_csv(tmp_path / "less.csv", index=False)
+        done = run("estimate", "less.csv", "--rig", rig, "--json", "-o", f"{role}.parquet")
+        assert done.returncode == 0, done.stderr
+        found = json.loads(done.stdout)
+        assert [(f["code"], f["part"]) for f in found["findings"]] == [("channel.missing", role)]
+        assert found["joints"][0]["estimator"] == "smoother"
+        asked = run("estimate", "less.csv", "--rig", rig, "-e", "residual-rls" if role == "motor_torque" else "direct")
+        assert asked.returncode == 2
+    table.drop(columns="link position [deg]").to_csv(tmp_path / "less.csv", index=False)
+    assert run("estimate", "less.csv", "--rig", rig).returncode == 2
 
 
 def test_the_trace_keeps_its_contract(run, samples, tmp_path):

@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from vsalog._version import __version__
 from vsalog.binding.joint import bind, names_of, offered_roles, runs_of, wanted_channels
 from vsalog.checks.recording_faults import log_findings
-from vsalog.core.errors import BindingError, DiagnosisError, RigError, VsalogError, did_you_mean, near_names
+from vsalog.core.errors import BindingError, DiagnosisError, RigError, VsalogError, did_you_mean
 from vsalog.core.finding import Finding, of_log
 from vsalog.core.finding_texts import sentences_of
 from vsalog.core.recording import Recording
@@ -42,6 +42,7 @@ from vsalog.diagnosis.suggest import Suggestion, suggest
 from vsalog.diagnosis.trends import trends_of
 from vsalog.estimation.job import sha256
 from vsalog.estimation.joint import pick_joints
+from vsalog.estimation.missing_channels import without_channels
 from vsalog.estimation.modalities import Traces, stiffness_change, stiffness_traces
 from vsalog.readers import open_reader, read
 from vsalog.residuals.per_log import PerLog
@@ -151,7 +152,11 @@ def diagnose(
     found, findings, left_out = list[JointDiagnosis](), list[Finding](), list[Finding]()
     for name, joint in usable.items():
         lacking = [
-            f for path, one in zip(logs, recordings, strict=True) for f in _lacking(path, options, one, name, joint)
+            f
+            for path, one in zip(logs, recordings, strict=True)
+            for f in without_channels(
+                path, options.rate, wanted_channels(joint, path.name) - set(one.channels), name, joint
+            )[1]
         ]
         findings += lacking
         try:
@@ -284,19 +289,6 @@ def _chained(rig: Rig) -> frozenset[str]:
 def _alone(rig: Rig, name: str, joint: Any) -> Any:
     """Return a joint as it is looked at: the link of one in a chain is moved by the others, too."""
     return replace(joint, link=None) if name in _chained(rig) else joint
-
-
-def _lacking(log: Path, options: Options, recording: Recording, name: str, joint: Any) -> list[Finding]:
-    """Return which channels the rig names that the log does not have."""
-    named = {r: wanted_channels(joint, log.name, [r]) - set(recording.channels) for r in offered_roles(joint)}
-    missing = [(role, channel) for role, channels in named.items() for channel in sorted(channels)]
-    known = list(open_reader(log, options.rate).catalogue().channels) if missing else []
-    found = []
-    for role, channel in missing:
-        near = " or ".join(f"'{n}'" for n in near_names(channel, known)) if channel not in known else ""
-        code = "channel.empty" if channel in known else "channel.misnamed" if near else "channel.missing"
-        found.append(Finding(code=code, joint=name, part=role, evidence={"channel": channel, "near": near}))
-    return found
 
 
 def _proposed(

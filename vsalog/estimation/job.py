@@ -31,6 +31,7 @@ from vsalog.estimation.joint import (
     estimate_joint,
     pick_joints,
 )
+from vsalog.estimation.missing_channels import without_channels
 from vsalog.estimators.device import device_of
 from vsalog.readers import Reader, open_reader, read
 from vsalog.rig import Rig
@@ -197,10 +198,15 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
             f"{name}: no rig was found in or beside it, and by the names of its channels {error}"
         ) from None
     findings.add(*left_out)
-    if read_all is None:
+    while read_all is None:
         names = [_path(log).name for log in logs]
         wanted = [_Wanted.of(rig, choices, name) for name in names]
-        read_all = _read_all(logs, wanted, options, progress, opened)
+        try:
+            read_all = _read_all(logs, wanted, options, progress, opened)
+        except _MissingChannelError as error:
+            rig, choices, lacking = _without_missing(rig, choices, options, error)
+            findings.add(*lacking)
+            opened = None
     for recording in read_all:
         findings.add(*of_log(recording.path.name, recording.findings))
     long = [recording.path.name for recording in read_all if recording.in_file]
@@ -233,6 +239,36 @@ def _channels(rig: Rig, joint: str, log: str, roles: Sequence[str]) -> set[str]:
     own, neighbours = own_and_others(roles, rig.joints)
     found = wanted_channels(rig.joints[joint], log, own)
     return found.union(*(wanted_channels(other, log, its) for other, its in neighbours.values()))
+
+
+class _MissingChannelError(BindingError):
+    """Channels of a log that are needed are not there, or have no row."""
+
+    def __init__(self, message: str, log: Path, channels: Sequence[str]) -> None:
+        super().__init__(message)
+        self.log, self.channels = log, channels
+
+
+def _without_missing(
+    rig: Rig, choices: Mapping[str, Choice], options: Options, error: _MissingChannelError
+) -> tuple[Rig, dict[str, Choice], list[Finding]]:
+    """Return the rig without the channels that a log lacks, and estimators that can do without; raise where none can."""
+    if options.estimator != "auto":
+        raise error
+    joints, findings = dict(rig.joints), list[Finding]()
+    for name in choices:
+        joints[name], found = without_channels(error.log, options.rate, error.channels, name, joints[name])
+        findings += of_log(error.log.name, found)
+    rig = rig.with_joints(joints)
+    try:
+        chosen, left_out = choose_all(
+            {name: joints[name] for name in choices}, options.estimator, options.tune, rig.file
+        )
+    except EstimatorError:
+        raise error from None
+    if left_out or not findings:
+        raise error
+    return rig, chosen, findings
 
 
 def _path(log: Path | Recording) -> Path:
@@ -273,14 +309,17 @@ def _read(
     if missing:
         known = open_reader(log, options.rate).catalogue()
         if missing[0] in known.channels:
-            raise BindingError(
+            message = (
                 f"{log.name}: channel '{missing[0]}' is there, but without a single row: nothing was recorded in it"
             )
+            raise _MissingChannelError(message, log, missing)
         if missing[0] not in known.unread:
-            raise BindingError(
+            raise _MissingChannelError(
                 f"{log.name}: there is no channel '{missing[0]}'{did_you_mean(missing[0], known.channels) or '.'}"
                 f" 'vsalog inspect {log.name}' lists all {len(known.channels)}. Leave a role that was not recorded out of the"
-                " rig: another estimator may do without it"
+                " rig: another estimator may do without it",
+                log,
+                missing,
             )
     return found
 
