@@ -253,8 +253,6 @@ def _without_missing(
     rig: Rig, choices: Mapping[str, Choice], options: Options, error: _MissingChannelError
 ) -> tuple[Rig, dict[str, Choice], list[Finding]]:
     """Return the rig without the channels that a log lacks, and estimators that can do without; raise where none can."""
-    if options.estimator != "auto":
-        raise error
     joints, findings = dict(rig.joints), list[Finding]()
     for name in choices:
         joints[name], found = without_channels(error.log, options.rate, error.channels, name, joints[name])
