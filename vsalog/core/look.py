@@ -62,10 +62,18 @@ def of_signals(signals: JointSignals) -> JointSignals:
     count = -(-len(signals) // STRETCH)
     spread = np.linspace(0, count - 1, STRETCHES).astype(int).tolist()
     chosen = sorted({*spread, *_longest(signals), *_extremes(signals)})
-    firsts = [k * STRETCH for n, k in enumerate(chosen) if not n or chosen[n - 1] != k - 1]
-    seen = [(k * STRETCH, min((k + 1) * STRETCH, len(signals))) for k in chosen]
+    return _of_rows(signals, _merged([(k * STRETCH, min((k + 1) * STRETCH, len(signals))) for k in chosen]))
+
+
+def spread_over(signals: JointSignals, rows: int) -> JointSignals:
+    """Return stretches of signals, spread evenly, that have about so many rows in all."""
+    return signals if len(signals) <= rows else _of_rows(signals, stretches(len(signals), rows))
+
+
+def _of_rows(signals: JointSignals, seen: Rows) -> JointSignals:
+    """Return stretches of signals, which lie apart."""
     starts = joined(signals.starts, seen)
-    starts[np.isin(np.concatenate([np.arange(*rows) for rows in seen]), firsts)] = True
+    starts[np.cumsum([0, *(last - first for first, last in seen[:-1])])] = True
     return replace(
         signals,
         stamps=joined(signals.stamps, seen),

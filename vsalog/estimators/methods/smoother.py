@@ -10,6 +10,7 @@ import math
 from collections.abc import Collection, Mapping
 from copy import copy
 from dataclasses import replace
+from functools import cache
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import msgspec
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from vsalog.core.basis import PolynomialBasis
 from vsalog.core.errors import EstimatorError
 from vsalog.core.finding import Finding
+from vsalog.core.look import LONGEST_RUN, spread_over
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import DETECTED, FALSE_ALARM
 from vsalog.estimators.box_rows import BOXES
@@ -428,12 +430,23 @@ def _noise_of_acceleration(position: Array, conditioner: Conditioner, box: int) 
 
 
 def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
-    """Return a fold with the functions that the log needs; more have to be a thousand times as probable as fewer."""
-    basis = plain.device.basis
+    """Return a fold with the functions that the log needs; more have to be a thousand times as probable as fewer.
+
+    Of a long log stretches are looked at: they show a shape as well.
+    """
+    basis, signals = plain.device.basis, spread_over(signals, LONGEST_RUN)
     # Of a basis with a set-point each knot would be there several times.
     spline = basis if basis.setpoint_order > 1 else replace(basis, knots=max(basis.knots, SHAPE.knots))
     slips = tuple(basis.deflection_scale * part for part in SHAPE.parts)
     states: dict[SmootherFold, list[SmootherState]] = {}
+
+    @cache
+    def evidence(fold: SmootherFold, intervals: int) -> float:
+        return sum(fold.solver.evidence(own, intervals) for own in states[fold])
+
+    def gain(fold: SmootherFold, other: SmootherFold, intervals: int) -> float:
+        """Return the logarithm of how many times as probable a fold's functions are as another's."""
+        return evidence(fold, intervals) - evidence(other, intervals)
 
     def collected(own: PolynomialBasis, elements: tuple[float, ...] = (), smooth: bool = False) -> SmootherFold:
         # Evidence is of the same rows.
@@ -448,12 +461,12 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
             continue
         fold = collected(own, elements)
         # A spring that changes may look like one of another shape, until that is allowed for.
-        if all(_gain(states, fold, best, intervals) > -math.log(FALSE_ALARM) for intervals in SHAPE.intervals):
+        if all(gain(fold, best, intervals) > -math.log(FALSE_ALARM) for intervals in SHAPE.intervals):
             best = fold
     if not best.equations[0].slips:
         return plain.with_shape(best.device.basis, ())
     smooth = collected(best.device.basis, slips, smooth=True)
-    return smooth if _gain(states, smooth, best, SHAPE.intervals[-1]) > 0.0 else best
+    return smooth if gain(smooth, best, SHAPE.intervals[-1]) > 0.0 else best
 
 
 def _collected(fold: SmootherFold, signals: JointSignals) -> list[SmootherState]:
@@ -463,11 +476,3 @@ def _collected(fold: SmootherFold, signals: JointSignals) -> list[SmootherState]
         state, _ = fold.step(state, part)
     state, _ = fold.finish(state)
     return state.solvers
-
-
-def _gain(
-    states: Mapping[SmootherFold, list[SmootherState]], fold: SmootherFold, other: SmootherFold, intervals: int
-) -> float:
-    """Return the logarithm of how many times as probable a fold's functions are as another's."""
-    evidence = (sum(one.solver.evidence(own, intervals) for own in states[one]) for one in (fold, other))
-    return next(evidence) - next(evidence)
