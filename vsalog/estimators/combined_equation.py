@@ -23,7 +23,7 @@ Flags = NDArray[np.bool_]
 
 # Unknowns of an equation in addition to the coefficients: a torque's offset and the part by which its gain is off; corrections of
 # the rig's inertia and damping; dry friction.
-SENSOR_UNKNOWNS, MOTOR_UNKNOWNS = ("offset", GAIN), ("offset", "inertia", "damping", GAIN)
+SENSOR_UNKNOWNS, MOTOR_UNKNOWNS = ("offset", GAIN), ("offset", "inertia", "damping", "friction", GAIN)
 LINK_UNKNOWNS = ("offset", "inertia", "damping", "friction", GAIN)
 # Those of a motor that the rig does not know.
 UNKNOWN_MOTOR = MOTOR_UNKNOWNS[:3]
@@ -202,7 +202,8 @@ class CombinedEquation:
         own = slice(i * len(self.slips), (i + 1) * len(self.slips))
         columns[:, self.coefficients :][:, own] = loops[:, own]
         moved = inertia * F[:, 1] + damping * F[:, 2]
-        columns[:, -5], columns[:, -4:-2], columns[:, -2], columns[:, -1] = 1.0, -F[:, 1:3], -moved, moved - torque
+        columns[:, -6], columns[:, -5:-3], columns[:, -3] = 1.0, -F[:, 1:3], -np.sign(F[:, 2])
+        columns[:, -2], columns[:, -1] = -moved, moved - torque
         return Part(columns, rows.use & np.isfinite(columns).all(axis=1))
 
     def _link_part(self, rows: LinkRows, loops: Array) -> Part:

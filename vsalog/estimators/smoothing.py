@@ -12,7 +12,8 @@ disturbances show (de Jong and Penzer, "Diagnosing shocks in time series", J. Am
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from vsalog.core.compiled import compiled
 from vsalog.core.significance import FALSE_ALARM, two_sided
 from vsalog.estimators.box_rows import BOXES, BoxRows, BoxState, box_block, box_start
-from vsalog.estimators.equation import GAIN, EquationRows
+from vsalog.estimators.equation import GAIN, REPORTED_MISFIT, EquationRows
 from vsalog.estimators.qr import qr_update
 from vsalog.estimators.row_moments import ROWS_OF_LONG, lasts
 from vsalog.estimators.row_noise import RowNoise
@@ -106,6 +107,21 @@ class Limits(NamedTuple):
 LIMITS = Limits()
 # Name of an unknown that equations share, in place of an equation's own.
 SHARED = "shared"
+
+
+class Shown(Enum):
+    """When unknowns that the log shows become active: never; from the first noise model on, which is white; from the second on.
+
+    What one unknown leaves is noise to the others: either way may miss what the other finds.
+    """
+
+    NONE = None
+    AT_ONCE = 0
+    LATER = 1
+
+    def after(self, rounds: int) -> bool:
+        """Tell whether they do after so many noise models."""
+        return self.value is not None and rounds >= self.value
 
 
 class Choice(NamedTuple):
@@ -286,11 +302,18 @@ class SmootherSolver:
     def evidence(self, state: SmootherState, intervals: int = 1) -> float:
         """Return the log evidence of the basis in the collected rows, of a spring that may change between the intervals.
 
-        It is the largest of other unknowns as known, and as the log shows them.
+        It is that of the first equation, the torque sensor's if there is one: a shape is nothing that equations may disagree on.
         """
         assert state.boxes is not None
-        boxes = [own.whole for own in state.boxes]
-        return max(Smoother(self, boxes, state.samples, intervals=intervals).evidence(shown) for shown in (False, True))
+        solver = replace(
+            self,
+            unknowns=self.unknowns[:1],
+            required=self.required[:1],
+            hidden=(self.hidden[0] | {GAIN},),
+            gains=self.gains[:1],
+        )
+        boxes = [state.boxes[0].whole]
+        return max(Smoother(solver, boxes, state.samples, intervals=intervals).evidence(shown) for shown in Shown)
 
     def solution(self, state: SmootherState) -> tuple[Array, Array, float]:
         """Return ξ̂ (n,), its covariance (n, n), both averages over the log, and the noise seen in y (standard deviation)."""
@@ -315,9 +338,10 @@ class Smoother:
         choice: Choice | None = None,
         intervals: int = LIMITS.intervals,
         loops: bool = True,
+        shown: Shown = Shown.AT_ONCE,
     ) -> None:
         self.solver, self.boxes, self.samples, self.choice = solver, boxes, samples, choice
-        self.loops = loops and bool(solver.slips)
+        self.loops, self.shown = loops and bool(solver.slips), shown
         n = solver.coefficients
         shared = [(i, SHARED) for i in range(solver.shared)]
         self.names = shared + [(i, name) for i, own in enumerate(solver.unknowns) for name in own]
@@ -382,6 +406,10 @@ class Smoother:
             triangles, choice, smoothed = self._chosen()
             if not self._resists(smoothed):
                 return Smoother(self.solver, self.boxes, self.samples, loops=False).trajectory()
+            # Where equations do not close, what makes them agree as well as can be is none of what is wrong.
+            if self.shown is not Shown.NONE and self._misfit(self._whole(smoothed.mean)) > REPORTED_MISFIT:
+                more = Shown.LATER if self.shown is Shown.AT_ONCE else Shown.NONE
+                return Smoother(self.solver, self.boxes, self.samples, loops=self.loops, shown=more).trajectory()
         else:
             self.active, self.prior, self.direction, self.usual = (
                 choice.active, choice.prior, choice.direction, choice.usual
@@ -395,7 +423,7 @@ class Smoother:
         noise, usual = [RowNoise.white(part) for part in self.boxes], None
         weights: list[Array | None] = [None] * len(noise)
         for done in range(LIMITS.most_rounds):
-            evidence, smoothed = self._explained(self._triangles(noise, weights), usual, False)
+            evidence, smoothed = self._explained(self._triangles(noise, weights), usual, False, self.shown.after(done))
             mean = self._whole(smoothed.mean)
             noise, weights = self._noise(mean)
             usual = smoothed.mean.mean(axis=0)
@@ -403,19 +431,20 @@ class Smoother:
             if done + 1 >= LIMITS.rounds and max(evidence, key=lambda change: evidence[change]).constant:
                 break
         triangles = self._triangles(noise, weights)
-        evidence, smoothed = self._explained(triangles, usual, True)
+        evidence, smoothed = self._explained(triangles, usual, True, self.shown is not Shown.NONE)
         choice = Choice(
             self.count, tuple(noise), self.active, self.prior, self.nominal, self.direction, self.usual, evidence
         )
         return triangles, choice, smoothed
 
-    def evidence(self, shown: bool) -> float:
-        """Return the log evidence of the functions, for noise as the residuals show it; `shown` as for `_explained`."""
+    def evidence(self, shown: Shown) -> float:
+        """Return the log evidence of the functions, for noise as the residuals show it."""
         noise, evidence, usual = [RowNoise.white(part) for part in self.boxes], -np.inf, None
         if sum(len(part.rows) for part in self.boxes) <= self.active.size:
             return evidence
-        for _ in range(LIMITS.rounds + 1):
-            found, smoothed = self._explained(self._triangles(noise, [None] * len(noise)), usual, False, shown)
+        for done in range(LIMITS.rounds + 1):
+            triangles = self._triangles(noise, [None] * len(noise))
+            found, smoothed = self._explained(triangles, usual, False, shown.after(done))
             # Rows were divided by these deviations.
             sizes = sum(len(p.rows) * np.log(own.innovation) for p, own in zip(self.boxes, noise, strict=True))
             evidence = float(np.logaddexp.reduce(list(found.values()))) - float(sizes) - 0.5 * self.left
