@@ -59,6 +59,22 @@ def test_a_channel_that_was_not_recorded_is_done_without_where_that_can_be(run, 
     assert run("estimate", "less.csv", "--rig", rig).returncode == 2
 
 
+def test_a_loop_of_the_spring_is_found_and_written(run, tmp_path):
+    """Bouc and Wen's, which the preset does not have; the spring's own stiffness is that of the preset."""
+    loop = 'joint.sea.transmission.bouc_wen={torque="0.1 N*m",width="0.5 deg"}'
+    made = run(
+        "simulate", "sea", "--scenario", "multisine", "--duration", "15 s", "--actual", loop, "--truth", "-o", "x.mcap"
+    )
+    assert made.returncode == 0, made.stderr
+    done = run("estimate", "x.mcap", "--json")
+    assert done.returncode == 0, done.stderr
+    found = {f["code"]: f for f in json.loads(done.stdout)["joints"][0]["findings"]}
+    assert found["spring.loop"]["value"] == pytest.approx(0.1, rel=0.05)
+    trace = columns(tmp_path / "x.stiffness.parquet", "1")
+    stiffness = 20.0 + 3.0 * 2000.0 * trace.deflection**2
+    assert np.median(np.abs(trace.stiffness / stiffness - 1.0)) < 0.003
+
+
 def test_the_trace_keeps_its_contract(run, samples, tmp_path):
     run("estimate", samples / "vsa2_exp1.mcap", "-e", "residual-rls")
     schema = pq.read_schema(tmp_path / "vsa2_exp1.stiffness.parquet")

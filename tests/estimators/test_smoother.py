@@ -242,6 +242,30 @@ def test_the_torque_whose_gain_is_off_is_found_and_costs_nothing(role, gain):
     assert np.median(errors(columns, truth)[0]) < 0.002
 
 
+@pytest.mark.parametrize("level", [0.05, 0.5])
+def test_dry_friction_that_the_rig_does_not_have_costs_little(level):
+    """Friction next to the motor's torque, as its drive would have it: nothing else is wrong, whatever it looks like."""
+    t, signals, truth = machine()
+    velocity = np.gradient(signals["motor_position"], PERIOD)
+    rubs = level * np.sign(np.convolve(velocity, np.full(25, 0.04), "same"))
+    columns, fold, state = estimated(t, signals | {"motor_torque": signals["motor_torque"] + rubs})
+    assert np.median(errors(columns, truth)[0]) < 0.003
+    assert not [f for f in fold.findings(state) if f.code in ("motor.inertia_differs", "torque.gain_differs")]
+    (friction, std) = state.solvers[0].trajectory.others[1, "friction"]
+    assert friction == pytest.approx(level, abs=max(0.1 * level, 4.0 * std))
+
+
+def test_where_the_motor_s_equation_does_not_close_the_sensor_is_believed():
+    """Another torque acts on the motor than anything here could make, as large as a half of its own."""
+    t, signals, truth = machine()
+    acts = 1.5 * np.sign(np.sin(2.0 * np.pi * 0.77 * t)) * (np.sin(2.0 * np.pi * 0.13 * t) > 0.0)
+    columns, fold, state = estimated(t, signals | {"motor_torque": signals["motor_torque"] + acts})
+    codes = {f.code for f in fold.findings(state)}
+    assert "residual.not_noise" in codes
+    assert not codes & {"motor.inertia_differs", "torque.gain_differs"}
+    assert np.median(errors(columns, truth)[0]) < 0.005
+
+
 def test_a_sensor_alone_cannot_tell_its_gain():
     t, signals, truth = machine()
     columns, fold, state = estimated(
