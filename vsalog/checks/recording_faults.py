@@ -20,6 +20,7 @@ from vsalog.checks.fault_search import exchanged_between, faults_of, with_exchan
 from vsalog.core.errors import VsalogError
 from vsalog.core.finding import Evidence, Finding, Text, of_log
 from vsalog.core.finding_texts import add_texts
+from vsalog.core.look import LOOK_ROWS, spread_over
 from vsalog.core.recording import Recording
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import FALSE_ALARM
@@ -115,7 +116,7 @@ def _together(recording: Recording, name: str, joint: Joint, setpoints: Sequence
         if read := read_roles(roles):
             signals = bind([recording], name, joint, read, setpoints)
             signals = with_more(signals, [recording], joint, roles, setpoints)
-    return () if signals is None else findings_of(signals)
+    return () if signals is None else findings_of(spread_over(signals, LOOK_ROWS))
 
 
 def _recorded(recordings: Sequence[Recording], joint: Joint, role: str) -> bool:

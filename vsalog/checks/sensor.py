@@ -139,9 +139,11 @@ def _turns(x: NDArray[np.float64], begin: int, over: int) -> bool:
 
 def _kinks(x: NDArray[np.float64], begin: int, over: int, enough: float) -> int:
     """Return how often a signal comes to a rest, or leaves it, without getting slower; one at an end of the log has one side."""
-    way = np.abs(x - x[begin])
-    sides = [(begin, -1)] * (begin > 0) + [(over - 1, 1)] * (over < x.size)
-    return sum(_kinked(way, at, ahead, enough, over - begin) for at, ahead in sides)
+    length = over - begin
+    # No more of the log than is looked at, for each of many rests.
+    near = max(2 * length, 2 * CUT.nearest + 1)
+    sides = [x[max(0, begin - near) : begin][::-1]] * (begin > 0) + [x[over : over + near]] * (over < x.size)
+    return sum(_kinked(np.abs(side - x[begin]), enough, length) for side in sides)
 
 
 def _frozen(signals: JointSignals, role: str) -> Iterator[Finding]:
@@ -169,18 +171,16 @@ def _frozen(signals: JointSignals, role: str) -> Iterator[Finding]:
         yield about(code="sensor.frozen", value=jump, limit=CUT.jump * usual, evidence=evidence)
 
 
-def _kinked(way: NDArray[np.float64], at: int, ahead: int, enough: float, length: int) -> bool:
+def _kinked(side: NDArray[np.float64], enough: float, length: int) -> bool:
     """Tell whether a signal leaves an end of its range, or comes there, without getting slower.
 
     Parameters
     ----------
-    way : shape (N,), from that end
-    at, ahead : the sample there next to the others, and in which direction these are
+    side : shape (n,), way from that end of the samples next to it, the nearest first
     enough : way at which steps do not matter
     length : samples that it stays there; a parabola's top is within a step for less time than it takes to go `enough`
     """
     # The sample next to the end is anywhere between it and one step of the motion away.
-    side = (way[at + ahead :: ahead] if at + ahead >= 0 else way[:0])[: max(2 * length, 2 * CUT.nearest + 1)]
     far = np.flatnonzero(~(side - side[:1] < enough))
     if not far.size or far[0] > length:
         return False

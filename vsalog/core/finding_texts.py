@@ -110,8 +110,8 @@ TEXTS: dict[str, Text] = {
         false_alarm=FALSE_ALARM,
     ),
     "stiffness.changed": Text(
-        "transmission {part}: the stiffness changes by {value:+.1%} over the log, with {jumps:n sudden change}; the estimate"
-        " follows it.",
+        "transmission {part}: the stiffness changes by {value:+.1%} from the log's beginning to its end, with"
+        " {jumps:n sudden change}; the estimate follows it.",
         "A change larger or more frequent than a spring's has another cause, which 'vsalog diagnose' looks for.",
         false_alarm=FALSE_ALARM,
     ),

@@ -21,6 +21,8 @@ LOOK_BYTES = 64 * 2**20
 
 # Rows of a stretch of signals, as many as methods take in one piece; and of the longest run, which holds the longest window.
 STRETCH, LONGEST_RUN = PART, 2 * PART
+# Rows of a log in memory beyond which stretches are looked at, where these show as much.
+LOOK_ROWS = STRETCHES * STRETCH
 
 
 def of_recording(recording: Recording) -> Recording:

@@ -244,7 +244,7 @@ class SmootherFold(RegressionFold):
             return []
         jumps = len(trajectory.choice.change.jumps)
         found = []
-        for view, whole in zip(equation.transmissions, trajectory.torque[-1] - trajectory.torque[0], strict=True):
+        for view, whole in zip(equation.transmissions, trajectory.torque[-1] / trajectory.torque[0] - 1.0, strict=True):
             # No spring vanishes or doubles, or breaks as often as the search allows.
             odd = jumps == LIMITS.jumps or abs(whole) > LIMITS.fastest
             if not jumps and abs(whole) < LIMITS.slowest:
