@@ -59,6 +59,18 @@ def test_a_channel_that_was_not_recorded_is_done_without_where_that_can_be(run, 
     assert run("estimate", "less.csv", "--rig", rig).returncode == 2
 
 
+def test_a_dead_sensor_is_done_without_where_that_can_be(run, samples, tmp_path):
+    table, rig = pd.read_csv(samples / "sea_exp1.csv"), samples / "sea_exp1.rig.toml"
+    table["torque sensor [N·mm]"] = 300.0
+    table.to_csv(tmp_path / "dead.csv", index=False)
+    done = run("estimate", "dead.csv", "--rig", rig, "--json")
+    assert done.returncode == 0, done.stderr
+    (joint,) = json.loads(done.stdout)["joints"]
+    assert [(f["code"], f["part"], f["value"]) for f in joint["findings"]] == [("sensor.dead", "torque_sensor", 0.3)]
+    assert columns(tmp_path / "dead.stiffness.parquet", "1").excited.mean() > 0.9
+    assert run("estimate", "dead.csv", "--rig", rig, "-e", "direct").returncode == 2
+
+
 def test_a_loop_of_the_spring_is_found_and_written(run, tmp_path):
     """Bouc and Wen's, which the preset does not have; the spring's own stiffness is that of the preset."""
     loop = 'joint.sea.transmission.bouc_wen={torque="0.1 N*m",width="0.5 deg"}'

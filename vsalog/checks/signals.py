@@ -21,6 +21,19 @@ from vsalog.estimators.device import Device, deflection_of, has_deflection
 Array = NDArray[np.float64]
 
 
+class DeadSensorError(EstimatorError):
+    """A torque sensor never changes.
+
+    Attributes
+    ----------
+    role, value : of it, and what it says all along [N·m]
+    """
+
+    def __init__(self, message: str, role: str, value: float) -> None:
+        super().__init__(message)
+        self.role, self.value = role, value
+
+
 def refuse_dead_sensors(estimator: str, signals: JointSignals) -> None:
     """Refuse a torque or a pressure that never changes: a dead sensor, of which every method would make a stiffness of nothing.
 
@@ -31,15 +44,19 @@ def refuse_dead_sensors(estimator: str, signals: JointSignals) -> None:
 
     Raises
     ------
+    DeadSensorError
+        A torque sensor never changes.
     EstimatorError
-        A torque sensor never changes, or a muscle's pressure while its valve moves.
+        A muscle's pressure never changes while its valve moves.
     """
     for role, values in signals.roles.items():
         if role.startswith("torque_sensor") and _still(values):
-            raise EstimatorError(
+            raise DeadSensorError(
                 f"joint '{signals.joint}': {role} is {_first(values):.6g} N·m from beginning to end, as a sensor says that is off"
                 f" or not connected, and {estimator} takes the torque from it. Take an estimator that needs no torque sensor"
-                " (residual-rls, qr-rls), or put the right channel into the rig ('vsalog inspect' shows what each says)"
+                " (residual-rls, qr-rls), or put the right channel into the rig ('vsalog inspect' shows what each says)",
+                role,
+                _first(values),
             )
         valve = signals.roles.get(role.replace("pressure", "valve"))
         if role.startswith("pressure") and _still(values) and valve is not None and not _still(valve):

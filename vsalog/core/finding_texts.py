@@ -167,6 +167,11 @@ TEXTS: dict[str, Text] = {
         "A torque's scale or unit, the angles' unit, a nonlinear encoder or a gear ratio would explain it, and the stiffness"
         " would be as far off; or the rig has another motor's inertia.",
     ),
+    "sensor.dead": Text(
+        "{part} is {value:.6g} {unit} from beginning to end, as a sensor says that is off or not connected; the joint was"
+        " estimated without.",
+        "Put the right channel into the rig ('vsalog inspect' shows what each says), or leave the role out.",
+    ),
     "torque.gain_differs": Text(
         "transmission {part}: the gain of {signal} is {value:.3g} times what the joint's other equations say; the estimate is"
         " corrected by that.",

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Collection, Mapping, Sequence, Set
 from dataclasses import dataclass
 from types import MappingProxyType
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.binding.neighbours import own_and_others
 from vsalog.checks import Checks
 from vsalog.checks.check import Context, without_superseded
-from vsalog.checks.signals import refuse_dead_sensors, whole_windows
+from vsalog.checks.signals import DeadSensorError, refuse_dead_sensors, whole_windows
 from vsalog.core.errors import EstimatorError, VsalogError, did_you_mean
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
@@ -60,6 +62,11 @@ class Choice:
     tuning: Tuning
     roles: tuple[str, ...]
     reason: str
+
+    def for_joint(self, device: Device, offered: Collection[str], remark: str) -> Choice:
+        """Return the same estimator for a joint that offers other roles; raises EstimatorError where it needs more."""
+        roles = self.method.roles(device, offered, self.tuning)
+        return dataclasses.replace(self, roles=roles, reason=self.reason + remark)
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,7 +292,19 @@ def estimate_joint(
     # Filters, scales and priors are derived from it.
     look = of_signals(signals)
     device = device_of(name, joint, look.roles, rig)
-    refuse_dead_sensors(choice.name, look)
+    try:
+        refuse_dead_sensors(choice.name, look)
+    except DeadSensorError as error:
+        living = replace(joint, signals=replace(joint.signals, **{error.role: None}))
+        try:
+            other = choice.for_joint(device_of(name, living, rig=rig), offered_roles(living), f", without {error.role}")
+        except EstimatorError:
+            raise error from None
+        living_estimate = estimate_joint(
+            recordings, name, living, other, setpoints=setpoints, sink=sink, block=block, rig=rig, stated=stated
+        )
+        dead_sensor = Finding(code="sensor.dead", joint=name, part=error.role, value=error.value, unit="N*m")
+        return dataclasses.replace(living_estimate, findings=(dead_sensor, *living_estimate.findings))
     kept: list[Trace] = []
     summarizer = Summarizer(device)
     external = ExternalStiffness.of(recordings, joint, device, signals, stated)
