@@ -80,6 +80,16 @@ def test_sound_logs_have_no_faults(samples, log):
     assert found_in(read(samples / log)) == []
 
 
+@pytest.mark.parametrize("log", ["sea_exp1.csv", "sea_exp2.bag", "vsa2_exp1.mcap", "awas_exp1.mcap"])
+def test_a_gap_is_no_fault(samples, log):
+    signals = signals_of(read(samples / log), samples, log)
+    torn = signals[:4000].joined(signals[4600:])
+    starts = torn.starts.copy()
+    starts[4000] = True
+    torn = replace(torn, starts=starts)
+    assert list(findings_of(torn)) == []
+
+
 def test_numbers_of_a_fault_are_those_that_were_put_in(sea, samples):
     rig = roles_of(sea)["joint"]
     torque, q = sea.channels[rig["torque_sensor"]], sea.channels[rig["link_position"]]

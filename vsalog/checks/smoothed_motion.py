@@ -96,14 +96,14 @@ def motion_of(signals: JointSignals, longest_delay: float, width: float | None =
     count, widest = len(signals), FILTER.widest * len(signals)
     if widest < FILTER.narrowest or not moving:
         return None
-    width = width or _width(signals, moving, widest)
+    gap = signals.starts.copy()
+    gap[0] = False
+    width = width or _width(signals, moving, gap, widest)
     reach = int(min(longest_delay / signals.period, count / 8))
     edge = int(FILTER.reach * width) + 1 + reach
     if count < 2 * edge + FILTER.rows // 10:
         return None
     rows = np.unique(np.linspace(edge, count - 1 - edge, FILTER.rows).astype(np.int64))
-    gap = signals.starts.copy()
-    gap[0] = False
     values, known, noise = dict[str, Array](), dict[str, Flags](), dict[str, Array]()
     for role, x in moving.items():
         values[role], known[role] = _passed(x, gap, width, signals.period)
@@ -112,23 +112,24 @@ def motion_of(signals: JointSignals, longest_delay: float, width: float | None =
     return Motion(signals.period, width, values, known, noise, rows, reach)
 
 
-def _width(signals: JointSignals, moving: Mapping[str, Array], widest: float) -> float:
+def _width(signals: JointSignals, moving: Mapping[str, Array], gap: Flags, widest: float) -> float:
     """Return the standard deviation of the narrowest filter that leaves noise out of accelerations [samples]."""
     positions = [role for role in moving if role.startswith(("motor_position", "link_position", "deflection"))]
     noises = {role: noise_of(moving[role], signals.resolution.get(role, 0.0)) or 0.0 for role in positions}
     width = FILTER.narrowest
-    while width < widest and any(_is_noisy(moving[role], noises[role], width) for role in positions):
+    while width < widest and any(_is_noisy(moving[role], gap, noises[role], width) for role in positions):
         width *= 1.5
     return min(width, widest)
 
 
-def _is_noisy(x: Array, noise: float, width: float) -> bool:
-    """Tell whether noise makes more than a small part of a filtered signal's second differences."""
+def _is_noisy(x: Array, gap: Flags, noise: float, width: float) -> bool:
+    """Tell whether noise makes more than a small part of a filtered signal's second differences; a gap's jump is no motion."""
     if noise == 0.0:
         return False
     kernel = _kernels(width)[2]
-    known = x[np.isfinite(x)]
-    bent = _convolved(known, kernel)[kernel.size : -kernel.size]
+    filled, touched = _filled(x, gap, kernel.size)
+    inner = slice(kernel.size, -kernel.size)
+    bent = _convolved(filled, kernel)[inner][~touched[inner]]
     return bent.size == 0 or noise**2 * float(kernel @ kernel) > FILTER.noise_share * float(np.mean(bent**2))
 
 
@@ -146,16 +147,20 @@ def _read_again(recorded: Array, smooth: Array, step: float) -> Array:
 
 
 def _passed(x: Array, gap: Flags, width: float, period: float) -> tuple[Array, Flags]:
-    missing = ~np.isfinite(x)
-    filled = np.where(missing, 0.0, x)
-    mean = float(filled[~missing].mean())
-    filled[missing] = mean
-    bad = (missing | gap).astype(np.float64)
     kernels = _kernels(width)
-    touched = _convolved(bad, np.ones(kernels[0].size)) > 0.5 if bad.any() else np.zeros(x.size, dtype=np.bool_)
-    parts = [_convolved(filled - mean, kernel) / period**order for order, kernel in enumerate(kernels)]
-    parts[0] += mean
+    filled, touched = _filled(x, gap, kernels[0].size)
+    parts = [_convolved(filled, kernel) / period**order for order, kernel in enumerate(kernels)]
+    parts[0] += float(np.mean(x[np.isfinite(x)]))
     return np.array(parts), ~touched
+
+
+def _filled(x: Array, gap: Flags, reach: int) -> tuple[Array, Flags]:
+    """Return a signal without its mean, zero where it is missing, and where a kernel of so many samples meets that or a gap."""
+    missing = ~np.isfinite(x)
+    filled = np.where(missing, 0.0, x - float(np.mean(x[~missing])))
+    bad = (missing | gap).astype(np.float64)
+    touched = _convolved(bad, np.ones(reach)) > 0.5 if bad.any() else np.zeros(x.size, dtype=np.bool_)
+    return filled, touched
 
 
 def _kernels(width: float) -> tuple[Array, Array, Array]:

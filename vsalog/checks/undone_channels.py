@@ -80,8 +80,9 @@ class Channels:
         self.signals, self.motion, self.unknown_scale = signals, motion, frozenset(unknown_scale)
         rows = motion.rows
         for known in motion.known.values():
-            for shift in (-motion.reach, 0, motion.reach):
-                rows = rows[known[rows + shift]]
+            # Wherever a row is moved to, and on the way there: beyond a gap it is another time.
+            unknown = np.cumsum(np.concatenate(([0], ~known)))
+            rows = rows[unknown[rows + motion.reach + 1] == unknown[rows - motion.reach]]
         self.rows = rows
         enough = rows.size > 10 * RULE.blocks
         self.equations = names_of(motion.values) if enough else ()
