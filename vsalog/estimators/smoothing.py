@@ -299,12 +299,16 @@ class SmootherSolver:
         trajectory = Smoother(self, boxes, state.samples, state.choice).trajectory()
         return SmootherState(None, 0, None, trajectory)
 
-    def evidence(self, state: SmootherState, intervals: int = 1) -> float:
+    def evidence(self, state: SmootherState, intervals: int = 1, alone: bool = True) -> float:
         """Return the log evidence of the basis in the collected rows, of a spring that may change between the intervals.
 
-        It is that of the first equation, the torque sensor's if there is one: a shape is nothing that equations may disagree on.
+        `alone` takes that of the first equation, the torque sensor's if there is one: a shape is nothing that equations may
+        disagree on.
         """
         assert state.boxes is not None
+        boxes = [own.whole for own in state.boxes]
+        if not alone:
+            return max(Smoother(self, boxes, state.samples, intervals=intervals).evidence(shown) for shown in Shown)
         solver = replace(
             self,
             unknowns=self.unknowns[:1],
@@ -312,8 +316,7 @@ class SmootherSolver:
             hidden=(self.hidden[0] | {GAIN},),
             gains=self.gains[:1],
         )
-        boxes = [state.boxes[0].whole]
-        return max(Smoother(solver, boxes, state.samples, intervals=intervals).evidence(shown) for shown in Shown)
+        return max(Smoother(solver, boxes[:1], state.samples, intervals=intervals).evidence(shown) for shown in Shown)
 
     def solution(self, state: SmootherState) -> tuple[Array, Array, float]:
         """Return ξ̂ (n,), its covariance (n, n), both averages over the log, and the noise seen in y (standard deviation)."""

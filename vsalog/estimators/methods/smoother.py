@@ -100,6 +100,8 @@ class Shape(NamedTuple):
 
 
 SHAPE = Shape()
+# Logarithm of how many times as probable more functions have to be as fewer.
+SURE = -math.log(FALSE_ALARM)
 
 
 class SmootherFold(RegressionFold):
@@ -441,12 +443,20 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
     states: dict[SmootherFold, list[SmootherState]] = {}
 
     @cache
-    def evidence(fold: SmootherFold, intervals: int) -> float:
-        return sum(fold.solver.evidence(own, intervals) for own in states[fold])
+    def evidence(fold: SmootherFold, intervals: int, alone: bool) -> float:
+        return sum(fold.solver.evidence(own, intervals, alone) for own in states[fold])
 
-    def gain(fold: SmootherFold, other: SmootherFold, intervals: int) -> float:
-        """Return the logarithm of how many times as probable a fold's functions are as another's."""
-        return evidence(fold, intervals) - evidence(other, intervals)
+    def least_gain(fold: SmootherFold, other: SmootherFold, alone: bool) -> float:
+        """Return the logarithm of how many times as probable a fold's functions are as another's, at least.
+
+        A spring that changes may look like one of another shape, until that is allowed for.
+        """
+        return min(evidence(fold, k, alone) - evidence(other, k, alone) for k in SHAPE.intervals)
+
+    def needed(fold: SmootherFold, other: SmootherFold) -> bool:
+        """Tell whether a fold's functions are needed: by the first equation, or by all unless that is sure of the contrary."""
+        alone = least_gain(fold, other, True)
+        return alone > SURE or (alone > -SURE and least_gain(fold, other, False) > SURE)
 
     def collected(own: PolynomialBasis, elements: tuple[float, ...] = (), smooth: bool = False) -> SmootherFold:
         # Evidence is of the same rows.
@@ -460,13 +470,13 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
         if (own == basis and not elements) or (basis.branches and elements):
             continue
         fold = collected(own, elements)
-        # A spring that changes may look like one of another shape, until that is allowed for.
-        if all(gain(fold, best, intervals) > -math.log(FALSE_ALARM) for intervals in SHAPE.intervals):
+        if needed(fold, best):
             best = fold
     if not best.equations[0].slips:
         return plain.with_shape(best.device.basis, ())
     smooth = collected(best.device.basis, slips, smooth=True)
-    return smooth if gain(smooth, best, SHAPE.intervals[-1]) > 0.0 else best
+    latest = SHAPE.intervals[-1]
+    return smooth if evidence(smooth, latest, True) > evidence(best, latest, True) else best
 
 
 def _collected(fold: SmootherFold, signals: JointSignals) -> list[SmootherState]:
