@@ -24,6 +24,7 @@ from vsalog.core.significance import FALSE_ALARM, two_sided
 from vsalog.estimators.box_rows import BOXES, BoxRows, BoxState, box_block, box_start
 from vsalog.estimators.equation import GAIN, REPORTED_MISFIT, EquationRows
 from vsalog.estimators.qr import qr_update
+from vsalog.estimators.residual_motion import PREDICTED_SHARE
 from vsalog.estimators.row_moments import ROWS_OF_LONG, lasts
 from vsalog.estimators.row_noise import RowNoise
 from vsalog.filters.square_root_smoother import Smoothed, smooth
@@ -602,7 +603,12 @@ class Smoother:
             likelihoods[i] = self._smooth(self._measurements(triangles), change, self.direction, False).log_likelihood
         best = max(likelihoods, key=lambda i: likelihoods[i])
         # Twice a logarithm of likelihoods is χ² of one degree of freedom.
-        shown = best >= 0 and 2.0 * (likelihoods[best] - likelihoods[-1]) > two_sided(FALSE_ALARM) ** 2
+        # And of a residual any regressor predicts a little, for no noise is quite as it is modelled; an offset does no harm.
+        rows = (
+            0 if best >= 0 and self.names[best - first][1] == "offset" else sum(len(part.rows) for part in self.boxes)
+        )
+        least = max(two_sided(FALSE_ALARM) ** 2, PREDICTED_SHARE * rows)
+        shown = best >= 0 and 2.0 * (likelihoods[best] - likelihoods[-1]) > least
         self.active = np.r_[active, [best] if shown else []].astype(int)
         self.prior, self.direction, self.usual = prior, direction, usual
         return shown

@@ -359,7 +359,7 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
         first.unknowns,
         tuple(_required(torque, known, device) for torque, _ in first.parts),
         tuple(_hidden(torque, first, signals, conditioner, box) for torque, _ in first.parts),
-        tuple(LIMITS.prior * default_deviation(GAINS[torque], 1.0, 1.0) for torque, _ in first.parts),
+        tuple(default_deviation(GAINS[torque], 1.0, 1.0) for torque, _ in first.parts),
         box,
         (max(0.0 if noise is None else noise.own for noise in noises),) * count,
         leading=tuple((int(sensed), name) for name in UNKNOWN_MOTOR) if first.leading else (),
