@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from benchmarks.calibration import encoders, sensed
 from tests.estimators.elastic_joint import DAMPING, INERTIA, SHAPES, cubic, played
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.core.errors import EstimatorError
@@ -19,7 +20,7 @@ from vsalog.estimators.methods import smoother
 from vsalog.estimators.registry import method
 from vsalog.perturbations.sampling_rate import SamplingRate, every_second
 from vsalog.perturbations.trials import Subject, run_trials
-from vsalog.reproduce.measure import with_noise
+from vsalog.reproduce.measure import Setting, estimate, with_noise
 from vsalog.rig.load import Rig
 from vsalog.simulation.experiments import awas_experiment, vsa2_experiment
 from vsalog.simulation.scenario import Scenario
@@ -264,6 +265,17 @@ def test_where_the_motor_s_equation_does_not_close_the_sensor_is_believed():
     assert "residual.not_noise" in codes
     assert not codes & {"motor.inertia_differs", "torque.gain_differs"}
     assert np.median(errors(columns, truth)[0]) < 0.005
+
+
+def test_a_sound_joint_behind_coarse_encoders_keeps_the_rig_s_numbers():
+    """Gain, inertia and stiffness can make up for each other here, and noise is not quite as it is modelled."""
+    rig = Rig.preset("awas").file
+    plan = Scenario.find("awas-exp2", rig).lasting(60.0, None)
+    ideal = simulate(rig, plan.inputs(rig), 60.0, period=plan.file.period, ideal=True)
+    for seed in (7000, 7001):
+        experiment = sensed("awas", ideal, encoders("awas", ideal), seed)
+        columns = estimate(experiment, Setting("", "smoother", {}), "awas")["1"]
+        assert np.median(errors(columns, experiment.joints["awas"].truth["stiffness"])[0]) < 0.005
 
 
 def test_a_sensor_alone_cannot_tell_its_gain():

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
@@ -71,7 +70,7 @@ class Limits(NamedTuple):
     rounds, most_rounds : iterations of the noise model and the torque's scale, each from the estimate before it [1]: the second
         changes them by little for a constant spring, the fourth for one that changes
     jumps : at most [1]: a log that shows more has a spring that the basis cannot follow
-    relevance : iterations of the knots' own prior deviations [1]: a hundred make those that do not bend a tenth of what they were
+    relevance : iterations of the knots' own prior deviations [1]: where a knot does not bend, k of them leave 1/√k of its noise
     least_probability : of a hypothesis that is averaged [1]
     """
 
@@ -108,21 +107,6 @@ class Limits(NamedTuple):
 LIMITS = Limits()
 # Name of an unknown that equations share, in place of an equation's own.
 SHARED = "shared"
-
-
-class Shown(Enum):
-    """When unknowns that the log shows become active: never; from the first noise model on, which is white; from the second on.
-
-    What one unknown leaves is noise to the others: either way may miss what the other finds.
-    """
-
-    NONE = None
-    AT_ONCE = 0
-    LATER = 1
-
-    def after(self, rounds: int) -> bool:
-        """Tell whether they do after so many noise models."""
-        return self.value is not None and rounds >= self.value
 
 
 class Choice(NamedTuple):
@@ -300,24 +284,24 @@ class SmootherSolver:
         trajectory = Smoother(self, boxes, state.samples, state.choice).trajectory()
         return SmootherState(None, 0, None, trajectory)
 
-    def evidence(self, state: SmootherState, intervals: int = 1, alone: bool = True) -> float:
+    def evidence(self, state: SmootherState, intervals: int) -> float:
         """Return the log evidence of the basis in the collected rows, of a spring that may change between the intervals.
 
-        `alone` takes that of the first equation, the torque sensor's if there is one: a shape is nothing that equations may
-        disagree on.
+        Only the first equation counts, the torque sensor's if there is one: what equations disagree on is no shape of the spring.
         """
         assert state.boxes is not None
-        boxes = [own.whole for own in state.boxes]
-        if not alone:
-            return max(Smoother(self, boxes, state.samples, intervals=intervals).evidence(shown) for shown in Shown)
-        solver = replace(
+        alone = replace(
             self,
             unknowns=self.unknowns[:1],
             required=self.required[:1],
             hidden=(self.hidden[0] | {GAIN},),
             gains=self.gains[:1],
         )
-        return max(Smoother(solver, boxes[:1], state.samples, intervals=intervals).evidence(shown) for shown in Shown)
+        boxes = [state.boxes[0].whole]
+        return max(
+            Smoother(alone, boxes, state.samples, intervals=intervals, shown=shown).evidence()
+            for shown in (False, True)
+        )
 
     def solution(self, state: SmootherState) -> tuple[Array, Array, float]:
         """Return ξ̂ (n,), its covariance (n, n), both averages over the log, and the noise seen in y (standard deviation)."""
@@ -342,7 +326,7 @@ class Smoother:
         choice: Choice | None = None,
         intervals: int = LIMITS.intervals,
         loops: bool = True,
-        shown: Shown = Shown.AT_ONCE,
+        shown: bool = True,
     ) -> None:
         self.solver, self.boxes, self.samples, self.choice = solver, boxes, samples, choice
         self.loops, self.shown = loops and bool(solver.slips), shown
@@ -410,10 +394,9 @@ class Smoother:
             triangles, choice, smoothed = self._chosen()
             if not self._resists(smoothed):
                 return Smoother(self.solver, self.boxes, self.samples, loops=False).trajectory()
-            # Where equations do not close, what makes them agree as well as can be is none of what is wrong.
-            if self.shown is not Shown.NONE and self._misfit(self._whole(smoothed.mean)) > REPORTED_MISFIT:
-                more = Shown.LATER if self.shown is Shown.AT_ONCE else Shown.NONE
-                return Smoother(self.solver, self.boxes, self.samples, loops=self.loops, shown=more).trajectory()
+            # Unknowns that leave the equations in disagreement are not what is wrong with the machine.
+            if self.shown and self._misfit(self._whole(smoothed.mean)) > REPORTED_MISFIT:
+                return Smoother(self.solver, self.boxes, self.samples, loops=self.loops, shown=False).trajectory()
         else:
             self.active, self.prior, self.direction, self.usual = (
                 choice.active, choice.prior, choice.direction, choice.usual
@@ -427,7 +410,7 @@ class Smoother:
         noise, usual = [RowNoise.white(part) for part in self.boxes], None
         weights: list[Array | None] = [None] * len(noise)
         for done in range(LIMITS.most_rounds):
-            evidence, smoothed = self._explained(self._triangles(noise, weights), usual, False, self.shown.after(done))
+            evidence, smoothed = self._explained(self._triangles(noise, weights), usual, False)
             mean = self._whole(smoothed.mean)
             noise, weights = self._noise(mean)
             usual = smoothed.mean.mean(axis=0)
@@ -435,20 +418,19 @@ class Smoother:
             if done + 1 >= LIMITS.rounds and max(evidence, key=lambda change: evidence[change]).constant:
                 break
         triangles = self._triangles(noise, weights)
-        evidence, smoothed = self._explained(triangles, usual, True, self.shown is not Shown.NONE)
+        evidence, smoothed = self._explained(triangles, usual, True)
         choice = Choice(
             self.count, tuple(noise), self.active, self.prior, self.nominal, self.direction, self.usual, evidence
         )
         return triangles, choice, smoothed
 
-    def evidence(self, shown: Shown) -> float:
+    def evidence(self) -> float:
         """Return the log evidence of the functions, for noise as the residuals show it."""
         noise, evidence, usual = [RowNoise.white(part) for part in self.boxes], -np.inf, None
         if sum(len(part.rows) for part in self.boxes) <= self.active.size:
             return evidence
-        for done in range(LIMITS.rounds + 1):
-            triangles = self._triangles(noise, [None] * len(noise))
-            found, smoothed = self._explained(triangles, usual, False, shown.after(done))
+        for _ in range(LIMITS.rounds + 1):
+            found, smoothed = self._explained(self._triangles(noise, [None] * len(noise)), usual, False)
             # Rows were divided by these deviations.
             sizes = sum(len(p.rows) * np.log(own.innovation) for p, own in zip(self.boxes, noise, strict=True))
             evidence = float(np.logaddexp.reduce(list(found.values()))) - float(sizes) - 0.5 * self.left
@@ -457,7 +439,7 @@ class Smoother:
         return evidence if self._resists(smoothed) else -np.inf
 
     def _resists(self, smoothed: Smoothed) -> bool:
-        """Tell whether friction elements, if there are any, resist all together, more surely than chance makes of a thousand."""
+        """Tell whether all friction elements together have a significant positive torque; true where there are none."""
         if not self.loops:
             return True
         n, level = self.solver.coefficients, np.zeros(self.active.size)
@@ -545,9 +527,7 @@ class Smoother:
             out[i, part] = usual[part]
         return out
 
-    def _explained(
-        self, triangles: Array, usual: Array | None, shapes: bool, shown: bool = True
-    ) -> tuple[dict[Change, float], Smoothed]:
+    def _explained(self, triangles: Array, usual: Array | None, shapes: bool) -> tuple[dict[Change, float], Smoothed]:
         """Return each hypothesis' log evidence, and what the best one estimates; unknowns that the log shows become active.
 
         Parameters
@@ -555,7 +535,6 @@ class Smoother:
         triangles : of `_triangles`
         usual : shape (active,), the torque as a whole; None to take that of a spring that does not change
         shapes : whether the shape may change, too
-        shown : whether unknowns that the log shows become active
         """
         measurements = self._measurements(triangles)
         self.prior = _smoothness(measurements, self.powers[self.active], self.knots[self.active])
@@ -584,7 +563,7 @@ class Smoother:
         if shapes:
             evidence |= self._weighed(measurements, [best._replace(shape=size) for size in sizes])
         # A causal filter's acceleration lags and is noisy, which another inertia would explain.
-        if shown and not self.solver.causal and self._shown(triangles, best):
+        if self.shown and not self.solver.causal and self._shown(triangles, best):
             return self._explained(triangles, None, shapes)
         return evidence, smoothed
 
@@ -603,7 +582,7 @@ class Smoother:
             likelihoods[i] = self._smooth(self._measurements(triangles), change, self.direction, False).log_likelihood
         best = max(likelihoods, key=lambda i: likelihoods[i])
         # Twice a logarithm of likelihoods is χ² of one degree of freedom.
-        # And of a residual any regressor predicts a little, for no noise is quite as it is modelled; an offset does no harm.
+        # Noise is never quite as it is modelled, so any regressor predicts a little of a residual. An offset does no harm.
         rows = (
             0 if best >= 0 and self.names[best - first][1] == "offset" else sum(len(part.rows) for part in self.boxes)
         )

@@ -443,23 +443,15 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
     states: dict[SmootherFold, list[SmootherState]] = {}
 
     @cache
-    def evidence(fold: SmootherFold, intervals: int, alone: bool) -> float:
-        return sum(fold.solver.evidence(own, intervals, alone) for own in states[fold])
-
-    def least_gain(fold: SmootherFold, other: SmootherFold, alone: bool) -> float:
-        """Return the logarithm of how many times as probable a fold's functions are as another's, at least.
-
-        A spring that changes may look like one of another shape, until that is allowed for.
-        """
-        return min(evidence(fold, k, alone) - evidence(other, k, alone) for k in SHAPE.intervals)
+    def evidence(fold: SmootherFold, intervals: int) -> float:
+        return sum(fold.solver.evidence(own, intervals) for own in states[fold])
 
     def needed(fold: SmootherFold, other: SmootherFold) -> bool:
-        """Tell whether a fold's functions are needed: by the first equation, or by all unless that is sure of the contrary."""
-        alone = least_gain(fold, other, True)
-        return alone > SURE or (alone > -SURE and least_gain(fold, other, False) > SURE)
+        # A spring that changes may look like one of another shape, until that is allowed for.
+        return all(evidence(fold, k) - evidence(other, k) > SURE for k in SHAPE.intervals)
 
     def collected(own: PolynomialBasis, elements: tuple[float, ...] = (), smooth: bool = False) -> SmootherFold:
-        # Evidence is of the same rows.
+        # All are compared on the same rows.
         fold = plain.with_shape(own, elements, smooth, wait=slips[0])
         states[fold] = _collected(fold, signals)
         return fold
@@ -476,7 +468,7 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
         return plain.with_shape(best.device.basis, ())
     smooth = collected(best.device.basis, slips, smooth=True)
     latest = SHAPE.intervals[-1]
-    return smooth if evidence(smooth, latest, True) > evidence(best, latest, True) else best
+    return smooth if evidence(smooth, latest) > evidence(best, latest) else best
 
 
 def _collected(fold: SmootherFold, signals: JointSignals) -> list[SmootherState]:
