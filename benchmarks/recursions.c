@@ -1,8 +1,8 @@
 /* The recursions of vsalog's estimators as a C programmer tunes them by hand, to measure the production step against.
  *
- * The same arithmetic as vsalog/estimators/rls.py, qr.py and vsalog/filters/square_root_smoother.py, and nothing around it: no functionals, no uncertainty. The number of
- * unknowns N is known when it is compiled (-DN=4), so that loops are unrolled and vectorised without rests, and what a sample
- * needs stays in registers. One pass writes P and multiplies it by the regressors of the next sample. Whole rows of P: one
+ * The same arithmetic as vsalog/estimators/rls.py, qr.py and vsalog/filters/square_root_smoother.py, and nothing around it: no
+ * functionals, no uncertainty. The number of unknowns N is known when it is compiled (-DN=4), so that loops are unrolled and
+ * vectorised without rests, and what a sample needs stays in registers. One pass writes P and multiplies it by the regressors of the next sample. Whole rows of P: one
  * triangle alone has half the arithmetic, but its rows are of unlike lengths, and takes two and a half times as long for N = 18
  * (compile with -DTRIANGLE to see).
  */
@@ -122,9 +122,9 @@ static inline void triangularise(double *restrict A, int rows, int width, int co
     }
 }
 
-/* Square-root Kalman filter and Rauch-Tung-Striebel smoother of a random walk: N states, a triangle of rows and a step of one row an instant.
+/* Square-root Kalman filter and Rauch-Tung-Striebel smoother of a random walk of N states.
  *
- * Z: count x (N + 1) x (N + 1); W: (count - 1) x 1 x N; mean, root, before, smoothed: as in square_root_smoother.py.
+ * An instant is measured by a triangle of rows, and a step of the walk is one row. Z: count x (N + 1) x (N + 1); W: (count - 1) x 1 x N; mean, root, before, smoothed: as in square_root_smoother.py.
  */
 void smoother_run(ptrdiff_t count, const double *restrict Z, const double *restrict W, double *restrict mean,
                   double *restrict root, double *restrict before, double *restrict smoothed_mean,

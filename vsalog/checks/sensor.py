@@ -140,7 +140,7 @@ def _turns(x: NDArray[np.float64], begin: int, over: int) -> bool:
 def _kinks(x: NDArray[np.float64], begin: int, over: int, enough: float) -> int:
     """Return how often a signal comes to a rest, or leaves it, without getting slower; one at an end of the log has one side."""
     length = over - begin
-    # No more of the log than is looked at, for each of many rests.
+    # A slice only: a long log has thousands of rests.
     near = max(2 * length, 2 * CUT.nearest + 1)
     sides = [x[max(0, begin - near) : begin][::-1]] * (begin > 0) + [x[over : over + near]] * (over < x.size)
     return sum(_kinked(np.abs(side - x[begin]), enough, length) for side in sides)

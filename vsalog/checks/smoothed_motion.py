@@ -155,7 +155,7 @@ def _passed(x: Array, gap: Flags, width: float, period: float) -> tuple[Array, F
 
 
 def _filled(x: Array, gap: Flags, reach: int) -> tuple[Array, Flags]:
-    """Return a signal without its mean, zero where it is missing, and where a kernel of so many samples meets that or a gap."""
+    """Return a signal minus its mean, 0 where missing; and where a kernel of `reach` samples covers a missing one or a gap."""
     missing = ~np.isfinite(x)
     filled = np.where(missing, 0.0, x - float(np.mean(x[~missing])))
     bad = (missing | gap).astype(np.float64)

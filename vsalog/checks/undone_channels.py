@@ -80,7 +80,7 @@ class Channels:
         self.signals, self.motion, self.unknown_scale = signals, motion, frozenset(unknown_scale)
         rows = motion.rows
         for known in motion.known.values():
-            # Wherever a row is moved to, and on the way there: beyond a gap it is another time.
+            # All samples within reach have to be known: a row that is shifted across a gap would be another time.
             unknown = np.cumsum(np.concatenate(([0], ~known)))
             rows = rows[unknown[rows + motion.reach + 1] == unknown[rows - motion.reach]]
         self.rows = rows

@@ -21,7 +21,7 @@ LOOK_BYTES = 64 * 2**20
 
 # Rows of a stretch of signals, as many as methods take in one piece; and of the longest run, which holds the longest window.
 STRETCH, LONGEST_RUN = PART, 2 * PART
-# Rows of a log in memory beyond which stretches are looked at, where these show as much.
+# Rows of a log in memory above which checks of the whole log's relations use stretches of it.
 LOOK_ROWS = STRETCHES * STRETCH
 
 
@@ -68,7 +68,7 @@ def of_signals(signals: JointSignals) -> JointSignals:
 
 
 def spread_over(signals: JointSignals, rows: int) -> JointSignals:
-    """Return stretches of signals, spread evenly, that have about so many rows in all."""
+    """Return evenly spread stretches of signals, about `rows` rows in total; all rows where there are no more."""
     return signals if len(signals) <= rows else _of_rows(signals, stretches(len(signals), rows))
 
 

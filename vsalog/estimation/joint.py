@@ -45,7 +45,7 @@ Sink = Callable[[Trace], None]
 PRESET, PAPER = "preset", "paper"
 # What asks any method for estimates from the samples before alone.
 CAUSAL = "causal"
-# The estimator that learns from the whole log.
+# The estimator of `auto` for estimates that need not be causal.
 SMOOTHER = "smoother"
 # What one more sensor would add.
 SENSOR_ADDS = (

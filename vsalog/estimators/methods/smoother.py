@@ -132,9 +132,10 @@ class SmootherFold(RegressionFold):
         return solver_state, columns, variance
 
     def _between_knots(self, columns: Mapping[str, Any]) -> Array:
-        """Return the variance of a stiffness, for nobody knows where between two knots it changes, shape (N,).
+        """Return the variance of the stiffness due to the unknown position of its change between two knots, shape (N,).
 
-        A spline draws a line where it may as well jump, anywhere alike: at a part p of the way it has with probability p.
+        A spline's stiffness is a line from knot to knot. If it jumps by Δ in between, at a uniformly distributed position, then
+        at a part p of the way it has jumped with probability p: the mean is that line, the variance p (1 − p) Δ².
         """
         basis = self.device.basis
         apart = basis.deflection_scale / basis.knots
@@ -197,9 +198,9 @@ class SmootherFold(RegressionFold):
         return (*super().findings(state), *found)
 
     def _judged(self, equation: Equation, rows: MotionRows, claimed: float, step: float) -> list[Finding]:
-        """Return what the first equation's residual follows; whether it is noise, trajectories know better."""
+        """Return what the first equation's residual follows; `findings` reports from the trajectories whether it is noise."""
         assert isinstance(equation, CombinedEquation)
-        # A motor's equation has its speed and acceleration among the unknowns; what a loop leaves goes with the speed.
+        # A motor's equation has speed and acceleration among its unknowns; the residual of a loop correlates with the speed.
         suspects = () if equation.slips else SUSPECTS if equation.sensor is not None else (POSITION,)
         found = followers(rows, claimed, step, suspects)
         part = " and ".join(view.name for view in equation.transmissions)
@@ -396,7 +397,7 @@ def _has_link(device: Device, offered: Collection[str]) -> bool:
 
 
 def _required(torque: str, known: bool, device: Device) -> frozenset[str]:
-    """Return the unknowns of an equation that are always looked for: what the rig does not have, or only says that there is."""
+    """Return the unknowns of an equation that are always estimated: unknown to the rig, or dry friction of the link."""
     if torque == "motor_torque" and not known:
         return frozenset(UNKNOWN_MOTOR[1:])
     rubs = torque == PUSH and device.link is not None and device.link.friction.coulomb > 0.0
@@ -406,7 +407,7 @@ def _required(torque: str, known: bool, device: Device) -> frozenset[str]:
 def _hidden(
     torque: str, equation: CombinedEquation, signals: JointSignals, conditioner: Conditioner, box: int
 ) -> frozenset[str]:
-    """Return the unknowns of an equation that cannot be told."""
+    """Return the unknowns of an equation that cannot be identified."""
     # A gain is relative to the other equations'.
     alone = len({torque for torque, _ in equation.parts}) == 1
     if torque == "torque_sensor":
