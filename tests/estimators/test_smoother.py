@@ -22,6 +22,7 @@ from vsalog.perturbations.sampling_rate import SamplingRate, every_second
 from vsalog.perturbations.trials import Subject, run_trials
 from vsalog.reproduce.measure import Setting, estimate, with_noise
 from vsalog.rig.load import Rig
+from vsalog.rig.schema import SerialJoint, SerialSignals
 from vsalog.simulation.experiments import awas_experiment, vsa2_experiment
 from vsalog.simulation.scenario import Scenario
 from vsalog.simulation.simulate import simulate
@@ -124,6 +125,27 @@ def test_a_spring_that_is_no_polynomial_is_followed_by_a_spline(shape):
     assert [one.evidence["knots"] for one in found] == [fold.device.basis.knots]
     plain = errors(estimated(t, signals, basis="rig")[0], truth)[0]
     assert np.median(plain) > 2.0 * np.median(relative)
+
+
+def test_a_knee_is_followed_where_a_setpoint_scales_the_spring():
+    def setpoint(at):
+        return np.sin(2.0 * np.pi * 0.23 * at + 0.4)
+
+    t, signals, truth = machine(lambda at: -0.3 * setpoint(at) - 0.2 * setpoint(at) ** 2, spring=SHAPES["knee"])
+    own = SEA.joint["sea"]
+    basis = msgspec.structs.replace(own.basis, setpoint_order=3)
+    roles = {
+        name: getattr(own.signals, name)
+        for name in ("motor_position", "motor_torque", "link_position", "torque_sensor")
+    }
+    joint = SerialJoint(
+        motor=own.motor, link=own.link, basis=basis, signals=SerialSignals(setpoint=own.signals.link_position, **roles)
+    )
+    columns, fold, _ = estimated(t, {**signals, "setpoint": setpoint(t)}, joint)
+    relative, deviations = errors(columns, truth)
+    assert fold.device.basis.knots == smoother.SHAPE.knots
+    assert np.median(relative) < 0.004
+    assert np.mean(deviations < 1.96) > 0.9
 
 
 def test_a_loop_is_found_and_the_stiffness_is_that_of_its_middle():

@@ -438,8 +438,7 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
     Of a long log stretches are looked at: they show a shape as well.
     """
     basis, signals = plain.device.basis, spread_over(signals, LONGEST_RUN)
-    # Of a basis with a set-point each knot would be there several times.
-    spline = basis if basis.setpoint_order > 1 else replace(basis, knots=max(basis.knots, SHAPE.knots))
+    spline = replace(basis, knots=max(basis.knots, SHAPE.knots))
     slips = tuple(basis.deflection_scale * part for part in SHAPE.parts)
     states: dict[SmootherFold, list[SmootherState]] = {}
 
