@@ -1,5 +1,6 @@
 # make demo   the main job on a sample log
 # make test   everything that must hold: style, types, tests; of long ones every second to fifth case, and of some long files every second or third test; all with ALL=1
+# make docs   the documentation as a site, in site/; LINKS=1 tests links to other sites as well
 # make bench  speed, beside a reference in the same run
 # make fuzz SECONDS=3600   hostile logs, rigs and models without end: no crash, no hang, no memory beyond 1 GB
 # make battery SEED=1   hidden effects, and how many of them the diagnosis finds
@@ -18,7 +19,7 @@ MAKEFLAGS += --no-print-directory
 # Tests start many processes: what one has compiled the next ones load, also where the environment says otherwise.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test lint bench battery fuzz limits samples clean
+.PHONY: demo test lint docs bench battery fuzz limits samples clean
 
 demo: $(VENV)/.demo
 	@$(BIN)/vsalog inspect sample_logs/vsa2_exp1.mcap
@@ -37,6 +38,12 @@ lint: $(VENV)/.test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+docs: $(VENV)/.docs
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going -q -b html docs site
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going -q -b doctest docs site/.doctest
+	$(if $(LINKS),$(BIN)/python -m sphinx -q -b linkcheck docs site/.links)
+	@echo "The site begins at site/index.html."
+
 bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks.recursions
 
@@ -53,7 +60,7 @@ samples: $(VENV)/.test
 	$(BIN)/python -m vsalog.simulation.samples sample_logs
 
 clean:
-	rm -rf $(VENV) demo battery .fuzz .limits build dist *.egg-info .pytest_cache .mypy_cache .import_linter_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) demo battery site .fuzz .limits build dist *.egg-info .pytest_cache .mypy_cache .import_linter_cache .ruff_cache .hypothesis
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit("vsalog needs Python 3.11 or newer; name one: make PYTHON=python3.12" if sys.version_info < (3, 11) else 0)'
@@ -68,6 +75,10 @@ $(VENV)/.test: $(VENV)/bin/python pyproject.toml
 	@# Of all that is installed, what the processes of the tests import most; the rest is compiled as it is needed.
 	@cd $(VENV)/lib/python3*/site-packages && ../../../bin/python -m compileall -q -j 2 $(IMPORTED)
 	@touch $@ $(VENV)/.demo
+
+$(VENV)/.docs: $(VENV)/bin/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	@touch $@
 
 $(VENV)/.bench: $(VENV)/bin/python pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,benchmark]'

@@ -22,7 +22,7 @@ def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path 
 
     NAME is an item of --list, or a paper's name for all of its items; everything when absent. Ours are medians over several
     noise seeds. Each row says under which conditions, what the paper leaves open and was chosen, and why ours is worse where
-    it is; docs/reproduce.md explains them.
+    it is; docs/performance/papers explains them.
     """
     from vsalog.figures.paper import prepare_folder, write_reproduced
     from vsalog.report.progress import BatchProgress
