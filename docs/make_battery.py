@@ -90,7 +90,9 @@ def family_page(family: str, kept: dict[str, Any]) -> str:
     for own in (found for found in kept.values() if found.get("family") == family):
         engine = "" if own["engine"] == "own" else f" ENGINE={own['engine']}"
         parts.append(f"## Simulated by {'MuJoCo' if engine else 'equations of the test'}\n")
-        parts.append(f"    make battery FAMILY={family} SEED={own['seed']} CASES={own['count']}{engine}\n\n{table(own)}")
+        parts.append(
+            f"    make battery FAMILY={family} SEED={own['seed']} CASES={own['count']}{engine}\n\n{table(own)}"
+        )
     return "\n".join(parts)
 
 

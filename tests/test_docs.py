@@ -39,7 +39,9 @@ def test_every_column_is_documented():
 def test_layouts_have_the_versions_that_readers_of_the_documents_know():
     """Raise a number here, and in the page on the document, when fields change their meaning."""
     assert (records.VERSION, diagnosis.VERSION, validation.VERSION) == (1, 2, 2)
-    assert f"| `version` | {diagnosis.VERSION}," in (DOCS / "reference" / "diagnosis_json.md").read_text(encoding="utf-8")
+    assert f"| `version` | {diagnosis.VERSION}," in (DOCS / "reference" / "diagnosis_json.md").read_text(
+        encoding="utf-8"
+    )
 
 
 def test_every_preset_and_its_joints_are_in_the_rig_reference():
