@@ -1,7 +1,6 @@
 """Every estimator has a page, every page tells all there is to tune and nothing else, and links lead somewhere."""
 
 import re
-import shlex
 import unicodedata
 from pathlib import Path
 
@@ -169,17 +168,3 @@ def test_relative_links_lead_somewhere(path):
         assert target.exists(), link
         if anchor and target.suffix == ".md":
             assert anchor in anchors(target), link
-
-
-@pytest.mark.every(2)
-@pytest.mark.parametrize("name", built_in())
-def test_the_example_does_what_it_says(name, run, tmp_path, samples):
-    text = section(page(name), "Example")
-    (tmp_path / "sample_logs").symlink_to(samples)
-    for file, content in re.findall(r"`(\w+\.toml)`:\n\n```toml\n(.*?)```", text, re.S):
-        (tmp_path / file).write_text(content, encoding="utf-8")
-    commands = re.findall(r"^    vsalog (.*)$", text, re.M)
-    assert commands
-    for command in commands:
-        done = run(*shlex.split(command, comments=True))
-        assert done.returncode == 0, f"{command}: {done.stderr}"
