@@ -15,7 +15,7 @@ import rich_click as click
     "--plots",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="DIR",
-    help="Write figures like the papers' into this folder, as SVG; needs matplotlib: pip install 'vsalog[plots]'.",
+    help="Write figures like the papers' into this folder, as SVG.",
 )
 def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path | None) -> None:
     """Simulate what the papers simulate, estimate as they do, and print their numbers next to ours.
