@@ -1,8 +1,9 @@
-"""The commands and Python lines of a Markdown page, in the order in which a reader meets them.
+"""The commands and Python lines of a Markdown page or a notebook, in the order in which a reader meets them.
 
 A page says in comments what its snippets need and which of them are not run:
 
     <!-- files: exp1.mcap=sample_logs/vsa2_exp1.mcap -->      copies of samples, before the first snippet
+    <!-- images: torque.png=figures/torque.png -->            pictures in docs/images that the page's commands make
     <!-- before: vsalog simulate sea -o exp1.mcap -->         a command that is run before what follows
     <!-- needs: mujoco -->                                    the next block is run where this package is installed
     <!-- not run: REASON -->                                  the next block is not run
@@ -10,17 +11,23 @@ A page says in comments what its snippets need and which of them are not run:
     <!-- slow "vsalog plan": REASON -->                       these are run with all cases only
 """
 
+import json
 import os
 import re
 import shlex
-from collections.abc import Iterator
+import shutil
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 
+from command_line import vsalog_run
 from markdown_it import MarkdownIt
 
-COMMENT = re.compile(r"<!--\s*(files|before|needs|slow|not run)(?: \"([^\"]+)\")?:\s*(.*?)\s*-->", re.DOTALL)
+ROOT = Path(__file__).parent.parent
+# What commands end with 3 for where a threshold is missed.
+MAY_MISS = ("--max-nrmse", "--fail-on-cause", "--fail-on-unchecked")
+COMMENT = re.compile(r"<!--\s*(files|images|before|needs|slow|not run)(?: \"([^\"]+)\")?:\s*(.*?)\s*-->", re.DOTALL)
 WORD = re.compile(r"""(?:[^\s'"]|'[^']*'|"[^"]*")+""")
 NAMED = re.compile(r"`([\w./-]+\.toml)`[^`]*:$")
 
@@ -32,6 +39,7 @@ class Page:
     files: dict[str, str] = field(default_factory=dict)
     steps: list[tuple[str, str]] = field(default_factory=list)
     left_out: list[tuple[str, str]] = field(default_factory=list)
+    images: dict[str, str] = field(default_factory=dict)
     slow: tuple[str, ...] = ()
 
     def quick(self) -> list[tuple[str, str]]:
@@ -44,16 +52,20 @@ class Page:
 
 
 def read(path: Path) -> Page:
-    """Return the snippets of a page."""
+    """Return the snippets of a page, or the cells of a notebook."""
     text = path.read_text(encoding="utf-8")
+    if path.suffix == ".ipynb":
+        cells = json.loads(text)["cells"]
+        lines = [("".join(cell["source"]), cell["cell_type"]) for cell in cells]
+        text = "\n\n".join(source if kind == "markdown" else f"```python\n{source}\n```" for source, kind in lines)
     page, skip, named = Page(), "", ""
     page.slow = tuple(start for kind, start, _ in COMMENT.findall(text) if kind == "slow")
     refused = tuple(start for kind, start, _ in COMMENT.findall(text) if kind == "not run" and start)
     for token in MarkdownIt("commonmark").enable("table").parse(text):
         if token.type == "html_block":
             for kind, start, rest in COMMENT.findall(token.content):
-                if kind == "files":
-                    page.files |= dict(pair.split("=") for pair in rest.split())
+                if kind in ("files", "images"):
+                    getattr(page, kind).update(pair.split("=") for pair in rest.split())
                 elif kind == "before":
                     page.steps.append(("command", rest))
                 elif kind == "needs":
@@ -96,3 +108,24 @@ def words(line: str, folder: Path = Path()) -> tuple[list[str], str]:
         given += found or [bare]
     output = given.index(">") if ">" in given else len(given)
     return given[:output], "".join(given[output + 1 :])
+
+
+def run(page: Page, steps: Sequence[tuple[str, str]], folder: Path) -> None:
+    """Run steps of a page in a folder that is the current one: commands, files and Python lines, in their order."""
+    shutil.copytree(ROOT / "sample_logs", folder / "sample_logs")
+    for file, source in page.files.items():
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / source, folder / file)
+    variables: dict[str, object] = {}
+    for kind, text in steps:
+        if kind == "command":
+            (_, *given), output = words(text, folder)
+            done = vsalog_run(*given, cwd=folder)
+            missed = any(option in given for option in MAY_MISS)
+            assert done.returncode in ((0, 3) if missed else (0,)), f"{text}: {done.stderr}"
+            if output:
+                (folder / output).write_text(done.stdout, encoding="utf-8")
+        elif kind == "python":
+            exec(compile(text, "page", "exec"), variables)
+        else:
+            (folder / kind).write_text(text, encoding="utf-8")
