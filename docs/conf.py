@@ -1,5 +1,6 @@
 """Settings of the documentation's site: `make docs` builds it."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -54,3 +55,20 @@ llms_txt_summary = (
     "vsalog turns recordings of compliant robot joints (MCAP, ROS bags, CSV, Parquet, MATLAB) into stiffness with its"
     " uncertainty, checks a fitted model against a second experiment, and finds what a simulation of the joint gets wrong."
 )
+
+ENTRY = re.compile(r"([*\w]+(?:, [*\w]+)*) : (.*)")
+TYPE = re.compile(r"\w+(?: \w+){0,4}(?:, optional)?")
+
+
+def describe(app, what, name, obj, options, lines):
+    """Let `name : words` of a docstring be a description where numpydoc would take the words for a type."""
+    for i in range(len(lines) - 1, -1, -1):
+        entry = ENTRY.fullmatch(lines[i])
+        typed = entry and TYPE.fullmatch(entry[2]) and i + 1 < len(lines) and lines[i + 1].startswith("    ")
+        if entry and not typed:
+            lines[i : i + 1] = [entry[1], f"    {entry[2]}"]
+
+
+def setup(app):
+    """Run before napoleon, which reads the sections."""
+    app.connect("autodoc-process-docstring", describe, priority=400)

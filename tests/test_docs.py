@@ -61,12 +61,14 @@ def test_the_links_of_the_readme_lead_somewhere():
         assert (ROOT / link).exists(), link
 
 
-def test_every_public_name_has_a_docstring():
+def test_every_public_name_has_a_docstring_and_is_in_the_reference():
     import vsalog
 
+    reference = (DOCS / "reference" / "api.md").read_text(encoding="utf-8")
     for name in vsalog.__all__:
         if not name.startswith("__"):
             assert getattr(vsalog, name).__doc__, name
+            assert f":: vsalog.{name}\n" in reference, name
 
 
 def test_no_page_is_longer_than_a_person_reads():
