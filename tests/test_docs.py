@@ -1,7 +1,9 @@
 """The documentation keeps up with the code."""
 
+import doctest
 import re
 import runpy
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -69,6 +71,19 @@ def test_every_public_name_has_a_docstring_and_is_in_the_reference():
         if not name.startswith("__"):
             assert getattr(vsalog, name).__doc__, name
             assert f":: vsalog.{name}\n" in reference, name
+
+
+def examples():
+    """Return the modules whose docstrings have examples."""
+    found = (path for path in ROOT.glob("vsalog/**/*.py") if "\n    >>> " in path.read_text(encoding="utf-8"))
+    return [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in found]
+
+
+@pytest.mark.parametrize("module", examples())
+def test_examples_of_docstrings_print_what_they_say(module):
+    tried = doctest.testmod(import_module(module))
+    assert tried.attempted
+    assert not tried.failed
 
 
 def test_no_page_is_longer_than_a_person_reads():
