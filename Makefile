@@ -1,5 +1,7 @@
 # make demo   the main job on a sample log
 # make test   everything that must hold: style, types, tests; of long ones every second to fifth case, and of some long files every second or third test; all with ALL=1
+# make docs   the documentation as a site, in site/; LINKS=1 tests links to other sites as well
+# make dist   wheel and source in dist/, tested as a user has them: a plain installation runs every command of the documentation
 # make bench  speed, beside a reference in the same run
 # make fuzz SECONDS=3600   hostile logs, rigs and models without end: no crash, no hang, no memory beyond 1 GB
 # make battery SEED=1   hidden effects, and how many of them the diagnosis finds
@@ -13,12 +15,19 @@ SECONDS ?= 3600
 WORKERS ?= 1
 BIN = $(VENV)/bin
 BATTERY = --out battery$(addprefix /,$(firstword $(FAMILY))$(ENGINE:%=-%)) $(FAMILY:%=--kind %) $(ENGINE:%=--engine %) $(CASES:%=--cases %)
+# Tests of the sdist that a plain installation passes: they need pytest and hypothesis alone.
+PLAIN = tests/test_snippets.py tests/core tests/filters tests/mechanics
+# Words that the project has better ones for (docs/vocabulary.txt), also of two parts, and the files that are held to them. Pages made
+# of the package's texts are left out, as the package is, until those texts have been gone through.
+WORDS = (?:left over|leaves over|borne out|how sure|stands? alone|[\w-]+)
+PROSE = README.md CONTRIBUTING.md docs benchmarks/README.md sample_logs/README.md
+TEXTS = *.json,./docs/vocabulary.txt,docs/vocabulary.txt,docs/reference/cli,docs/reference/findings,docs/reference/causes
 IMPORTED = numba llvmlite numpy scipy pyarrow pandas msgspec rosbags distributed dask
 MAKEFLAGS += --no-print-directory
 # Tests start many processes: what one has compiled the next ones load, also where the environment says otherwise.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test lint bench battery fuzz limits samples clean
+.PHONY: demo test lint docs dist bench battery fuzz limits samples clean
 
 demo: $(VENV)/.demo
 	@$(BIN)/vsalog inspect sample_logs/vsa2_exp1.mcap
@@ -36,6 +45,25 @@ lint: $(VENV)/.test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/codespell
+	$(BIN)/codespell --dictionary docs/vocabulary.txt --regex '$(WORDS)' --skip '$(TEXTS)' $(PROSE)
+	$(BIN)/check-jsonschema --builtin-schema vendor.github-workflows .github/workflows/*.yml
+	$(BIN)/check-jsonschema --builtin-schema vendor.github-actions action.yml
+
+docs: $(VENV)/.docs
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going -q -b html docs site
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going -q -b doctest docs site/.doctest
+	$(if $(LINKS),$(BIN)/python -m sphinx -q -b linkcheck docs site/.links)
+	@echo "The site begins at site/index.html."
+
+dist: $(VENV)/.dist
+	rm -rf dist build
+	$(BIN)/python -m build --outdir dist .
+	$(BIN)/python -m twine check --strict dist/*
+	$(PYTHON) -m venv build/venv
+	build/venv/bin/python -m pip install --quiet --disable-pip-version-check dist/*.whl pytest hypothesis
+	mkdir build/source && tar -xf dist/*.tar.gz -C build/source --strip-components 1
+	cd build/source && ../venv/bin/pytest --all-cases $(PLAIN)
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks.recursions
@@ -53,7 +81,7 @@ samples: $(VENV)/.test
 	$(BIN)/python -m vsalog.simulation.samples sample_logs
 
 clean:
-	rm -rf $(VENV) demo battery .fuzz .limits build dist *.egg-info .pytest_cache .mypy_cache .import_linter_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) demo battery site .fuzz .limits build dist *.egg-info .pytest_cache .mypy_cache .import_linter_cache .ruff_cache .hypothesis
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit("vsalog needs Python 3.11 or newer; name one: make PYTHON=python3.12" if sys.version_info < (3, 11) else 0)'
@@ -68,6 +96,14 @@ $(VENV)/.test: $(VENV)/bin/python pyproject.toml
 	@# Of all that is installed, what the processes of the tests import most; the rest is compiled as it is needed.
 	@cd $(VENV)/lib/python3*/site-packages && ../../../bin/python -m compileall -q -j 2 $(IMPORTED)
 	@touch $@ $(VENV)/.demo
+
+$(VENV)/.docs: $(VENV)/bin/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	@touch $@
+
+$(VENV)/.dist: $(VENV)/bin/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'build>=1.2' 'twine>=6.1'
+	@touch $@
 
 $(VENV)/.bench: $(VENV)/bin/python pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,benchmark]'

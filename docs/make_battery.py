@@ -1,4 +1,4 @@
-"""Store results of batteries and write their tables into docs/diagnosis.md: ``python -m docs.make_battery [BATTERY …]``.
+"""Store results of batteries and write their tables into docs/performance/diagnosis: ``python -m docs.make_battery [BATTERY …]``.
 
 Each BATTERY is a folder that ``make battery`` wrote. Its result replaces the one of the same family in docs/battery; without a
 BATTERY the tables are made from the stored results.
@@ -16,7 +16,7 @@ from tests.hidden_effects.family_report import curve, pooled, table
 from tests.hidden_effects.report import numbers_table
 
 HERE = Path(__file__).parent
-KEPT, PAGE = HERE / "battery", HERE / "diagnosis.md"
+KEPT, PAGES = HERE / "battery", HERE / "performance" / "diagnosis"
 BEGIN, END = "<!-- written by python -m docs.make_battery -->", "<!-- end of what docs.make_battery writes -->"
 # What each family is, in the order of the page.
 FAMILIES = {
@@ -55,11 +55,14 @@ def _write(name: str, found: dict[str, Any]) -> None:
     (KEPT / f"{name}.json").write_text(text + "\n", encoding="utf-8")
 
 
-def section() -> str:
-    """Return the tables of all that is kept, as Markdown."""
-    kept = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(KEPT.glob("*.json"))}
+def _kept() -> dict[str, Any]:
+    return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(KEPT.glob("*.json"))}
+
+
+def section(kept: dict[str, Any]) -> str:
+    """Return the tables of all families together and of single effects, as Markdown."""
     families = [found for found in kept.values() if "reliability" in found]
-    return "\n".join([BEGIN, "", *_confidence(families), *_alone(kept.get("alone")), *_families(kept), END])
+    return "\n".join([BEGIN, "", *_confidence(families), *_alone(kept.get("alone")), END])
 
 
 def _confidence(families: list[dict[str, Any]]) -> Iterator[str]:
@@ -67,7 +70,7 @@ def _confidence(families: list[dict[str, Any]]) -> Iterator[str]:
     machines = sum(found["count"] for found in families)
     sizes = np.repeat(*np.array([[int(k), n] for f in families for k, n in f["class_sizes"].items()]).T)
     names = sorted({found["family"] for found in families})
-    yield f"### Confidence of {machines} machines\n"
+    yield f"## Confidence of {machines} machines\n"
     yield f"Of the families {', '.join(names)}. Classes have {np.median(sizes):g} member in the median, at most {sizes.max()}.\n"
     yield f"A cause is right where it is hidden itself:\n\n{curve(pooled([found['reliability'] for found in families]))}"
     together = pooled([found["class_reliability"] for found in families])
@@ -76,28 +79,33 @@ def _confidence(families: list[dict[str, Any]]) -> Iterator[str]:
 
 def _alone(found: dict[str, Any] | None) -> Iterator[str]:
     if found:
-        yield f"### One effect, two, none, fewer roles\n\n    make battery SEED={found['seed']}\n"
+        yield f"## One effect, two, none, fewer roles\n\n    make battery SEED={found['seed']}\n"
         yield numbers_table(found["numbers"])
 
 
-def _families(kept: dict[str, dict[str, Any]]) -> Iterator[str]:
-    for family, (title, what) in FAMILIES.items():
-        for own in kept.values():
-            if own.get("family") != family:
-                continue
-            engine = "" if own["engine"] == "own" else f" ENGINE={own['engine']}"
-            yield f"### {title}{', simulated by MuJoCo' if engine else ''}\n"
-            yield f"    make battery FAMILY={family} SEED={own['seed']} CASES={own['count']}{engine}\n"
-            yield f"{what}\n\n{table(own)}"
+def family_page(family: str, kept: dict[str, Any]) -> str:
+    """Return the page of a family: its machines, by each engine that simulated them."""
+    title, what = FAMILIES[family]
+    parts = [f"# {title}\n\nWritten by `python -m docs.make_battery`. {what}\n"]
+    for own in (found for found in kept.values() if found.get("family") == family):
+        engine = "" if own["engine"] == "own" else f" ENGINE={own['engine']}"
+        parts.append(f"## Simulated by {'MuJoCo' if engine else 'equations of the test'}\n")
+        parts.append(
+            f"    make battery FAMILY={family} SEED={own['seed']} CASES={own['count']}{engine}\n\n{table(own)}"
+        )
+    return "\n".join(parts)
 
 
-def page() -> str:
-    """Return the text of docs/diagnosis.md with the tables of the stored results."""
-    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    return before + section() + rest.split(END)[1]
+def pages() -> dict[str, str]:
+    """Return the pages with the tables of the stored results: name → Markdown."""
+    kept = _kept()
+    before, rest = (PAGES / "index.md").read_text(encoding="utf-8").split(BEGIN)
+    index = before + section(kept) + rest.split(END)[1]
+    return {"index": index, **{family: family_page(family, kept) for family in FAMILIES}}
 
 
 if __name__ == "__main__":
     for folder in sys.argv[1:]:
         keep(Path(folder))
-    PAGE.write_text(page(), encoding="utf-8")
+    for stem, text in pages().items():
+        (PAGES / f"{stem}.md").write_text(text, encoding="utf-8")

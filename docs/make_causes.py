@@ -1,4 +1,4 @@
-"""Writes docs/causes.md from the classes of the catalogue: ``python docs/make_causes.py``."""
+"""Writes docs/reference/causes from the classes of the catalogue: ``python docs/make_causes.py``."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +11,12 @@ from vsalog.diagnosis.causes.base import Cause, Setting, Site
 from vsalog.residuals.sensing import at_joint
 from vsalog.rig import Rig
 
+FOLDER = Path(__file__).parent / "reference" / "causes"
+HEAD = """# Causes
+
+Written by `python docs/make_causes.py` from the classes in `vsalog/diagnosis/causes`.
+[Diagnosis](../../explanation/diagnosis.md) explains how causes are distinguished from one another.
+"""
 SIDES = {
     "motor": "Motor",
     "drive": "Drive",
@@ -58,7 +64,7 @@ def entry(cause: Cause) -> list[str]:
         confirm = confirm.replace(f"{{{name}}}", words)
     title = cause.title.replace("{part}", part)
     return [
-        f"### {cause.name}",
+        f"## {cause.name}",
         "",
         f"{title[0].upper()}{title[1:]}.",
         "",
@@ -71,17 +77,27 @@ def entry(cause: Cause) -> list[str]:
     ]
 
 
-def reference() -> str:
-    """Return the catalogue as Markdown."""
-    parts = ["# Causes", "", "Written by `python docs/make_causes.py` from the classes in `vsalog/diagnosis/causes`;"]
-    parts += ["[diagnosis.md](diagnosis.md) says how they are told from each other.", ""]
+def page(side: str) -> str:
+    """Return the causes of a side as Markdown."""
+    own = [entry(cause) for name, cause in sorted(catalogue().items()) if name.startswith(f"{side}.")]
+    return "\n".join([f"# Causes: {SIDES[side]}", "", *(line for lines in own for line in lines)])
+
+
+def index() -> str:
+    """Return the list of causes by side."""
+    parts = [HEAD, "| side | causes |", "| --- | --- |"]
     for side, heading in SIDES.items():
-        parts += [f"## {heading}", ""]
-        for name, cause in sorted(catalogue().items()):
-            if name.startswith(f"{side}."):
-                parts += entry(cause)
-    return "\n".join(parts)
+        names = [name for name in sorted(catalogue()) if name.startswith(f"{side}.")]
+        links = ", ".join(f"[{name.partition('.')[2]}]({side}.md#{name.replace('.', '')})" for name in names)
+        parts.append(f"| [{heading}]({side}.md) | {links} |")
+    return "\n".join([*parts, "", "```{toctree}", ":hidden:", "", *SIDES, "```", ""])
+
+
+def pages() -> dict[str, str]:
+    """Return the catalogue: name of a page → Markdown."""
+    return {"index": index(), **{side: page(side) for side in SIDES}}
 
 
 if __name__ == "__main__":
-    Path(__file__).with_name("causes.md").write_text(reference(), encoding="utf-8")
+    for stem, text in pages().items():
+        (FOLDER / f"{stem}.md").write_text(text, encoding="utf-8")

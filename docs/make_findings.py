@@ -1,4 +1,4 @@
-"""Writes docs/findings.md from the catalogue of findings: ``python docs/make_findings.py``."""
+"""Writes docs/reference/findings from the catalogue of findings: ``python docs/make_findings.py``."""
 
 import ast
 import re
@@ -11,6 +11,24 @@ from vsalog.checks import checks
 from vsalog.core.finding_texts import TEXTS
 from vsalog.core.printable import plural
 
+FOLDER = Path(__file__).parent / "reference" / "findings"
+# Page → title, and the families of codes that stand there; other families stand on the last page.
+REST = "estimates"
+PAGES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "recordings": ("files and tables", ("channel", "compressed", "recording", "repair", "table")),
+    "clocks": ("clocks", ("clock",)),
+    "signals": (
+        "signals and sensors",
+        (
+            "acceleration", "accelerometer", "deflection", "encoder", "external_torque", "motor_torque", "pressure", "sampling",
+            "sensor", "setpoint", "signal", "torque",
+        ),
+    ),
+    "rigs": ("rig files", ("guess", "rig")),
+    "validation": ("validation", ("error", "validation")),
+    "diagnosis": ("diagnosis and identification", ("diagnosis", "identification")),
+    REST: ("estimates", ()),
+}  # fmt: skip
 FIELD = re.compile(r"{(\w+)(?::[^}]*)?}")
 COUNTED = re.compile(r"{(\w+):n ([^}]*)}")
 
@@ -63,19 +81,33 @@ trace's Parquet file has them as JSON in its own metadata (`vsalog.findings`), t
 """
 
 
-def reference() -> str:
-    """Return the catalogue as Markdown."""
+def _page_of(family: str) -> str:
+    return next((stem for stem, (_, families) in PAGES.items() if family in families), REST)
+
+
+def entry(code: str, severity: list[str]) -> list[str]:
+    """Return what a page has of a code."""
+    text = TEXTS[code]
+    parts = [f"## {code}", "", f"Severity: {', '.join(severity)}.", "", plain(text.says), ""]
+    parts += [plain(text.advice), ""] if text.advice else []
+    return parts + ([f"False-alarm rate: {text.false_alarm:g}.", ""] if text.false_alarm is not None else [])
+
+
+def pages() -> dict[str, str]:
+    """Return the catalogue: name of a page → Markdown."""
     checks()  # their files add texts to the catalogue
-    parts, raised, catalogue = [HEAD], severities(), dict(sorted(TEXTS.items()))
-    for family, codes in groupby(catalogue, key=lambda code: code.split(".")[0]):
-        parts += [f"## {family}", ""]
+    raised = severities()
+    lines = {stem: [f"# Findings: {title}", ""] for stem, (title, _) in PAGES.items()}
+    index = [HEAD, "| codes | page |", "| --- | --- |"]
+    for family, codes in groupby(sorted(TEXTS), key=lambda code: code.split(".")[0]):
+        stem = _page_of(family)
+        index.append(f"| `{family}.…` | [{PAGES[stem][0]}]({stem}.md) |")
         for code in codes:
-            text = catalogue[code]
-            parts += [f"### {code}", "", f"Severity: {', '.join(raised[code])}.", "", plain(text.says), ""]
-            parts += [plain(text.advice), ""] if text.advice else []
-            parts += [f"False-alarm rate: {text.false_alarm:g}.", ""] if text.false_alarm is not None else []
-    return "\n".join(parts)
+            lines[stem] += entry(code, raised[code])
+    index += ["", "```{toctree}", ":hidden:", "", *PAGES, "```", ""]
+    return {"index": "\n".join(index), **{stem: "\n".join(text) for stem, text in lines.items()}}
 
 
 if __name__ == "__main__":
-    Path(__file__).with_name("findings.md").write_text(reference(), encoding="utf-8")
+    for name, page in pages().items():
+        (FOLDER / f"{name}.md").write_text(page, encoding="utf-8")

@@ -2,7 +2,8 @@
 
 For rigs, sensors and motions a cause is hidden in the machine, its log is simulated and diagnosed, and the class of causes that
 the diagnosis cannot tell apart is compared with the predicted one. Where it is ambiguous and a motion may tell more, the proposed
-motion is played with the same machine and diagnosed. The counts go to docs/battery/plan.json, the table into docs/plan.md.
+motion is played with the same machine and diagnosed. The counts go to docs/battery/plan.json,
+the table into docs/performance/planning.md.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from vsalog.simulation.scenario import Scenario
 from vsalog.simulation.simulate import simulate
 
 HERE = Path(__file__).parent
-KEPT, PAGE = HERE / "battery" / "plan.json", HERE / "plan.md"
+KEPT, PAGE = HERE / "battery" / "plan.json", HERE / "performance" / "planning.md"
 BEGIN, END = "<!-- written by python -m docs.make_plan -->", "<!-- end of what docs.make_plan writes -->"
 RIGID = """
 name = "rigid"
@@ -222,7 +223,7 @@ def table(kept: dict[str, Any]) -> str:
 
 
 def page() -> str:
-    """Return the text of docs/plan.md with the table of what is kept."""
+    """Return the text of docs/performance/planning.md with the table of what is kept."""
     before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
     kept = json.loads(KEPT.read_text(encoding="utf-8"))
     return f"{before}{BEGIN}\n\n{table(kept)}\n\n{END}{rest.split(END)[1]}"

@@ -1,4 +1,4 @@
-"""Writes the tables of docs/reproduce.md from the stored numbers: ``python -m docs.make_reproduce``.
+"""Writes the tables of docs/performance/papers from the stored numbers: ``python -m docs.make_reproduce``.
 
 The numbers, docs/reproduce.json, are those of a run: ``vsalog reproduce --json > numbers.json`` and then
 ``python -m docs.make_reproduce numbers.json`` stores them and writes the tables. A run of some items replaces those alone.
@@ -16,7 +16,7 @@ from vsalog.reproduce.catalogue import ITEMS
 Row = Mapping[str, Any]
 
 FOLDER = Path(__file__).parent
-PAGE, NUMBERS = FOLDER / "reproduce.md", FOLDER / "reproduce.json"
+PAGES, NUMBERS = FOLDER / "performance" / "papers", FOLDER / "reproduce.json"
 FIELDS = (
     "item", "place", "quantity", "unit", "of", "settings", "printed", "ours", "whole_run", "window", "verdict", "reproducible",
 )  # fmt: skip
@@ -115,7 +115,8 @@ def main(arguments: Sequence[str]) -> None:
         run = json.loads(Path(arguments[0]).read_text(encoding="utf-8"))["rows"]
         NUMBERS.write_text(stored(run, before), encoding="utf-8")
     rows = json.loads(NUMBERS.read_text(encoding="utf-8"))["rows"]
-    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), rows), encoding="utf-8")
+    for path in PAGES.glob("*.md"):
+        path.write_text(page(path.read_text(encoding="utf-8"), rows), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Draws the picture in the README: the stiffness of the VSA-II sample log beside the simulator's truth.
+"""Draws the picture in the README: the stiffness of the VSA-II sample log next to the simulator's truth.
 
 pip install matplotlib && python docs/picture.py
 """

@@ -181,7 +181,7 @@ humidity = humidity:HUMIDITY
 [vsalog.estimators]
 parabola = parabola
 """
-PAGE = "import runpy, sys; print(runpy.run_path(sys.argv[1])['reference']())"
+PAGE = "import runpy, sys; print(*runpy.run_path(sys.argv[1])['pages']().values())"
 
 
 @pytest.fixture(scope="module")
@@ -283,14 +283,14 @@ def test_help_and_the_command_line_s_page_list_the_estimator(installed, request)
 
 def test_the_causes_page_has_the_effect_s_cause_and_the_cause(installed, request):
     page = generated(installed, request, "causes")
-    assert "### link.hanging\n\nThe link hangs at another angle than the rig says.\n" in page
+    assert "## link.hanging\n\nThe link hangs at another angle than the rig says.\n" in page
     assert "- Parameters: `angle` [rad]\n" in page
-    assert "### motor.magnet\n\nA magnet of the motor is loose.\n" in page
+    assert "## motor.magnet\n\nA magnet of the motor is loose.\n" in page
 
 
 def test_the_findings_page_has_the_check_s_code(installed, request):
     page = generated(installed, request, "findings")
-    assert "### bench.humid\n\nSeverity: warning.\n\nthe bench is humid: ⟨value⟩ %.\n" in page
+    assert "## bench.humid\n\nSeverity: warning.\n\nthe bench is humid: ⟨value⟩ %.\n" in page
 
 
 def test_estimate_uses_the_estimator_and_tells_what_the_check_found(installed, bench_log, tmp_path):

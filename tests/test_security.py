@@ -1,4 +1,4 @@
-"""What docs/security.md says is so: no module can run what a file says, and reading a log starts, sends and writes nothing."""
+"""What the page on security says is so: no module can run what a file says; reading a log starts, sends and writes nothing."""
 
 import ast
 import json
@@ -153,7 +153,7 @@ def test_reading_starts_sends_and_writes_nothing():
 
 
 def test_the_note_names_tests_that_are_there():
-    text = (ROOT / "docs" / "security.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "explanation" / "security.md").read_text(encoding="utf-8")
     folder = ROOT
     named = re.findall(r"`((?:tests/)?[\w/]*test_\w+\.py)`", text)
     assert len(named) > 10

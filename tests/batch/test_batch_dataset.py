@@ -25,7 +25,7 @@ from vsalog.report.outputs import Outputs
 from vsalog.writers.dataset import day, in_dataset
 from vsalog.writers.trace import TraceWriter
 
-PAGE = Path(__file__).parent.parent.parent / "docs" / "batch.md"
+PAGE = Path(__file__).parent.parent.parent / "docs" / "how-to" / "batch.md"
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +110,7 @@ def test_the_table_goes_with_the_traces(data):
 
 @pytest.mark.parametrize("language", ["sql", "python"])
 def test_the_lines_of_the_page(data, language, monkeypatch):
-    """What docs/batch.md shows is run as it stands there."""
+    """What docs/how-to/batch.md shows is run as it stands there."""
     monkeypatch.chdir(data.parent)
     blocks = re.findall(rf"```{language}\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert blocks

@@ -105,7 +105,7 @@ def test_its_deviation_counts_how_well_the_weight_is_known(vsa2):
         known = np.isfinite(total["stiffness_std"])
         found[name] = (total[f"{EXTERNAL}_std"] ** 2 - total["stiffness_std"] ** 2)[known]
     assert found["exact"] == pytest.approx(0.0, abs=1e-12)
-    # 10 % of the weight and 2° at 95 %: docs/rig.md.
+    # 10 % of the weight and 2° at 95 %: docs/reference/rig.
     q = q[known]
     usual = (0.06 * 0.1 / 1.96 * np.cos(q)) ** 2 + (0.06 * np.radians(2.0) / 1.96 * np.sin(q)) ** 2
     assert found["usual"] == pytest.approx(usual, rel=1e-3)

@@ -42,7 +42,7 @@ def summary(outcomes: Sequence[Outcome]) -> list[Line]:
     lines = [
         _share("one effect, at 5 times the noise or more: named first", [o.first for o in plain], "≥ 0.97"),
         _share("… whatever the part it is at", [o.cause_only for o in plain]),
-        _share("… nothing else named beside it", [o.extra == 0 for o in plain]),
+        _share("… nothing else named", [o.extra == 0 for o in plain]),
         _share("one effect, below 5 times the noise: named first", [o.first for o in faint]),
         _share("clean log: anything named", [bool(o.named) or o.failed for o in kinds["clean"]], "≤ 0.03"),
         _share("clean log: not called consistent", [o.ended != "consistent" for o in kinds["clean"]]),

@@ -28,8 +28,19 @@ from queue import SimpleQueue
 from tests.limits.constants import Constant, constants_below
 
 ROOT = Path(__file__).parents[2]
-COPIED = ("vsalog", "tests", "benchmarks", "pyproject.toml", "Makefile", "README.md", "CHANGELOG.md", "LICENSE")
-LINKED = ("docs", "sample_logs")
+COPIED = (
+    "vsalog",
+    "tests",
+    "benchmarks",
+    "pyproject.toml",
+    "Makefile",
+    "README.md",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
+    "CITATION.cff",
+    "LICENSE",
+)
+LINKED = ("docs", "sample_logs", "conda", ".github")
 FAILED = (1, 2)
 """What pytest says where a test failed, or could not even be collected."""
 

@@ -308,8 +308,8 @@ def test_bytes_that_are_no_text_deep_in_a_column_of_times(tmp_path, time):
 
 
 def examples(row):
-    """Return what docs/tables.md gives as examples in a row of its table of dates."""
-    text = (Path(__file__).parents[2] / "docs" / "tables.md").read_text(encoding="utf-8")
+    """Return what docs/reference/tables.md gives as examples in a row of its table of dates."""
+    text = (Path(__file__).parents[2] / "docs" / "reference" / "tables.md").read_text(encoding="utf-8")
     (line,) = (line for line in text.splitlines() if line.startswith(f"| {row} |"))
     return re.findall(r"`([^`]+)`", line)
 

@@ -1,4 +1,4 @@
-"""The JSON Schema and docs/rig.md say what the structures say."""
+"""The JSON Schema and docs/reference/rig say what the structures say."""
 
 import json
 import re
@@ -13,7 +13,8 @@ from vsalog.rig.load import preset_text
 from vsalog.rig.schema_file import rig_schema, schema_text, structures
 
 DOCS = Path(__file__).parents[2] / "docs"
-TEXT = (DOCS / "rig.md").read_text(encoding="utf-8")
+# A heading between two pages ends the section before it.
+TEXT = "\n## \n".join(path.read_text(encoding="utf-8") for path in sorted((DOCS / "reference" / "rig").glob("*.md")))
 EXAMPLES = re.findall(r"```toml\n(.*?)```", TEXT, re.DOTALL)
 # The heading under which the keys of each structure are described.
 SECTIONS = {
@@ -34,7 +35,7 @@ VALIDATOR = jsonschema.Draft202012Validator(rig_schema())
 
 def section(title):
     match = re.search(rf"^#+ {re.escape(title)}\n(.*?)(?=^## |^### |\Z)", TEXT, re.MULTILINE | re.DOTALL)
-    assert match is not None, f"docs/rig.md has no heading '{title}'"
+    assert match is not None, f"docs/reference/rig have no heading '{title}'"
     return match[1]
 
 

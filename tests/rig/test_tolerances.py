@@ -16,7 +16,7 @@ from vsalog.rig.tolerance import DEFAULTS, default_deviation, table_text
 from vsalog.rig.uncertain import Tolerance, UncertainNumber, parse_stated, parse_stated_number, stated
 from vsalog.simulation.scenario import Scenario
 
-DOCS = Path(__file__).parents[2] / "docs" / "rig.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "rig" / "tolerances.md"
 DEG = math.pi / 180.0
 
 ARM = """
@@ -338,8 +338,8 @@ def test_any_text_is_a_quantity_or_a_unit_error(text):
 
 
 def test_the_documentation_has_the_table():
-    assert table_text() in DOCS.read_text(encoding="utf-8"), (
-        "run: python -m vsalog.rig.tolerance, and put it in docs/rig.md"
+    assert table_text() in PAGE.read_text(encoding="utf-8"), (
+        "run: python -m vsalog.rig.tolerance, and put it in docs/reference/rig/tolerances.md"
     )
 
 

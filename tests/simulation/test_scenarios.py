@@ -18,7 +18,8 @@ from vsalog.simulation.scenario_generic import GENERIC, generic
 from vsalog.simulation.scenario_schema import Drives, Part
 
 T = (np.arange(20_000) + 0.5) * 1e-3
-TEXT = (Path(__file__).parents[2] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).parents[2] / "docs" / "reference"
+TEXT = "\n".join((DOCS / f"scenario{page}.md").read_text(encoding="utf-8") for page in ("s", "_library"))
 EXAMPLES = re.findall(r"```toml\n(.*?)```", TEXT, re.DOTALL)
 
 ELASTIC = """

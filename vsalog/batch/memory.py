@@ -11,7 +11,7 @@ BASE = 330 * 2**20
 """Bytes that a worker takes which waits, with everything loaded."""
 
 
-# What a step needs beyond that, as measured over formats (docs/batch.md), with room: bytes per byte of log, and at most, however
+# What a step needs beyond that, as measured over formats (docs/how-to), with room: bytes per byte of log, and at most, however
 # long a log is, where it is worked on in a temporary file and figures are drawn of thinned traces.
 NEEDS = {
     "estimate": (6.0, 1000 * 2**20),

@@ -63,7 +63,7 @@ from vsalog.estimators.registry import methods
     "--figures",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Write the figures as SVG, PNG and PDF too; needs matplotlib (vsalog[plots]).",
+    help="Write the figures as SVG, PNG and PDF too.",
 )
 @reading_options
 @click.option(

@@ -15,14 +15,14 @@ import rich_click as click
     "--plots",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="DIR",
-    help="Write figures like the papers' into this folder, as SVG; needs matplotlib: pip install 'vsalog[plots]'.",
+    help="Write figures like the papers' into this folder, as SVG.",
 )
 def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path | None) -> None:
     """Simulate what the papers simulate, estimate as they do, and print their numbers next to ours.
 
     NAME is an item of --list, or a paper's name for all of its items; everything when absent. Ours are medians over several
     noise seeds. Each row says under which conditions, what the paper leaves open and was chosen, and why ours is worse where
-    it is; docs/reproduce.md explains them.
+    it is; docs/performance/papers explains them.
     """
     from vsalog.figures.paper import prepare_folder, write_reproduced
     from vsalog.report.progress import BatchProgress

@@ -19,7 +19,7 @@ _seconds = positive("s", "a time longer than zero")
 @click.option(
     "--scenario",
     metavar="NAME|FILE",
-    help="What drives the joints: a scenario's name or a TOML file (docs/scenarios.md). When absent, the preset's first"
+    help="What drives the joints: a scenario's name or a TOML file (docs/reference/scenarios.md). When absent, the preset's first"
     " experiment, or sines that suit the rig.",
 )
 @click.option("--list", "listing", is_flag=True, help="List the scenarios and presets that come with vsalog.")

@@ -17,7 +17,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes
     ----------
-    code : what it is, stable, `FAMILY.NAME`; docs/findings.md lists all
+    code : what it is, stable, `FAMILY.NAME`; docs/reference/findings lists all
     log : the log's name; "" where it is about all of them
     joint : the joint's name; "" where it is about the whole log
     part : the transmission or the roles that it is about, of a log the stream, column or file; "" where it is about the whole

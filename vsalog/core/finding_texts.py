@@ -1,4 +1,4 @@
-"""The catalogue of findings: what each code says, and what to do about it. docs/findings.md is made of it.
+"""The catalogue of findings: what each code says, and what to do about it. docs/reference/findings is made of it.
 
 Texts of codes that a check alone gives stand in its file.
 """
@@ -175,7 +175,7 @@ TEXTS: dict[str, Text] = {
     "torque.gain_differs": Text(
         "transmission {part}: the gain of {signal} is {value:.3g} times what the joint's other equations say; the estimate is"
         " corrected by that.",
-        "Calibrate it, and set its gain in the rig (docs/rig.md). A motor's inertia, damping or friction that the rig does not"
+        "Calibrate it, and set its gain in the rig. A motor's inertia, damping or friction that the rig does not"
         " have may look alike.",
     ),
     "link.inertia_not_estimated": Text(

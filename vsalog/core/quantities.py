@@ -1,7 +1,7 @@
 """The types of a rig's numbers: each knows its SI unit, what it is, and which values are possible.
 
 The SI unit stands in the type's metadata (``extra["unit"]``), from which the loader converts strings such as
-``"500 N·mm/rad"``, the JSON Schema is generated and `docs/rig.md` is checked.
+``"500 N·mm/rad"``, the JSON Schema is generated and `docs/reference/rig` is checked.
 """
 
 from __future__ import annotations

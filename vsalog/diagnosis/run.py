@@ -373,7 +373,7 @@ def rig_for(log: Path, options: Options) -> Rig:
     if rig is None:
         raise RigError(
             f"no rig was found in or beside {log.name}, and without one there is no simulation to be wrong:"
-            f" 'vsalog init {log.name} > rig.toml' writes a first one, to be completed by hand (docs/rig.md); give it with --rig"
+            f" 'vsalog init {log.name} > rig.toml' writes a first one, to be completed by hand; give it with --rig"
         )
     return rig.with_settings(options.set)
 

@@ -35,7 +35,7 @@ def estimate(
     estimator : ``residual-rls``, ``qr-rls``, ``batch-ls``, ``direct``, ``algebraic``, ``impedance``,
         ``impedance-coupled``, ``grioli-bicchi``, ``grioli-parametric``, ``acceleration-observer``, ``pam-ukf``,
         ``pam-smoother``, ``pam-model``, one of a third party's, or ``auto``
-    tune : what to tune, e.g. ``{"forgetting": 0.98}``; docs/estimators/ lists it, a page per method
+    tune : what to tune, e.g. ``{"forgetting": 0.98}``; docs/explanation/estimators/ lists it, a page per method
     set : changes to the rig, e.g. ``{"joint.elbow.motor.damping": "1 N*mm*s/rad"}``; ``setpoint`` fixes the set-point
     rate : samples per second of a table without a time column [Hz]
     time : which clock to trust: auto, header, log or publish

@@ -333,7 +333,7 @@ def _guess(recording: Recording) -> tuple[Rig, list[Finding]]:
     if not guess.joints:
         raise RigError(
             f"no rig was found in or beside {name}, and no channel of it looks like a joint's position or deflection."
-            f" 'vsalog inspect {name}' lists the channels; describe the joint in a rig file (docs/rig.md) and give it with --rig"
+            f" 'vsalog inspect {name}' lists the channels; describe the joint in a rig file and give it with --rig"
         )
     roles = "; ".join(
         f"{joint.name}: "

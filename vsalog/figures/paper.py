@@ -1,4 +1,4 @@
-"""Figures as files for papers, drawn by matplotlib, which is an optional extra."""
+"""Figures as files for papers, drawn by matplotlib."""
 
 from __future__ import annotations
 
@@ -60,9 +60,7 @@ def check_matplotlib(option: str = "--figures") -> None:
     try:
         import matplotlib.figure  # noqa: F401
     except ImportError:
-        raise FigureError(
-            f"{option} needs matplotlib, which is not installed: pip install 'vsalog[plots]' (or pip install matplotlib)"
-        ) from None
+        raise FigureError(f"{option} needs matplotlib, which is not installed: pip install matplotlib") from None
 
 
 def write_figures(

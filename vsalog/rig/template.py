@@ -157,7 +157,7 @@ def _servo(path: str) -> Iterator[str]:
     yield ""
     yield f"[{path}.drive]"
     yield _line(
-        'kind = "position-servo"', "docs/servos.md; leave the table out where a recorded torque moves the joint"
+        'kind = "position-servo"', "docs/how-to/servos.md; leave the table out where a recorded torque moves the joint"
     )
     yield 'kp = "400 N*m/rad"'
     yield 'kd = "10 N*m*s/rad"'

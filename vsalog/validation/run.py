@@ -192,7 +192,7 @@ def _check_fit(model: JointModel, device: Device, rig: Rig) -> None:
     if not theirs:
         raise EstimatorError(
             f"the model of joint '{device.joint}' holds no torque over the deflection, because {model.estimator} follows the"
-            " stiffness or observes a state; learn one with another --estimator (docs/estimators/README.md says which)"
+            " stiffness or observes a state; learn one with another --estimator (docs/explanation/estimators/index.md says which)"
         )
     if len(theirs) == len(ours) and theirs != ours:
         raise RigError(
