@@ -81,10 +81,46 @@ def _by_joint(candidates: list[Candidate]) -> dict[str, list[Candidate]]:
     for candidate in candidates:
         if candidate.meaning.quantity != "velocity":
             groups["_".join(candidate.meaning.joint)].append(candidate)
+    _merge_numbered(groups)
     _merge_strays(groups)
     _merge_nameless(groups)
     _add_velocities(groups, [c for c in candidates if c.meaning.quantity == "velocity"])
-    return _named(_split_numbered(groups))
+    return {name: _parts_by_topic(group) for name, group in _named(_split_numbered(groups)).items()}
+
+
+def _merge_numbered(groups: dict[str, list[Candidate]]) -> None:
+    """A topic's ``motor_2`` belongs to another's ``joint_2``."""
+    for candidate in list(groups.get("", ())):
+        key = _numbered_joint(candidate)
+        if key in groups and key:
+            groups[""].remove(candidate)
+            groups[key].append(candidate)
+    if not groups.get("", True):
+        del groups[""]
+
+
+def _numbered_joint(candidate: Candidate) -> str:
+    """Return ``joint_2`` for the element ``motor_2`` of a message, "" for what is numbered otherwise."""
+    meaning = candidate.meaning
+    return f"joint_{meaning.index}" if meaning.label and meaning.part == "motor" and meaning.index is not None else ""
+
+
+def _parts_by_topic(group: list[Candidate]) -> list[Candidate]:
+    """Take what a motor's topic says of a joint as the motor's, where another topic says the same of it."""
+    streams = {c.channel.stream: c.meaning.in_motor_topic for c in group if _is_unsided_position(c)}
+    motors = [stream for stream, is_motors in streams.items() if is_motors]
+    if len(streams) != 2 or len(motors) != 1:
+        return group
+    why = f"its topic {motors[0]} says motor"
+    return [
+        c.with_part("motor", why) if c.channel.stream == motors[0] and c.meaning.part in ("", "link") else c
+        for c in group
+    ]
+
+
+def _is_unsided_position(candidate: Candidate) -> bool:
+    meaning = candidate.meaning
+    return meaning.quantity == "position" and meaning.part in ("", "link") and not meaning.in_command_topic
 
 
 def _merge_strays(groups: dict[str, list[Candidate]]) -> None:
@@ -120,7 +156,7 @@ def _merge_nameless(groups: dict[str, list[Candidate]]) -> None:
 def _add_velocities(groups: dict[str, list[Candidate]], velocities: list[Candidate]) -> None:
     """A velocity belongs to the joint that its name names, or to the only one; others are of something else."""
     for candidate in velocities:
-        key = "_".join(candidate.meaning.joint)
+        key = "_".join(candidate.meaning.joint) or (_numbered_joint(candidate) if len(groups) > 1 else "")
         only = next(iter(groups)) if len(groups) == 1 and not key else key
         if only in groups:
             groups[only].append(candidate)

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.errors import UnitError
 from vsalog.core.recording import Channel
 from vsalog.core.resolution import ENOUGH
+from vsalog.core.units import is_counts, si_factor
 
 Array = NDArray[np.float64]
 
@@ -48,11 +50,39 @@ def span(channel: Channel) -> float:
 
 
 def looks_like_counts(channel: Channel) -> bool:
-    """Tell whether an angle without a unit is more likely raw counts: whole numbers, or far beyond a few turns."""
+    """Tell whether an angle is raw counts: by its unit, or, without one, by whole numbers beyond a turn of radians."""
+    if channel.unit:
+        return is_counts(channel.unit)
     finite = channel.values[np.isfinite(channel.values)]
-    if finite.size == 0 or channel.unit:
-        return False
-    return bool(np.all(finite == np.round(finite))) and float(np.ptp(finite)) > 6.0
+    return finite.size > 0 and bool(np.all(finite == np.round(finite))) and float(np.ptp(finite)) > 6.0
+
+
+def counts_of_turn(channel: Channel) -> int | None:
+    """Return after how many counts an encoder wraps to zero, None where it does not.
+
+    It jumps by most of the power of two that holds its counts: by more than half, for less could be a motion.
+    """
+    finite = channel.values[np.isfinite(channel.values)]
+    if finite.size < 2 or finite.min() < 0.0 or not 1.0 < finite.max() < 2.0**53:
+        return None
+    turn = 1 << int(finite.max()).bit_length()
+    return turn if float(np.abs(np.diff(finite)).max()) > 0.5 * turn else None
+
+
+def si_of_angle(channel: Channel, unit: str | None) -> float | None:
+    """Return what an angle is multiplied with to be one in rad; None for raw counts and what is no angle.
+
+    Parameters
+    ----------
+    channel : of the angle
+    unit : that its name states
+    """
+    if looks_like_counts(channel) or (unit is not None and is_counts(unit)):
+        return None
+    try:
+        return si_factor(channel.unit or unit or "rad", "rad")
+    except UnitError:
+        return None
 
 
 def together(*channels: Channel) -> tuple[Array, ...]:
@@ -92,7 +122,7 @@ def line(x: Array, y: Array) -> Line | None:
 
 
 def gear_between(motor: Channel, link: Channel) -> Line | None:
-    """Return link = slope · motor + intercept when the two clearly move together, else None."""
+    """Return link = slope · motor + intercept, as recorded, when the two clearly move together, else None."""
     found = line(*together(motor, link))
     return found if found is not None and abs(found.correlation) > 0.9 else None
 
@@ -103,6 +133,12 @@ def torque_over_deflection(torque: Channel, deflection: Channel) -> Line | None:
 
 
 def torque_over_difference(torque: Channel, link: Channel, motor: Channel, gear: float) -> Line | None:
-    """Return torque = slope · (link − motor / gear) + …, None where nothing can be fitted."""
+    """Return torque = slope · (link − motor / gear) + …, None where nothing can be fitted.
+
+    Parameters
+    ----------
+    torque, link, motor : as recorded
+    gear : motor's numbers per number of the link, units included
+    """
     values, q, theta = together(torque, link, motor)
     return line(q - theta / gear, values)

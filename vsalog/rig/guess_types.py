@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from msgspec import Struct
@@ -18,10 +18,15 @@ Kind = Literal["rigid", "elastic", "serial", "antagonistic"]
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A channel that may have a role, and what its name says."""
+    """A channel that may have a role, what its name says, and what tells its part where the name does not."""
 
     channel: Channel
     meaning: Meaning
+    because: str = ""
+
+    def with_part(self, part: str, because: str) -> Candidate:
+        """Return it as a part's, which something other than its name tells."""
+        return replace(self, meaning=replace(self.meaning, part=part), because=because)
 
 
 class RoleGuess(Struct, frozen=True):
@@ -35,6 +40,7 @@ class RoleGuess(Struct, frozen=True):
     unit : to be stated in the rig, where the log does not say what the name does
     side, sign : as in the rig
     is_current : a motor torque that is recorded as a current
+    counts_per_turn : after how many counts its encoder wraps; None for one that does not, or that is not in ``counts``
     """
 
     channel: str
@@ -44,6 +50,12 @@ class RoleGuess(Struct, frozen=True):
     side: Literal["joint", "rotor"] = "joint"
     sign: Literal[1, -1] = 1
     is_current: bool = False
+    counts_per_turn: int | None = None
+
+    @property
+    def is_unscaled(self) -> bool:
+        """Whether it is in counts, and nobody knows how many make a turn."""
+        return self.unit == "counts" and self.counts_per_turn is None
 
 
 class RunGuess(Struct, frozen=True):
