@@ -62,7 +62,7 @@ CASES = [
     (SIGNALS + 'torque_sensor = {channel = "a", counts_per_turn = 4096}', "counts_per_turn: is of an encoder"),
     (SIGNALS + "deflection = {constant = 1, counts_per_turn = 4096}", "does nothing next to a constant"),
     # units
-    (SIGNALS + 'deflection = {channel = "a", unit = "counts"}', 'counts_per_turn = 4096 next to the channel'),
+    (SIGNALS + 'torque_sensor = {channel = "a", unit = "counts"}', "torque_sensor.unit: 'counts' say nothing"),
     (MOTOR + 'inertia = "3 N*m"', "inertia: 'N*m' is a torque, but a moment of inertia (kg*m^2, g*cm^2, …) is wanted"),
     (MOTOR + 'inertia = "3"', "inertia: '3' has no unit"),
     (MOTOR + 'gear_ratio = "50"', 'gear_ratio: "50" is a text, but a plain number without unit is wanted'),

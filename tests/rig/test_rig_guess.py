@@ -356,7 +356,6 @@ def test_an_encoder_that_wraps_tells_its_counts(turn, wrapped):
     )
     guess = joint.roles["link_position"]
     assert (guess.unit, guess.counts_per_turn) == ("counts", turn if wrapped else None)
-    assert guess.is_unscaled is not wrapped
     assert "guess.raw_counts" in codes(joint)
     assert joint.gear_ratio is None  # counts and radians have no ratio
 

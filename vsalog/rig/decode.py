@@ -220,7 +220,7 @@ def _signal_table(value: Table, kind: inspect.StructType, units: tuple[str, ...]
     if "channel" in value:
         _channel(value["channel"], (*path, "channel"))
     plain = dict(value)
-    if "unit" in value and "counts_per_turn" not in value:
+    if "unit" in value:
         _unit(value["unit"], units, (*path, "unit"))
     if "constant" in value:
         idle = [key for key in value if key not in ("constant", "unit")]
@@ -252,19 +252,25 @@ def _channel(value: Any, path: Path) -> str:
 def _unit(value: Any, units: tuple[str, ...], path: Path) -> None:
     if not isinstance(value, str):
         refuse(path, f'{_written(value)} is not a unit; write it as text, such as "deg"')
+    if is_counts(value) and _is_angle(units):
+        return  # loads, as `init` writes it; who needs the angle refuses it
     try:
         matching(value, units)
     except UnitError as error:
         refuse(path, str(error))
 
 
-def _unit_of_counts(counts: float, unit: Any, units: tuple[str, ...], path: Path) -> str:
+def _is_angle(units: tuple[str, ...]) -> bool:
+    return not {"rad", "rad/s"}.isdisjoint(units)
+
+
+def _unit_of_counts(counts: float, unit: str | None, units: tuple[str, ...], path: Path) -> str:
     """Return the unit of an encoder's counts: ``rev/4096`` where 4096 make a turn, of a velocity ``rev/4096/s``."""
-    if not set(units) & {"rad", "rad/s"}:
+    if not _is_angle(units):
         refuse(
             path, f"is of an encoder, but this is {quantity(units[0])}; state its unit, and a gain where it is no SI"
         )
-    if unit is not None and not (isinstance(unit, str) and is_counts(unit)):
+    if unit is not None and not is_counts(unit):
         refuse(path, f"says the unit too; remove unit = {_written(unit)}, or counts_per_turn")
     exact = format(Decimal(counts).normalize(), "f")
     text = f"rev/{exact}/s" if "rad/s" in units else f"rev/{exact}"

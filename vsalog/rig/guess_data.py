@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -125,6 +126,45 @@ def gear_between(motor: Channel, link: Channel) -> Line | None:
     """Return link = slope · motor + intercept, as recorded, when the two clearly move together, else None."""
     found = line(*together(motor, link))
     return found if found is not None and abs(found.correlation) > 0.9 else None
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """How large the spring or the inertia is that would take all of a torque, by the sizes of both and the motion's frequency.
+
+    Attributes
+    ----------
+    stiffness : rms torque per rms angle
+    inertia : stiffness over the square of the angle's mean angular frequency
+    """
+
+    stiffness: float
+    inertia: float
+
+
+def scale_of(torque: Channel, factor: float, ends: Sequence[tuple[Channel, float]]) -> Scale | None:
+    """Return the scale of what a torque moves, None where one of them never changes.
+
+    Parameters
+    ----------
+    torque : of the motor
+    factor : what makes it SI on the joint's side
+    ends : channels whose sum is the angle, and what makes each rad on the joint's side
+    """
+    values, *angles = together(torque, *(channel for channel, _ in ends))
+    angle = np.zeros(values.size)
+    for one, (_, size) in zip(angles, ends, strict=True):
+        angle += one * size
+    if values.size < 10:
+        return None
+    angle, values = angle - angle.mean(), (values - values.mean()) * factor
+    crossings = int(np.count_nonzero(np.diff(np.signbit(angle))))
+    duration = float(torque.stamps[-1] - torque.stamps[0]) * 1e-9
+    size = float(np.sqrt(np.mean(angle**2)))
+    if not (size > 0.0 and values.any() and crossings and duration > 0.0):
+        return None
+    stiffness = float(np.sqrt(np.mean(values**2))) / size
+    return Scale(stiffness, stiffness / (np.pi * crossings / duration) ** 2)
 
 
 def torque_over_deflection(torque: Channel, deflection: Channel) -> Line | None:

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Channel
+from vsalog.core.units import si_factor
 from vsalog.rig import guess_data
-from vsalog.rig.guess_checks import confirm
+from vsalog.rig.guess_checks import Checked, confirm
 from vsalog.rig.guess_types import Candidate, JointGuess, Kind, RoleGuess
 from vsalog.rig.roles import COMMANDS, VELOCITIES
 from vsalog.rig.schema import AntagonisticSignals, SerialSignals, SingleSignals
@@ -69,6 +70,7 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
     if kind != "rigid" and not any(role.startswith(("motor_torque", "torque_sensor")) for role in roles):
         findings.append(Finding(code="guess.no_torque"))
     gaps = [role for role in _ROLES[kind] if role not in roles and _base(role) not in EXTRA]
+    stiffness, inertia = _scales(checked, channels)
     whys = {role: _why_missing(role, kind, roles, still) for role in gaps}
     return JointGuess(
         name,
@@ -80,7 +82,33 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
         checked.gear_ratio,
         findings=tuple(findings),
         not_needed=tuple(role for role, (_, needed) in whys.items() if not needed),
+        stiffness=stiffness,
+        inertia=inertia,
     )
+
+
+def _scales(checked: Checked, channels: dict[str, Channel]) -> tuple[float | None, float | None]:
+    """Return how large the stiffness and the inertia are that a motor's torque moves; None for what cannot be told."""
+    torque, gear = checked.roles.get("motor_torque"), checked.gear_ratio or 1.0
+    if torque is None:
+        return None, None
+    sizes: dict[str, float] = {}
+    for role, direction in (("link_position", 1.0), ("motor_position", -1.0), ("deflection", 1.0)):
+        guess = checked.roles.get(role)
+        size = None if guess is None else guess_data.si_of_angle(channels[role], guess.unit)
+        if guess is not None and size is not None:
+            sizes[role] = direction * guess.sign * size / (gear if guess.side == "rotor" else 1.0)
+    unit = channels["motor_torque"].unit or torque.unit or "N*m"
+    factor = si_factor(unit, "A" if torque.is_current else "N*m") * gear
+
+    def scale(*roles: str) -> guess_data.Scale | None:
+        if not set(roles) <= set(sizes):
+            return None
+        return guess_data.scale_of(channels["motor_torque"], factor, [(channels[role], sizes[role]) for role in roles])
+
+    spring = scale("deflection") or scale("link_position", "motor_position")
+    mass = scale("motor_position") or scale("link_position")
+    return None if spring is None else spring.stiffness, None if mass is None else mass.inertia
 
 
 def _without_constants(group: list[Candidate]) -> tuple[list[Candidate], list[Candidate]]:

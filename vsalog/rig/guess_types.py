@@ -52,11 +52,6 @@ class RoleGuess(Struct, frozen=True):
     is_current: bool = False
     counts_per_turn: int | None = None
 
-    @property
-    def is_unscaled(self) -> bool:
-        """Whether it is in counts, and nobody knows how many make a turn."""
-        return self.unit == "counts" and self.counts_per_turn is None
-
 
 class RunGuess(Struct, frozen=True):
     """A run: what ``{run}`` stands for, and the number in it, whose unit the log does not tell."""
@@ -76,6 +71,8 @@ class JointGuess(Struct, frozen=True):
     roles : role → channel
     missing : role → why there is none
     not_needed : those of the missing roles that an estimate does without
+    stiffness, inertia : in front of which an identification may begin, by the sizes of torque and motion; in the torque's unit
+        and per rad; None where there is no torque of a motor, or the joint has two
     gear_ratio : rotor turns per joint turn as the ranges of two positions show it
     runs : where the log holds several
     findings : what a person should know
@@ -91,6 +88,8 @@ class JointGuess(Struct, frozen=True):
     runs: tuple[RunGuess, ...] = ()
     findings: tuple[Finding, ...] = ()
     not_needed: tuple[str, ...] = ()
+    stiffness: float | None = None
+    inertia: float | None = None
 
     @property
     def is_driven(self) -> bool:
