@@ -134,7 +134,7 @@ def _merge_strays(groups: dict[str, list[Candidate]]) -> None:
     # channels are the two ends of one joint.
     if len(strays) == len(groups):
         parts = sorted(group[0].meaning.part for group in groups.values())
-        if parts != ["link", "motor"]:
+        if parts != ["link", "motor"] and all(group[0].meaning.quantity in _PLACED for group in groups.values()):
             return
     for key in strays:
         groups[""].extend(groups.pop(key))
@@ -155,20 +155,25 @@ def _merge_nameless(groups: dict[str, list[Candidate]]) -> None:
 
 def _add_velocities(groups: dict[str, list[Candidate]], velocities: list[Candidate]) -> None:
     """A velocity belongs to the joint that its name names, or to the only one; others are of something else."""
+    words = {c.meaning.joint for group in groups.values() for c in group}
     for candidate in velocities:
         key = "_".join(candidate.meaning.joint) or (_numbered_joint(candidate) if len(groups) > 1 else "")
-        only = next(iter(groups)) if len(groups) == 1 and not key else key
+        is_only = len(groups) == 1 and (not key or candidate.meaning.joint in words)
+        only = next(iter(groups)) if is_only else key
         if only in groups:
             groups[only].append(candidate)
 
 
 def _split_numbered(groups: dict[str, list[Candidate]]) -> dict[str, list[Candidate]]:
-    """Split a group whose links are numbered (q1, q2): the numbers count joints, not the motors of one joint."""
+    """Split a group whose links are numbered (q1, q2): the numbers count joints, not the motors of one joint.
+
+    So do those of a list's elements, and more than two of anything.
+    """
     split: dict[str, list[Candidate]] = {}
     for key, group in groups.items():
-        links = _numbers(group, "link")
-        motors = _numbers(group, "motor")
-        if len(links) < 2 and len(motors) < 3:
+        elements = {c.meaning.index for c in group if c.meaning.is_element and c.meaning.quantity == "position"}
+        most = max(len(_numbers(group, part)) for part in ("motor", ""))
+        if len(_numbers(group, "link")) < 2 and len(elements) < 2 and most < 3:
             split[key] = group
             continue
         for candidate in group:

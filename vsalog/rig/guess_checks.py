@@ -104,7 +104,7 @@ def _over_deflection(
 def _motor_per_link(checked: Checked, channels: Mapping[str, Channel], suffix: str) -> float | None:
     """Return the number for the motor's angle of which the link's is 1, where they are equal: by their units."""
     motor, link = (
-        guess_data.si_of_angle(channels[role], checked.roles[role].unit)
+        guess_data.si_of(channels[role], checked.roles[role].unit)
         for role in (f"motor_position{suffix}", "link_position")
     )
     return None if motor is None or link is None else link / motor

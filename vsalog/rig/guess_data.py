@@ -70,18 +70,20 @@ def counts_of_turn(channel: Channel) -> int | None:
     return turn if float(np.abs(np.diff(finite)).max()) > 0.5 * turn else None
 
 
-def si_of_angle(channel: Channel, unit: str | None) -> float | None:
-    """Return what an angle is multiplied with to be one in rad; None for raw counts and what is no angle.
+def si_of(channel: Channel, unit: str | None, like: str = "rad") -> float | None:
+    """Return what a channel is multiplied with to be SI; None for raw counts and for a unit of something else.
 
     Parameters
     ----------
-    channel : of the angle
+    channel : of the role
     unit : that its name states
+    like : the role's unit
     """
-    if looks_like_counts(channel) or (unit is not None and is_counts(unit)):
+    stated = channel.unit or unit or like
+    if like == "rad" and (looks_like_counts(channel) or is_counts(stated)):
         return None
     try:
-        return si_factor(channel.unit or unit or "rad", "rad")
+        return si_factor(stated, like)
     except UnitError:
         return None
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Channel
-from vsalog.core.units import si_factor
 from vsalog.rig import guess_data
 from vsalog.rig.guess_checks import Checked, confirm
 from vsalog.rig.guess_types import Candidate, JointGuess, Kind, RoleGuess
@@ -95,16 +94,17 @@ def _scales(checked: Checked, channels: dict[str, Channel]) -> tuple[float | Non
     sizes: dict[str, float] = {}
     for role, direction in (("link_position", 1.0), ("motor_position", -1.0), ("deflection", 1.0)):
         guess = checked.roles.get(role)
-        size = None if guess is None else guess_data.si_of_angle(channels[role], guess.unit)
+        size = None if guess is None else guess_data.si_of(channels[role], guess.unit)
         if guess is not None and size is not None:
             sizes[role] = direction * guess.sign * size / (gear if guess.side == "rotor" else 1.0)
-    unit = channels["motor_torque"].unit or torque.unit or "N*m"
-    factor = si_factor(unit, "A" if torque.is_current else "N*m") * gear
+    factor = guess_data.si_of(channels["motor_torque"], torque.unit, "A" if torque.is_current else "N*m")
 
     def scale(*roles: str) -> guess_data.Scale | None:
-        if not set(roles) <= set(sizes):
+        if factor is None or not set(roles) <= set(sizes):
             return None
-        return guess_data.scale_of(channels["motor_torque"], factor, [(channels[role], sizes[role]) for role in roles])
+        return guess_data.scale_of(
+            channels["motor_torque"], factor * gear, [(channels[role], sizes[role]) for role in roles]
+        )
 
     spring = scale("deflection") or scale("link_position", "motor_position")
     mass = scale("motor_position") or scale("link_position")
@@ -148,7 +148,7 @@ def _motor_and_link(first: Candidate, second: Candidate) -> dict[str, Candidate]
     between = guess_data.gear_between(first.channel, second.channel)
     if between is None:
         return {}
-    sizes = [guess_data.si_of_angle(c.channel, c.meaning.unit) or 1.0 for c in (first, second)]
+    sizes = [guess_data.si_of(c.channel, c.meaning.unit) or 1.0 for c in (first, second)]
     ratio = abs(between.slope) * sizes[1] / sizes[0]
     if round(max(ratio, 1.0 / ratio)) > 1:
         motor, link = (first, second) if ratio < 1.0 else (second, first)
@@ -238,8 +238,8 @@ def _position(part: str, group: list[Candidate]) -> tuple[str, float, str, str |
         return "setpoint", 0.8, "the secondary motor's position sets the stiffness", None
     if part == "link":
         return "link_position", 0.85, "its name says the joint's or link's position", None
-    paired = any(c.meaning.part == "motor" or c.meaning.quantity == "deflection" for c in group)
-    if paired:
+    positions = {c.meaning.part for c in group if c.meaning.quantity == "position"}
+    if "motor" in positions or any(c.meaning.quantity == "deflection" for c in group):
         return "link_position", 0.7, "a position next to the motor's", None
     if sum(c.meaning.quantity == "position" for c in group) > 1:
         return "link_position", 0.3, "one of several positions, its name does not say whose", None
@@ -292,8 +292,16 @@ def _numbered(options: list[_Option], numbers: list[int]) -> Iterator[_Option]:
 
 
 def _choose(options: list[_Option]) -> dict[str, _Option]:
-    """Give each role the surest channel and each channel one role; the shorter name wins a draw."""
-    ordered = sorted(options, key=lambda o: (-o.confidence, _spread_rank(o), len(o.candidate.channel.name)))
+    """Give each role the surest channel and each channel one role; a measured one wins a draw, then the shorter name."""
+    ordered = sorted(
+        options,
+        key=lambda o: (
+            -o.confidence,
+            _spread_rank(o),
+            not o.candidate.meaning.is_measured,
+            len(o.candidate.channel.name),
+        ),
+    )
     chosen: dict[str, _Option] = {}
     taken: set[str] = set()
     for option in ordered:
@@ -333,9 +341,16 @@ def _count_positions(group: list[Candidate]) -> int:
 
 
 def _torque_of_rigid(chosen: dict[str, _Option]) -> dict[str, _Option]:
-    """Take a torque whose name does not say whose it is as what moves a joint, where no spring can have it."""
+    """Take a torque whose name does not say whose it is as what moves a joint, where no spring can have it.
+
+    Next to the motor's current or torque it tells nothing new.
+    """
     torque = chosen.get("torque_sensor")
-    if torque is None or "motor_torque" in chosen or torque.candidate.meaning.part:
+    if torque is None or torque.candidate.meaning.part or torque.candidate.meaning.is_measured:
+        return chosen
+    if "motor_torque" in chosen and chosen["motor_torque"].candidate.meaning.quantity != "commanded_torque":
+        return {role: option for role, option in chosen.items() if role != "torque_sensor"}
+    if "motor_torque" in chosen:
         return chosen
     moved = replace(torque, role="motor_torque", reason="a torque, and no spring of which it could be")
     return {"motor_torque": moved, **{role: o for role, o in chosen.items() if role != "torque_sensor"}}

@@ -30,11 +30,12 @@ MEASURED = _words("actual act measured meas mes present feedback fb fbk")
 STATE = MEASURED | _words("state states")
 # Derivatives, housekeeping, what was computed: never a role.
 OTHER = _words(
-    "velocity velocities vel speed speeds omega dq qd ddq qdd rate dot acceleration acc accel jerk gyro temperature temp "
+    "velocity velocities vel speed speeds omega dq qd dtheta thetad "
+    "ddq qdd rate dot acceleration acc accel jerk gyro temperature temp "
     "voltage pwm status seq header time timestamp stamp id count counter error err power energy pressure "
     "force duty frame mode flag est estimated estimate predicted limit max min kp kd ki gain"
 )
-VELOCITY = _words("velocity velocities vel speed speeds omega dq qd")
+VELOCITY = _words("velocity velocities vel speed speeds omega dq qd dtheta thetad")
 BODY = _words("imu gyro twist odom angular linear base cartesian tcp")
 MOTOR = _words("motor motors mot mtr rotor servo actuator primary drive")
 # Its output is where a spring begins, on the motor's side of it; "gear output" is the link.
@@ -87,9 +88,11 @@ _VOCABULARY = (
     | ACCELERATION
 )
 # A number behind one of these counts the motors or transmissions of a joint.
-_NUMBERED = POSITION | VELOCITY | DEFLECTION | TORQUE | CURRENT | MOTOR | LINK | SENSOR | {"m", "c"}
+_NUMBERED = (
+    POSITION | VELOCITY | DEFLECTION | TORQUE | CURRENT | COMMAND | MOTOR | LINK | SENSOR | EXTERNAL | {"m", "c", "d"}
+)
 # Words that stand for a part as well: θ is the motor's angle and q the link's throughout the literature.
-_SYMBOLS = {"theta": "motor", "q": "link"}
+_SYMBOLS = {"theta": "motor", "q": "link", "dtheta": "motor", "thetad": "motor", "dq": "link", "qd": "link"}
 
 _PART_OF = {
     **dict.fromkeys(SENSOR, "sensor"),
@@ -130,6 +133,8 @@ class Meaning:
     label : the element's name in a message that names its elements, else ""
     in_command_topic : the topic's name says that these are commands
     in_motor_topic : the topic's name says that these are a motor's
+    is_measured : it says so
+    is_element : the index is that of a list, not part of the name
     unit : that the name ends in, where the log states none; else None
     """
 
@@ -140,6 +145,8 @@ class Meaning:
     label: str
     in_command_topic: bool
     in_motor_topic: bool = False
+    is_measured: bool = False
+    is_element: bool = False
     unit: str | None = None
 
 
@@ -171,7 +178,7 @@ def split_unit(name: str) -> tuple[str, str | None]:
 
 def meaning_of(channel: Channel, *, with_stream: bool = True) -> Meaning:
     """Return what a channel's name and unit say; the stream's name counts unless it is a run's name only."""
-    topic, field, label = _parts(channel)
+    topic, field, label, element = _parts(channel)
     topic = topic if with_stream else ""
     field, by_name = split_unit(field)
     unit = channel.unit or by_name
@@ -179,6 +186,7 @@ def meaning_of(channel: Channel, *, with_stream: bool = True) -> Meaning:
     quantity = _quantity(field_words, label_words, topic_words, unit)
     named = label_words if label else [*topic_words, *field_words]
     part, index, joint = _part(named, quantity)
+    index = index if element is None else element
     if label and not (part or joint) and (quantity == "velocity" or _named_quantity(field_words)):
         joint = label_words  # a joint may be called as a quantity is: Rotation
     if label and not part and any(word in SENSOR for word in topic_words) and quantity == "torque":
@@ -192,21 +200,32 @@ def meaning_of(channel: Channel, *, with_stream: bool = True) -> Meaning:
     in_command_topic = any(word in COMMAND for word in topic_words)
     in_motor_topic = any(word in MOTOR for word in topic_words)
     return Meaning(
-        quantity, part, index, tuple(joint), label, in_command_topic, in_motor_topic, None if channel.unit else by_name
+        quantity,
+        part,
+        index,
+        tuple(joint),
+        label,
+        in_command_topic,
+        in_motor_topic,
+        is_measured=not MEASURED.isdisjoint(field_words),
+        is_element=element is not None,
+        unit=None if channel.unit else by_name,
     )
 
 
-def _parts(channel: Channel) -> tuple[str, str, str]:
-    """Split a full name into topic, field path and the element's label (not an index)."""
+def _parts(channel: Channel) -> tuple[str, str, str, int | None]:
+    """Split a full name into topic, field path, the element's label and the element's number in a list."""
     name = channel.name
     # A stream that is a part of a topic is called "/topic (field …)".
     names = channel.stream, channel.stream.rpartition(" (")[0]
     topic = next((stream for stream in names if stream and name.startswith(f"{stream}.")), "")
     rest = name[len(topic) + 1 :] if topic else name
-    match = re.fullmatch(r"(.*)\[([^\[\]]*)\]", rest, re.DOTALL)
-    if match is None or match[2].isdigit():
-        return topic, rest, ""
-    return topic, match[1], match[2]
+    match = re.fullmatch(r"(.*)\[([^\[\]()]*)\]", rest, re.DOTALL)
+    if match is None:
+        return topic, rest, "", None
+    if match[2].isdecimal() and len(match[2]) < 6:
+        return topic, match[1], "", int(match[2])
+    return topic, match[1], match[2], None
 
 
 def _split_compound(word: str) -> list[str]:
@@ -238,6 +257,8 @@ def _quantity(field: list[str], label: list[str], topic: list[str], unit: str | 
     named = _named_quantity(field) or _named_quantity(label) or _named_quantity(topic)
     if by_unit == "length":
         return "setpoint" if named in ("setpoint", "position") and _is_setpoint(words) else "other"
+    if named == "torque" and not (CURRENT - {"i"}).isdisjoint(field):
+        return "other" if "from" in field else "current"  # computed of a current, or the current that makes torque
     if by_unit == "current" and named in (None, "torque"):
         return "current"
     if named == "position" and by_unit in (None, "position") and _is_command_topic(topic):
