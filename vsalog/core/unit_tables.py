@@ -114,7 +114,7 @@ ATOMS: dict[str, tuple[float, Dimension]] = {
 OFFSET_UNITS = frozenset({"degC", "°C", "degF", "°F", "celsius", "Celsius", "fahrenheit", "degreeC", "degree_Celsius"})
 
 COUNTS = frozenset(
-    ("count", "counts", "cnt", "cnts", "cts", "tick", "ticks", "lsb", "pulse", "pulses", "increment", "increments")
+    ("count", "counts", "cnt", "cnts", "cts", "tic", "tics", "tick", "ticks", "lsb", "pulse", "pulses", "increment", "increments")
 )  # fmt: skip
 """What people call the steps of an encoder, which are no unit until it is known how many make a turn."""
 

@@ -66,7 +66,10 @@ def _candidates(recording: Recording, runs: RunGroup | None) -> tuple[list[Candi
     skipped = clockless | (set(runs.streams[1:]) | set(runs.left_out) if runs else set())
     found = []
     for channel in recording.channels.values():
-        if channel.stream in skipped:
+        # A stiffness next to a damping is a controller's gain.
+        if channel.stream in skipped or (
+            "stiffness" in channel.name and channel.name.replace("stiffness", "damping") in recording.channels
+        ):
             continue
         is_run = runs is not None and channel.stream == runs.streams[0]
         meaning = meaning_of(channel, with_stream=not is_run)
@@ -172,7 +175,10 @@ def _split_numbered(groups: dict[str, list[Candidate]]) -> dict[str, list[Candid
     split: dict[str, list[Candidate]] = {}
     for key, group in groups.items():
         elements = {c.meaning.index for c in group if c.meaning.is_element and c.meaning.quantity == "position"}
-        most = max(len(_numbers(group, part)) for part in ("motor", ""))
+        motors, others = _numbers(group, "motor"), _numbers(group, "")
+        # Two motors are those of one joint only where it has a link, or deflections.
+        is_pair = any(c.meaning.part in ("link", "") and c.meaning.quantity in _PLACED for c in group)
+        most = max(len(motors) + (not is_pair), len(others))
         if len(_numbers(group, "link")) < 2 and len(elements) < 2 and most < 3:
             split[key] = group
             continue

@@ -174,6 +174,13 @@ def torque_over_deflection(torque: Channel, deflection: Channel) -> Line | None:
     return line(*together(deflection, torque))
 
 
+def is_the_same(one: Channel, other: Channel) -> bool:
+    """Tell whether two channels have the same numbers but for a lag: what was wanted, and what came of it."""
+    x, y = together(one, other)
+    spread = float(np.var(x)) if x.size else 0.0
+    return spread > 0.0 and 1.0 - float(np.mean((y - x) ** 2)) / spread > CORRELATED
+
+
 def torque_over_difference(torque: Channel, link: Channel, motor: Channel, gear: float) -> Line | None:
     """Return torque = slope · (link − motor / gear) + …, None where nothing can be fitted.
 

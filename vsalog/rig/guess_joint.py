@@ -50,7 +50,7 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
     moving, still = _without_constants(group)
     if any(c.meaning.quantity in ("torque", "current") for c in still):
         moving = [c for c in moving if c.meaning.quantity != "commanded_torque"]  # the drive did not follow
-    moving = _sided(moving)
+    moving = _sided(_without_targets(moving))
     findings: list[Finding] = []
     numbers = _motor_numbers(moving)
     options = [option for c in moving for option in _options(c, moving)]
@@ -122,6 +122,24 @@ def _without_constants(group: list[Candidate]) -> tuple[list[Candidate], list[Ca
         c for c in group if not (_is_setpoint(c) or c.meaning.quantity in able) and guess_data.is_constant(c.channel)
     ]
     return [c for c in group if c not in still], still
+
+
+def _without_targets(group: list[Candidate]) -> list[Candidate]:
+    """Take a torque by an ambiguous name, without a unit, as the target of a position whose numbers it has: ``tq``, ``q``."""
+    positions = [c for c in group if c.meaning.quantity == "position"]
+
+    def is_target(candidate: Candidate) -> bool:
+        is_doubtful = candidate.meaning.quantity == "torque" and not (candidate.meaning.part or candidate.channel.unit)
+        return is_doubtful and any(guess_data.is_the_same(c.channel, candidate.channel) for c in positions)
+
+    return [
+        replace(
+            c, meaning=replace(c.meaning, quantity="commanded_position"), because="it has the position's own numbers"
+        )
+        if is_target(c)
+        else c
+        for c in group
+    ]
 
 
 def _sided(group: list[Candidate]) -> list[Candidate]:
@@ -343,17 +361,15 @@ def _count_positions(group: list[Candidate]) -> int:
 def _torque_of_rigid(chosen: dict[str, _Option]) -> dict[str, _Option]:
     """Take a torque whose name does not say whose it is as what moves a joint, where no spring can have it.
 
-    Next to the motor's current or torque it tells nothing new.
+    A current is no torque yet, and makes way for it.
     """
-    torque = chosen.get("torque_sensor")
+    torque, motors = chosen.get("torque_sensor"), chosen.get("motor_torque")
     if torque is None or torque.candidate.meaning.part or torque.candidate.meaning.is_measured:
         return chosen
-    if "motor_torque" in chosen and chosen["motor_torque"].candidate.meaning.quantity != "commanded_torque":
-        return {role: option for role, option in chosen.items() if role != "torque_sensor"}
-    if "motor_torque" in chosen:
+    if motors is not None and motors.candidate.meaning.quantity != "current":
         return chosen
     moved = replace(torque, role="motor_torque", reason="a torque, and no spring of which it could be")
-    return {"motor_torque": moved, **{role: o for role, o in chosen.items() if role != "torque_sensor"}}
+    return {"motor_torque": moved, **{r: o for r, o in chosen.items() if r not in ("torque_sensor", "motor_torque")}}
 
 
 def _kind(

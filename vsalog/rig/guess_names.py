@@ -33,10 +33,13 @@ OTHER = _words(
     "velocity velocities vel speed speeds omega dq qd dtheta thetad "
     "ddq qdd rate dot acceleration acc accel jerk gyro temperature temp "
     "voltage pwm status seq header time timestamp stamp id count counter error err power energy pressure "
-    "force duty frame mode flag est estimated estimate predicted limit max min kp kd ki gain"
+    "force duty frame mode flag est estimated estimate predicted model gravity limit max min kp kd ki gain "
+    "battery batt bat bus supply"
 )
 VELOCITY = _words("velocity velocities vel speed speeds omega dq qd dtheta thetad")
 BODY = _words("imu gyro twist odom angular linear base cartesian tcp")
+# Topics of bodies; a robot's base may be one that has joints.
+BODY_TOPICS = BODY - {"base"}
 MOTOR = _words("motor motors mot mtr rotor servo actuator primary drive")
 # Its output is where a spring begins, on the motor's side of it; "gear output" is the link.
 GEAR = _words("gear gearbox")
@@ -52,6 +55,7 @@ FILLER = MEASURED | _words(
 # A letter behind the symbol of a quantity, as in theta_m and tau_J_d.
 SUBSCRIPTS = {"m": "motor", "l": "link", "j": "link", "s": "sensor", "d": "command", "c": "secondary"}
 # Two words for one.
+_SHORT = {"jnt": "joint", "jt": "joint", "joi": "joint"}
 _TOGETHER = {("load", "cell"): "loadcell", ("i", "q"): "iq", ("i", "d"): "id", ("set", "point"): "setpoint"}
 
 UNITS = {
@@ -154,7 +158,8 @@ def words_of(name: str) -> list[str]:
     """Split a name into lower-case words: ``servo1_positionRaw`` → servo, 1, position, raw."""
     words: list[str] = []
     for found in _WORD.findall(name):
-        word = _GREEK.get(found, found.lower())
+        word = found.lower()
+        word = _GREEK.get(word) or _SHORT.get(word, word)
         for part in _split_compound(word):
             both = _TOGETHER.get((words[-1], part)) if words else None
             if both is None:
@@ -286,7 +291,8 @@ def _is_velocity(field: list[str], unit: str | None) -> bool:
 def _is_joint_velocity(field: list[str], words: list[str], unit: str | None) -> bool:
     """Tell whether a channel is how fast a position changes: no body's velocity, error, or rate of something else."""
     derived = any(word in DEFLECTION or (word in OTHER and word not in VELOCITY) for word in field)
-    return _is_velocity(field, unit) and not derived and not any(word in BODY for word in words)
+    is_bodys = not BODY.isdisjoint(field) or not BODY_TOPICS.isdisjoint(words)
+    return _is_velocity(field, unit) and not derived and not is_bodys
 
 
 def _acceleration(field: list[str], words: list[str], unit: str | None) -> str | None:
