@@ -16,7 +16,7 @@ from command_line import vsalog_run
 from vsalog.cli import cli
 from vsalog.rig import Rig
 
-TIME = np.arange(0.0, 6.0, 0.004)
+TIME = np.arange(0.0, 6.0, 0.005)
 THETA = 0.5 * np.sin(2.1 * TIME) + 0.1 * np.sin(7.3 * TIME)
 PHI = 0.04 * np.sin(3.1 * TIME) + 0.02 * np.sin(11.0 * TIME)
 STIFFNESS, INERTIA = 120.0, 0.05
@@ -59,8 +59,8 @@ def commands_in(text):
 @pytest.mark.parametrize(
     ("log", "command"),
     [
-        ("sensor", "estimate"), ("current", "identify"), ("positions", "simulate"), ("position", "simulate"),
-        ("torque", "identify"), ("serial", "simulate"), ("antagonists", "simulate"),
+        ("sensor", "estimate"), ("positions", "simulate"), ("position", "simulate"), ("torque", "identify"),
+        ("serial", "simulate"), ("antagonists", "simulate"),
     ],
 )  # fmt: skip
 def test_the_command_that_init_names_can_use_the_rig_as_it_is(log, command, tmp_path, monkeypatch):
@@ -77,8 +77,10 @@ def test_the_command_that_init_names_can_use_the_rig_as_it_is(log, command, tmp_
 def test_the_stiffness_is_found_up_to_the_torque_constant_where_a_current_is_all(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write(tmp_path, LOGS["current"])
-    assert CliRunner().invoke(cli, ["init", "exp1.csv", "-o", "my.toml"]).exit_code == 0
-    assert CliRunner().invoke(cli, ["identify", "exp1.csv", "--rig", "my.toml", "-o", "found.toml"]).exit_code == 0
+    made = CliRunner().invoke(cli, ["init", "exp1.csv", "-o", "my.toml"])
+    (words,) = commands_in(made.stderr)
+    assert words == ["identify", "exp1.csv", "--rig", "my.toml"]
+    assert CliRunner().invoke(cli, [*words, "-o", "found.toml"]).exit_code == 0
     joint = Rig.load(Path("found.toml")).joints["joint"]
     assert joint.transmission.stiffness == pytest.approx(STIFFNESS / 3.0, rel=0.03)
     assert joint.motor.inertia == pytest.approx(INERTIA / 3.0, rel=0.1)

@@ -50,7 +50,8 @@ SECONDARY = _words("secondary stiffener")
 EXTERNAL = _words("external ext disturbance")
 ACCELERATION = _words("acceleration acc accel accelerometer")
 FILLER = MEASURED | _words(
-    "joint joints data state states raw msg field value values x y z side abs absolute sensors stamped topic of the in cell"
+    "joint joints data state states raw msg field value values x y z side abs absolute sensors stamped topic of the in cell "
+    "scope logsout simout"
 )
 # A letter behind the symbol of a quantity, as in theta_m and tau_J_d.
 SUBSCRIPTS = {"m": "motor", "l": "link", "j": "link", "s": "sensor", "d": "command", "c": "secondary"}
