@@ -101,6 +101,12 @@ def test_counts_are_refused_until_it_is_known_how_many_make_a_turn(tmp_path, mon
     assert sorted(p.name for p in tmp_path.iterdir()) == ["exp1.csv", "my.toml"]
 
 
+def test_an_estimate_without_a_rig_takes_no_numbers_to_begin_with(tmp_path):
+    refused = vsalog_run("estimate", write(tmp_path, LOGS["current"]), cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "motor_torque" in refused.stderr
+
+
 def asked(folder, log, answers):
     """Run `init --ask` on a terminal of its own and answer; return the exit code, stdout and stderr."""
     ours, theirs = pty.openpty()

@@ -19,8 +19,10 @@ from rig_logs import (
 from vsalog.binding.joint import offered_roles
 from vsalog.core.recording import Recording
 from vsalog.core.units import split_header
+from vsalog.rig import Rig
 from vsalog.rig.guess import guess_roles
 from vsalog.rig.guess_names import split_unit, words_of
+from vsalog.rig.template import rig_template
 from vsalog.simulation import awas_experiment, elastic_experiment, vsa2_experiment
 
 
@@ -292,6 +294,14 @@ def test_units_at_the_end_of_names(name, bare, unit):
     assert split_unit(name) == (bare, unit)
 
 
+@pytest.mark.parametrize("name", ["torque_counts", "torque_deg", "sensor_torque_A"])
+def test_a_unit_that_does_not_fit_is_not_taken_from_a_name(name):
+    log = table({"motor": MOTOR, "link_position": LINK, name: TORQUE}, units={"motor": "rad"})
+    joint = only_joint(log)
+    assert all(joint.roles[role].unit is None for role in joint.roles if "torque" in role)
+    Rig.from_toml(rig_template(log, guess_roles(log)))
+
+
 def arm(joints, motors):
     columns, streams = {}, {}
     for topic, names, position, effort in (
@@ -366,6 +376,12 @@ def test_a_torque_of_a_joint_without_a_spring_is_what_moves_it():
         channels_of(only_joint(table({"position": LINK, "loadcell_torque": PUSH})))["torque_sensor"]
         == "loadcell_torque"
     )
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e300, np.inf])
+def test_numbers_beyond_measure_give_none_to_begin_with(size):
+    log = table({"motor_position": MOTOR, "link_position": LINK, "motor_torque": size * MOTOR_TORQUE})
+    Rig.from_toml(rig_template(log, guess_roles(log)))
 
 
 def test_raw_counts_are_doubted():

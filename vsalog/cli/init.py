@@ -44,8 +44,8 @@ def init(
     """Guess a rig file for LOG: which joints it holds and which channel plays which role.
 
     Each guess stands with its confidence and why; what the log does not tell stands as a comment to fill in, or is asked for
-    with --ask. The result loads as it is, and at least one command can use it, which init names:
-    `vsalog init exp1.mcap > rig.toml`, look it over, then `vsalog estimate exp1.mcap`.
+    with --ask. The result loads as it is, and init names the command that can use it: `vsalog init exp1.mcap > rig.toml`, look
+    it over, then `vsalog estimate exp1.mcap`. Encoders in counts are refused until it is known how many make a turn.
     """
     from vsalog.core.errors import RigError
     from vsalog.readers import read

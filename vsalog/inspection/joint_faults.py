@@ -58,7 +58,8 @@ def _rig_of_all_channels(recording: Recording, guess: Guess) -> str:
     )
     bare = replace(guess, joints=joints)
     constants = {f"motor{suffix}.torque_constant": "1.0" for suffix in ("", "_1", "_2")}
-    return rig_template(recording, bare, {name: constants for name, _ in named_joints(bare)})
+    answers = {name: constants for name, _ in named_joints(bare)}
+    return rig_template(recording, bare, answers, with_beginnings=False)
 
 
 def _alone(

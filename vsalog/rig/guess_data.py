@@ -166,7 +166,8 @@ def scale_of(torque: Channel, factor: float, ends: Sequence[tuple[Channel, float
     if not (size > 0.0 and values.any() and crossings and duration > 0.0):
         return None
     stiffness = float(np.sqrt(np.mean(values**2))) / size
-    return Scale(stiffness, stiffness / (np.pi * crossings / duration) ** 2)
+    found = Scale(stiffness, stiffness / (np.pi * crossings / duration) ** 2)
+    return found if 0.0 < min(found.stiffness, found.inertia) <= max(found.stiffness, found.inertia) < np.inf else None
 
 
 def torque_over_deflection(torque: Channel, deflection: Channel) -> Line | None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+from vsalog.core.errors import UnitError
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Channel
+from vsalog.core.units import is_counts, matching
 from vsalog.rig import guess_data
 from vsalog.rig.guess_checks import Checked, confirm
 from vsalog.rig.guess_types import Candidate, JointGuess, Kind, RoleGuess
-from vsalog.rig.roles import COMMANDS, VELOCITIES
+from vsalog.rig.roles import COMMANDS, VELOCITIES, role_units
 from vsalog.rig.schema import AntagonisticSignals, SerialSignals, SingleSignals
 
 _ROLES: dict[str, tuple[str, ...]] = {
@@ -215,8 +217,19 @@ def _options(candidate: Candidate, group: list[Candidate]) -> Iterator[_Option]:
     is_angle = meaning.quantity not in ("setpoint", "torque", "current")
     less += 0.3 if is_angle and not channel.unit and guess_data.looks_like_counts(channel) else 0.0
     for role, confidence, reason, unit in _by_name(candidate, group):
-        reason, unit = candidate.because or reason, meaning.unit or unit
+        reason, unit = candidate.because or reason, meaning.unit if _fits(meaning.unit, role) else unit
         yield _Option(role, candidate, round(max(confidence - less, 0.05), 2), reason, unit)
+
+
+def _fits(unit: str | None, role: str) -> bool:
+    """Tell whether a name ends in a unit that the role may have: ``torque_deg`` does not."""
+    units = role_units(role)
+    if unit is None or is_counts(unit):
+        return unit is not None and units == ("rad",)
+    try:
+        return bool(matching(unit, units))
+    except UnitError:
+        return False
 
 
 def _by_name(candidate: Candidate, group: list[Candidate]) -> Iterator[tuple[str, float, str, str | None]]:

@@ -55,8 +55,8 @@ FILLER = MEASURED | _words(
 )
 # A letter behind the symbol of a quantity, as in theta_m and tau_J_d.
 SUBSCRIPTS = {"m": "motor", "l": "link", "j": "link", "s": "sensor", "d": "command", "c": "secondary"}
-# Two words for one.
 _SHORT = {"jnt": "joint", "jt": "joint", "joi": "joint"}
+# Two words for one.
 _TOGETHER = {("load", "cell"): "loadcell", ("i", "q"): "iq", ("i", "d"): "id", ("set", "point"): "setpoint"}
 
 UNITS = {

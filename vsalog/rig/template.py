@@ -36,17 +36,25 @@ _TRANSMISSIONS = {
 }
 
 
-def rig_template(recording: Recording, guess: Guess, answers: Mapping[str, Answers] = MappingProxyType({})) -> str:
+def rig_template(
+    recording: Recording,
+    guess: Guess,
+    answers: Mapping[str, Answers] = MappingProxyType({}),
+    *,
+    with_beginnings: bool = True,
+) -> str:
     """Return a `rig.toml` for the joints guessed in a recording.
 
     Parameters
     ----------
     recording, guess : the log, and what was guessed of it
     answers : per joint, what somebody knows of its gaps
+    with_beginnings : write numbers to begin with, where a command needs some; else nothing that the log does not hold
     """
     lines = [*_head(recording, guess), ""]
     for name, joint in named_joints(guess):
-        lines.extend(_joint(name, joint, answers.get(name, {})))
+        known = answers.get(name, {})
+        lines.extend(_joint(name, joint, known, command_for(joint, known) if with_beginnings else "estimate"))
     return "\n".join(lines).rstrip("\n") + "\n"
 
 
@@ -114,9 +122,8 @@ def named_joints(guess: Guess) -> Iterator[tuple[str, JointGuess]]:
         yield name, joint
 
 
-def _joint(name: str, joint: JointGuess, answers: Answers) -> Iterator[str]:
+def _joint(name: str, joint: JointGuess, answers: Answers, command: Command) -> Iterator[str]:
     path = f"joint.{toml_key(name)}"
-    command = command_for(joint, answers)
     yield f"[{path}]"
     yield _line(f'kind = "{joint.kind}"', f"{_percent(joint.confidence)}: {joint.reason}")
     for finding in joint.findings:
@@ -138,7 +145,7 @@ def _joint(name: str, joint: JointGuess, answers: Answers) -> Iterator[str]:
             yield from (f"[{path}.link]", 'inertia = "1 kg*m^2"', "")
     elif "motor_torque" in joint.roles and not joint.is_driven and command == "identify":
         yield from _motor(f"{path}.motor", "motor", joint, answers, begin)
-    else:
+    elif begin:
         yield from _servo(path)
     yield f"[{path}.signals]"
     for role, guess in joint.roles.items():
