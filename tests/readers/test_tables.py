@@ -165,6 +165,40 @@ def test_a_column_that_looks_like_time_is_told_not_taken(tmp_path):
     assert "clock.perhaps" in codes(recording)
 
 
+@pytest.mark.parametrize(
+    ("first", "step"),
+    [
+        (lambda i: f"{i * 0.002 + 0.1:g}", 2_000_000),
+        (lambda i: str(4 * i), 4_000_000),
+        (lambda i: str(i * 2000), 2_000_000),
+    ],
+)
+def test_a_first_column_that_rises_evenly_is_the_time_where_none_is_called_so(tmp_path, first, step):
+    path = table(tmp_path, "x,joint_position\n" + "".join(f"{first(i)},{i % 3}\n" for i in range(20)))
+    recording = read(path)
+    assert list(recording.channels) == ["joint_position"]
+    assert set(np.diff(stamps(recording))) == {step}
+    assert "clock.guessed_by_rise" in codes(recording)
+    assert list(read(path, rate=100.0).channels) == ["x", "joint_position"]  # who states a rate means all columns
+
+
+@pytest.mark.parametrize(
+    ("header", "first"),
+    [
+        ("x [rad],q", lambda i: f"{i * 0.002:g}"),  # an angle, by its unit
+        ("x,q", lambda i: str(i)),  # the number of the row
+        ("x,q", lambda i: f"{0.002 * i * (20 - i):g}"),  # it falls
+        ("x,q", lambda i: f"{2.0**i + 0.5:g}"),  # its steps grow
+        ("x,q,time", lambda i: f"{i * 0.002:g}"),  # another is called so
+    ],
+)
+def test_a_first_column_that_is_no_time(tmp_path, header, first):
+    rows = "".join(f"{first(i)},{i % 3}" + (f",{i * 0.01:g}" if "time" in header else "") + "\n" for i in range(20))
+    recording = read(table(tmp_path, f"{header}\n{rows}"))
+    assert "x" in recording.channels
+    assert "clock.guessed_by_rise" not in codes(recording)
+
+
 def test_comments_and_lines_ahead_of_the_header(tmp_path):
     text = "# rig: awas\n% operator, me, you\n\nSetup,A\n\ntime,x,y\n0.0,1,2\n# paused\n0.1,2,3\n0.2,3,4\n"
     recording = read(table(tmp_path, text))

@@ -17,8 +17,12 @@ from rig_logs import (
 )
 
 from vsalog.binding.joint import offered_roles
+from vsalog.core.recording import Recording
+from vsalog.core.units import split_header
+from vsalog.rig import Rig
 from vsalog.rig.guess import guess_roles
-from vsalog.rig.guess_names import words_of
+from vsalog.rig.guess_names import split_unit, words_of
+from vsalog.rig.template import rig_template
 from vsalog.simulation import awas_experiment, elastic_experiment, vsa2_experiment
 
 
@@ -249,6 +253,135 @@ def test_streams_without_time_are_passed_over_unless_there_is_nothing_else():
     guess = guess_roles(log)
     assert guess.joints[0].kind == "elastic"
     assert codes(guess) == ["clock.missing"]
+
+
+SENSED = {"motor_position": MOTOR, "link_position": LINK, "torque_sensor": TORQUE, "motor_torque": MOTOR_TORQUE}
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("pos_mot", "pos_load", "tau_se", None),
+        ("pos_mot", "pos_se", "LoadCell", "tau_cmd"),
+        ("theta_m", "theta_l", "tau_s", "i_q"),
+        ("q_motor", "q", "load cell torque", "Iq_meas [A]"),
+        ("Enc1", "Enc2", "LoadCell (Nm)", "Iq_meas [A]"),
+        ("motor_deg[0]", "link_deg[0]", "sensor_Nm[0]", "current_A[0]"),
+        ("motorPosDeg", "gearOutputPosDeg", "springTorqueNm", "curr_mA"),
+        ("pos_act", "encoder_link", "torque_measured", "curr"),
+        ("/motor_states/elbow/position", "/joint_states/elbow/position", None, "/motor_states/elbow/effort"),
+    ],
+)
+def test_names_of_labs(names):
+    split = {role: split_header(name) for role, name in zip(SENSED, names, strict=True) if name}
+    columns = {name: SENSED[role] for role, (name, _) in split.items()}
+    joint = only_joint(table(columns, units=dict(split.values())))
+    assert joint.kind == "elastic"
+    assert channels_of(joint) == {role: name for role, (name, _) in split.items()}
+    assert not {"deg", "nm", "a", "ma", "act"} & set(joint.name.lower().split("_"))
+
+
+@pytest.mark.parametrize(
+    ("name", "bare", "unit"),
+    [
+        ("motor_deg[0]", "motor[0]", "deg"), ("jointAngleRad", "jointAngle", "rad"), ("torque_Nm", "torque", "N*m"),
+        ("i_q_A", "i_q", "A"), ("speed_rad_s", "speed", "rad/s"), ("enc.ticks", "enc", "counts"),
+        ("leg_A", "leg_A", None), ("theta_m", "theta_m", None), ("rotation", "rotation", None), ("deg", "deg", None),
+        ("command", "command", None),
+    ],
+)  # fmt: skip
+def test_units_at_the_end_of_names(name, bare, unit):
+    assert split_unit(name) == (bare, unit)
+
+
+@pytest.mark.parametrize("name", ["torque_counts", "torque_deg", "sensor_torque_A"])
+def test_a_unit_that_does_not_fit_is_not_taken_from_a_name(name):
+    log = table({"motor": MOTOR, "link_position": LINK, name: TORQUE}, units={"motor": "rad"})
+    joint = only_joint(log)
+    assert all(joint.roles[role].unit is None for role in joint.roles if "torque" in role)
+    Rig.from_toml(rig_template(log, guess_roles(log)))
+
+
+def arm(joints, motors):
+    columns, streams = {}, {}
+    for topic, names, position, effort in (
+        ("/joint_states", joints, LINK, TORQUE),
+        ("/motor_states", motors, MOTOR, MOTOR_TORQUE),
+    ):
+        for name in names:
+            values = {"position": position, "velocity": np.gradient(position, TIME), "effort": effort}
+            log = recording({f"{topic}.{f}[{name}]": v for f, v in values.items()}, stream=topic, kind=JOINT_STATE)
+            columns |= log.channels
+            streams |= log.streams
+    return Recording(log.path, "mcap", columns, streams)
+
+
+@pytest.mark.parametrize(
+    ("joints", "motors", "names"),
+    [
+        (("elbow", "wrist"), ("elbow", "wrist"), ("elbow", "wrist")),
+        (("elbow_joint", "wrist_joint"), ("elbow_motor", "wrist_motor"), ("elbow", "wrist")),
+        (("joint_1", "joint_2"), ("motor_1", "motor_2"), ("joint_1", "joint_2")),
+        (("joint_1", "joint_2"), ("joint_1", "joint_2"), ("joint_1", "joint_2")),
+        (("0", "1"), ("0", "1"), ("joint_0", "joint_1")),
+    ],
+)
+def test_a_motor_s_topic_and_a_joint_s_are_two_ends_of_a_spring(joints, motors, names):
+    guess = guess_roles(arm(joints, motors))
+    assert tuple(joint.name for joint in guess.joints) == names
+    for joint, link, motor in zip(guess.joints, joints, motors, strict=True):
+        assert joint.kind == "elastic"
+        assert channels_of(joint) == {
+            "motor_position": f"/motor_states.position[{motor}]", "motor_torque": f"/motor_states.effort[{motor}]",
+            "motor_velocity": f"/motor_states.velocity[{motor}]", "link_position": f"/joint_states.position[{link}]",
+            "link_velocity": f"/joint_states.velocity[{link}]", "torque_sensor": f"/joint_states.effort[{link}]",
+        }  # fmt: skip
+
+
+def test_of_two_unnamed_positions_the_larger_is_in_front_of_the_gear():
+    joint = only_joint(table({"Enc1": LINK, "Enc2": np.rad2deg(-30.0 * MOTOR)}, units={"Enc2": "deg"}))
+    assert channels_of(joint) == {"link_position": "Enc1", "motor_position": "Enc2"}
+    assert joint.gear_ratio == pytest.approx(30.0, rel=0.02)
+    assert (joint.roles["motor_position"].side, joint.roles["motor_position"].sign) == ("rotor", -1)
+
+
+def test_two_positions_that_move_apart_are_not_called_the_only_one():
+    joint = only_joint(table({"Enc1": np.sin(TIME), "Enc2": np.cos(7.3 * TIME)}))
+    assert joint.kind == "rigid"
+    assert not any("only" in reason for guess in joint.roles.values() for reason in guess.reasons)
+    assert "one position" not in joint.reason
+
+
+def test_a_series_encoder_is_the_deflection_where_it_does_not_move_with_the_motor():
+    columns = {"pos_mot": MOTOR, "pos_se": DEFLECTION, "tau_se": TORQUE}
+    assert channels_of(only_joint(table(columns)))["deflection"] == "pos_se"
+    assert channels_of(only_joint(table({**columns, "pos_se": LINK})))["link_position"] == "pos_se"
+
+
+@pytest.mark.parametrize(("turn", "wrapped"), [(4096, True), (65536, True), (4096, False)])
+def test_an_encoder_that_wraps_tells_its_counts(turn, wrapped):
+    counts = np.floor(turn * (0.9 + LINK / 6.0))
+    joint = only_joint(
+        table({"link": np.mod(counts, turn) if wrapped else counts, "motor": MOTOR}, units={"link": "counts"})
+    )
+    guess = joint.roles["link_position"]
+    assert (guess.unit, guess.counts_per_turn) == ("counts", turn if wrapped else None)
+    assert "guess.raw_counts" in codes(joint)
+    assert joint.gear_ratio is None  # counts and radians have no ratio
+
+
+def test_a_torque_of_a_joint_without_a_spring_is_what_moves_it():
+    assert channels_of(only_joint(table({"position": LINK, "torque": MOTOR_TORQUE})))["motor_torque"] == "torque"
+    assert (
+        channels_of(only_joint(table({"position": LINK, "loadcell_torque": PUSH})))["torque_sensor"]
+        == "loadcell_torque"
+    )
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e300, np.inf])
+def test_numbers_beyond_measure_give_none_to_begin_with(size):
+    log = table({"motor_position": MOTOR, "link_position": LINK, "motor_torque": size * MOTOR_TORQUE})
+    Rig.from_toml(rig_template(log, guess_roles(log)))
 
 
 def test_raw_counts_are_doubted():

@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsalog.core.errors import UnitError
+from vsalog.core.errors import RigError, UnitError
 from vsalog.core.unit_tables import ATOMS, KINDS, QUANTITIES
 from vsalog.core.units import (
     LINE_LENGTH,
+    is_counts,
     matching,
     parse_quantity,
     parse_unit,
@@ -19,6 +20,7 @@ from vsalog.core.units import (
     split_header,
     split_quantity,
 )
+from vsalog.rig import Rig
 
 REGISTRY = pint.UnitRegistry()
 BASES = ("[length]", "[mass]", "[time]", "[current]", "[temperature]", "[substance]", "[luminosity]")
@@ -135,7 +137,7 @@ def test_any_text_gives_a_unit_or_a_unit_error(text):
         with suppress(UnitError):
             function(text)
     name, unit = split_header(text)
-    assert unit is None or parse_unit(unit).factor > 0.0
+    assert unit is None or is_counts(unit) or parse_unit(unit).factor > 0.0
     assert name in text
 
 
@@ -211,3 +213,40 @@ def test_a_header_is_split_up_to_256_characters():
     name = "q" * 250
     assert split_header(f"{name} [deg]") == (name, "deg")
     assert split_header(f"{name}q [deg]") == (f"{name}q [deg]", None)
+
+
+@pytest.mark.parametrize(
+    ("unit", "like", "factor"),
+    [("rev/4096", "rad", 2.0 * math.pi / 4096.0), ("rev/4096/s", "rad/s", 2.0 * math.pi / 4096.0), ("N/2.5", "N", 0.4)],
+)
+def test_a_number_may_divide_a_unit(unit, like, factor):
+    assert si_factor(unit, like) == pytest.approx(factor, rel=1e-15)
+
+
+@pytest.mark.parametrize("unit", ["4096 rev", "rev 4096", "4096/rev", "rev/0", "rev/", "rev/(4096)", "rev/-2"])
+def test_a_number_elsewhere_is_no_unit(unit):
+    with pytest.raises(UnitError):
+        si_factor(unit, "rad")
+
+
+@pytest.mark.parametrize("unit", ["counts", "Ticks", "counts/s", "LSB"])
+def test_counts_alone_are_refused_with_the_way_out(unit):
+    with pytest.raises(UnitError, match=r"counts_per_turn = 4096 .* unit = \"rev/4096\""):
+        si_factor(unit, "rad/s" if "/" in unit else "rad")
+    assert split_header(f"Enc1 [{unit}]")[1] == (None if "/" in unit else unit)
+
+
+def test_counts_per_turn_is_the_unit_of_a_loaded_rig():
+    text = """
+        [joint.a]
+        kind = "elastic"
+        [joint.a.signals]
+        motor_position = { channel = "Enc1", counts_per_turn = 131072 }
+        link_position = { channel = "Enc2", counts_per_turn = 0.5e3, unit = "counts" }
+        motor_velocity = { channel = "v", counts_per_turn = 2048.5 }
+    """
+    with pytest.raises(RigError, match="not possible: it has to be at least 1"):
+        Rig.from_toml(text.replace("0.5e3", "0.5"), "rig.toml")
+    signals = Rig.from_toml(text, "rig.toml").joints["a"].signals
+    units = (signals.motor_position.unit, signals.link_position.unit, signals.motor_velocity.unit)
+    assert units == ("rev/131072", "rev/500", "rev/2048.5/s")

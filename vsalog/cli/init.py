@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import math
+import sys
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import rich_click as click
 
 from vsalog.cli.options import LogPath, reading_options
+
+if TYPE_CHECKING:
+    from vsalog.rig.guess_gaps import Gap
+    from vsalog.rig.guess_types import Guess
 
 
 @click.command(short_help="Write a rig file with the guesses filled in and the gaps marked.")
@@ -15,12 +23,18 @@ from vsalog.cli.options import LogPath, reading_options
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Write to this file, not to stdout."
 )
 @click.option("--force", is_flag=True, help="Overwrite the output file if it is there.")
+@click.option(
+    "--ask",
+    is_flag=True,
+    help="Ask on the terminal for what no log tells: counts per turn, gear ratio, torque constant.",
+)
 @click.option("--preset", metavar="NAME", help="Start from this preset and take only the channels from the log.")
 @reading_options
 def init(
     log: Path,
     output: Path | None,
     force: bool,
+    ask: bool,
     preset: str | None,
     rate: float | None,
     time: str,
@@ -29,8 +43,9 @@ def init(
 ) -> None:
     """Guess a rig file for LOG: which joints it holds and which channel plays which role.
 
-    Each guess stands with its confidence and why; what the log does not tell stands as a comment to fill in. The result
-    loads as it is: `vsalog init exp1.mcap > rig.toml`, look it over, then `vsalog estimate exp1.mcap`.
+    Each guess stands with its confidence and why; what the log does not tell stands as a comment to fill in, or is asked for
+    with --ask. The result loads as it is, and init names the command that can use it: `vsalog init exp1.mcap > rig.toml`, look
+    it over, then `vsalog estimate exp1.mcap`. Encoders in counts are refused until it is known how many make a turn.
     """
     from vsalog.core.errors import RigError
     from vsalog.readers import read
@@ -42,6 +57,12 @@ def init(
     from vsalog.rig.template import preset_template, rig_template
     from vsalog.writers.atomic import write_text
 
+    if ask and preset is not None:
+        raise click.UsageError("--ask fills the gaps of a guess, and a preset has none: leave one of them out")
+    if ask and not sys.stdin.isatty():
+        raise click.UsageError(
+            "--ask asks on a terminal, and stdin is none: leave it out, and fill the gaps in the rig file"
+        )
     require_new(output, force)
     if output is not None:
         keep_inputs([output], [log, *(log.iterdir() if log.is_dir() else ())])
@@ -54,10 +75,59 @@ def init(
             f"{log.name}: no channel looks like a joint's position or deflection; 'vsalog inspect {log.name}' lists them,"
             " and 'vsalog init --preset NAME' writes a rig to fill in by hand"
         )
-    text = rig_template(recording, guess) if preset is None else preset_template(recording, guess, preset)
+    answers = _answers(guess) if ask else {}
+    text = rig_template(recording, guess, answers) if preset is None else preset_template(recording, guess, preset)
     Rig.from_toml(text, "the guessed rig")  # what is handed over must load
     if output is None:
         click.echo(text, nl=False)
     else:
         write_text(output, text)
-    print_document(init_document(guess, log.name, output), console_for("stderr"))
+    print_document(init_document(guess, log.name, output, answers, preset), console_for("stderr"))
+
+
+def _answers(guess: Guess) -> dict[str, dict[str, str]]:
+    """Ask for what a guess lacks; per joint and key, what was answered, as TOML writes it."""
+    from vsalog.core.printable import printable
+    from vsalog.report.inspect import question_of
+    from vsalog.rig.guess_gaps import gaps_of
+    from vsalog.rig.template import named_joints
+
+    answers: dict[str, dict[str, str]] = {}
+    for name, joint in named_joints(guess):
+        answers[name] = {}
+        for gap in gaps_of(joint):
+            shown = "" if gap.guess is None else f"{gap.guess:g}"
+            answer = click.prompt(
+                printable(question_of(name, gap)),
+                default=shown,
+                show_default=bool(shown),
+                value_proc=partial(_value, gap),
+                err=True,
+            )
+            if answer:
+                answers[name][gap.key] = answer
+    return answers
+
+
+def _value(gap: Gap, text: str) -> str:
+    """Return an answer as TOML writes it, "" for none."""
+    from vsalog.core.errors import UnitError
+    from vsalog.rig.template import toml_string
+    from vsalog.rig.uncertain import parse_stated
+
+    text = text.strip()
+    if not text:
+        return ""
+    try:
+        value = float(text)
+        written = repr(value).removesuffix(".0")
+    except ValueError:
+        try:
+            value = parse_stated(text).to(gap.unit) if gap.unit else math.nan
+        except UnitError as error:
+            raise click.UsageError(str(error)) from error
+        written = toml_string(text)
+    least = 1.0 if gap.key.endswith("counts_per_turn") else sys.float_info.min
+    if not least <= value < math.inf:
+        raise click.UsageError("a positive number is wanted, or nothing where it is not known")
+    return written

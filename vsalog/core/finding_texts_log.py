@@ -222,6 +222,10 @@ LOG_TEXTS: Mapping[str, Text] = {
         "dates such as '{example}' are read as {order}: the log's time runs forward then, and is shortest."
     ),
     "clock.date_order_unknown": Text("dates such as '{example}' are read as {order}: nothing tells which."),
+    "clock.guessed_by_rise": Text(
+        "the first column, '{part}', is taken for the time: it rises evenly, and no column is called so.",
+        "Give the sample rate with --rate, in Hz, if it is something else.",
+    ),
     "clock.perhaps": Text(
         "column '{part}' rises evenly.",
         "If it is the time, call it so in the header, with its unit: 'time [s]', 'time [ms]' or 'time [min]'.",
@@ -305,6 +309,7 @@ LOG_TEXTS: Mapping[str, Text] = {
         "there is no torque and no motor current, so no stiffness can be estimated from this log alone."
     ),
     "guess.raw_counts": Text(
-        "'{part}' has whole numbers only and no unit: raw counts, perhaps.", "They need a unit to be an angle."
+        "'{part}' is in raw counts, by its unit or its whole numbers.",
+        "counts_per_turn in the rig says how many make a turn.",
     ),
 }

@@ -85,6 +85,7 @@ VolumePerLengthSquared = Annotated[float, quantity("m", "volume per length squar
 
 # Numbers without a unit.
 Order = Annotated[float, Meta(description="periods per turn", gt=0.0, extra={"exact": True})]
+CountsPerTurn = Annotated[float, Meta(description="encoder counts per turn", ge=1.0, extra={"exact": True})]
 Ratio = Annotated[float, Meta(description="a number without unit", gt=0.0)]
 Share = Annotated[float, Meta(description="a number without unit, zero or more", ge=0.0)]
 Fraction = Annotated[float, Meta(description="a share of the whole, 0 to 1", ge=0.0, le=1.0)]

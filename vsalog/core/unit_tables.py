@@ -113,6 +113,11 @@ ATOMS: dict[str, tuple[float, Dimension]] = {
 # A factor cannot convert these, even where a temperature is wanted.
 OFFSET_UNITS = frozenset({"degC", "°C", "degF", "°F", "celsius", "Celsius", "fahrenheit", "degreeC", "degree_Celsius"})
 
+COUNTS = frozenset(
+    ("count", "counts", "cnt", "cnts", "cts", "tic", "tics", "tick", "ticks", "lsb", "pulse", "pulses", "increment", "increments")
+)  # fmt: skip
+"""What people call the steps of an encoder, which are no unit until it is known how many make a turn."""
+
 KINDS: dict[Dimension, str] = {
     ANGLE: "an angle",
     ONE: "a plain number",

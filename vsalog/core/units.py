@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from vsalog.core.errors import UnitError
 from vsalog.core.printable import LONGEST_TEXT, printable
-from vsalog.core.unit_tables import ATOMS, KINDS, OFFSET_UNITS, ONE, QUANTITIES, Dimension
+from vsalog.core.unit_tables import ATOMS, COUNTS, KINDS, OFFSET_UNITS, ONE, QUANTITIES, Dimension
 
 LINE_LENGTH = 80
 """Characters of a text from a file in a message: a line of a terminal; no unit (all base units with powers) is longer."""
@@ -27,7 +27,7 @@ _PRODUCT_SIGNS = str.maketrans("·⋅•∙×", "*****")
 _SAME_LOOK = str.maketrans({"µ": "u", "μ": "u", "Ω": "Ω", "−": "-", "º": "°", "˚": "°"})
 _SUPERSCRIPT_RUN = re.compile(r"[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+")
 _TOKEN = re.compile(
-    r"\s*(?:(?P<power>\^[ ]*\(?[+-]?\d+(?:\.\d+)?\)?)|(?P<name>[A-Za-z_°Ω%]+)|(?P<one>1(?![\d.]))|(?P<sign>[*/().-]))\s*"
+    r"\s*(?:(?P<power>\^[ ]*\(?[+-]?\d+(?:\.\d+)?\)?)|(?P<name>[A-Za-z_°Ω%]+)|(?P<number>\d+(?:\.\d+)?)|(?P<sign>[*/().-]))\s*"
 )
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?")
 _EXAMPLE = 'write a plain number and a unit, such as "7.3 kg*m*mm" or "500 N·mm/rad"'
@@ -138,7 +138,7 @@ def split_header(text: str) -> tuple[str, str | None]:
     if match is None or _is_label(text, match[1]):
         return text.strip(), None
     unit = (match[2] if match[2] is not None else match[3]).strip()
-    if unit in _NOT_IN_HEADERS or not is_known_by_heart(unit):
+    if unit in _NOT_IN_HEADERS or not (is_known_by_heart(unit) or is_counts(unit)):
         return text.strip(), None
     return match[1].strip(), unit
 
@@ -146,6 +146,11 @@ def split_header(text: str) -> tuple[str, str | None]:
 def _is_label(text: str, name: str) -> bool:
     """Tell whether the bracket names an element: "/joint_states.position[m]" has no space before it, as ROS names have."""
     return name.startswith("/") and text[len(name)] == "["
+
+
+def is_counts(unit: str) -> bool:
+    """Tell whether a unit is that of raw encoder counts, of which nobody knows how many make a turn."""
+    return unit.strip().lower() in COUNTS
 
 
 _NOT_IN_HEADERS = frozenset({"", "1", "min", "in", "h", "T", "C", "F", "K"})
@@ -221,7 +226,10 @@ def _parse(unit: str, ask_pint: bool) -> Unit:
 
 
 class _Parser:
-    """Recursive descent over one unit: product = power { ("*" | "/" | " ") power }, power = atom [ "^" number ]."""
+    """Recursive descent over one unit: product = power { ("*" | "/" | " ") power | "/" number }, power = atom [ "^" number ].
+
+    A number divides only ("rev/4096"): in front of a unit it would be a quantity.
+    """
 
     def __init__(self, original: str, text: str, ask_pint: bool) -> None:
         self.original = original
@@ -242,8 +250,19 @@ class _Parser:
             if not divide:
                 # "N m" and "N-m" are products too.
                 _ = self._take("*") or self._take(".") or self._take("-")
-            result = _times(result, self.power(), -1.0 if divide else 1.0)
+            part = Unit(self._number(), ONE) if divide and self._number_follows() else self.power()
+            result = _times(result, part, -1.0 if divide else 1.0)
         return result
+
+    def _number_follows(self) -> bool:
+        token = _TOKEN.match(self.text, self.pos)
+        return token is not None and token["number"] is not None
+
+    def _number(self) -> float:
+        token = _TOKEN.match(self.text, self.pos)
+        assert token is not None
+        self.pos = token.end()
+        return float(token["number"])
 
     def power(self) -> Unit:
         base = self.atom()
@@ -261,7 +280,7 @@ class _Parser:
         self.pos = token.end()
         if token["name"]:
             return self._named(token["name"])
-        if token["one"]:
+        if token["number"] == "1":
             return Unit(1.0, ONE)
         if token["sign"] == "(":
             inner = self.product()
@@ -281,6 +300,11 @@ class _Parser:
         for spelling in (name, name.lower()) if len(name) > 2 else (name,):
             if spelling in ATOMS:
                 return Unit(*ATOMS[spelling])
+            if spelling in COUNTS:
+                raise UnitError(
+                    f"'{shown(name)}' say nothing until it is known how many make a turn: write counts_per_turn = 4096 next"
+                    ' to the channel, or unit = "rev/4096"'
+                )
             if spelling in OFFSET_UNITS:
                 raise UnitError(f"'{shown(name)}' has a zero of its own and cannot be converted with a factor")
         if not self.ask_pint:

@@ -342,9 +342,8 @@ def _guess(recording: Recording) -> tuple[Rig, list[Finding]]:
     )
     evidence = {"roles": roles, "name": name, "stem": recording.path.stem}
     guessed = Finding(code="rig.guessed", value=len(guess.joints), evidence=evidence)
-    return Rig.from_toml(rig_template(recording, guess), f"the rig guessed for {name}"), of_log(
-        name, [guessed, *guess.findings]
-    )
+    text = rig_template(recording, guess, with_beginnings=False)
+    return Rig.from_toml(text, f"the rig guessed for {name}"), of_log(name, [guessed, *guess.findings])
 
 
 def _setpoints(rig: Rig, text: str | None, count: int) -> tuple[Rig, tuple[float | None, ...]]:

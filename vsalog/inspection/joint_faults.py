@@ -22,7 +22,7 @@ from vsalog.estimators.device import device_of
 from vsalog.rig import Rig
 from vsalog.rig.guess_types import Guess
 from vsalog.rig.schema import Joint, Motor, RigidJoint
-from vsalog.rig.template import rig_template
+from vsalog.rig.template import named_joints, rig_template
 
 BOUND = ("sensor.stuck", "recording.outliers")
 """Findings of binding that are about what was recorded, and not about the rig."""
@@ -31,7 +31,7 @@ BOUND = ("sensor.stuck", "recording.outliers")
 def joint_faults(recording: Recording, guess: Guess) -> Iterator[Finding]:
     """Yield what is wrong with the channels of the joints that were guessed, as they were recorded."""
     try:
-        joints = Rig.from_toml(rig_template(recording, guess), "the guessed rig").joints
+        joints = Rig.from_toml(_rig_of_all_channels(recording, guess), "the guessed rig").joints
     except VsalogError:
         return
     bound: dict[str, JointSignals] = {}
@@ -48,6 +48,18 @@ def joint_faults(recording: Recording, guess: Guess) -> Iterator[Finding]:
         yield exchanged
     for name, signals in bound.items():
         yield from _alone(recording, name, plain[name], signals, put_right[name])
+
+
+def _rig_of_all_channels(recording: Recording, guess: Guess) -> str:
+    """Return a rig in which currents and counts have channels, too, though no number makes them torques and angles."""
+    joints = tuple(
+        replace(joint, roles={r: replace(g, unit=None) if g.unit == "counts" else g for r, g in joint.roles.items()})
+        for joint in guess.joints
+    )
+    bare = replace(guess, joints=joints)
+    constants = {f"motor{suffix}.torque_constant": "1.0" for suffix in ("", "_1", "_2")}
+    answers = {name: constants for name, _ in named_joints(bare)}
+    return rig_template(recording, bare, answers, with_beginnings=False)
 
 
 def _alone(

@@ -88,7 +88,7 @@ class ParquetReader(ColumnarReader):
         ReadError
             One of them would be it, and no rate makes up for it.
         """
-        plan = find_clocks(self._names, self._units, self._sample)
+        plan = find_clocks(self._names, self._units, self._sample, by_rise=self.rate is None and not lost)
         if plan.clocks or self.rate is not None or not lost:
             return plan
         likely = [rising(len(one), one.type) if i in lost else one for i, one in enumerate(self._sample)]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
+from types import MappingProxyType
 
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
@@ -13,7 +14,9 @@ from vsalog.core.printable import plural, printable, size_text
 from vsalog.inspection.document import ChannelReport, HeadReport, Inspection, LogReport, StreamReport
 from vsalog.readers.base import DOUBTFUL
 from vsalog.report.document import SEVERITIES, Block, Cell, Document, Section, Table, Tone, Verdict, Words
+from vsalog.rig.guess_gaps import Answers, Command, Gap, command_for, gaps_of, waits_for
 from vsalog.rig.guess_types import Guess, JointGuess
+from vsalog.rig.template import named_joints, toml_key
 from vsalog.writers.repaired import Repaired
 
 TONES: dict[str, Tone] = {"info": "", "warning": "open", "invalidates": "bad"}
@@ -178,7 +181,13 @@ def guessed_joints(joints: Iterable[JointGuess]) -> Iterator[Section]:
         yield Section(title, (*map(Words, _reasons(first)), *map(_finding, first.findings)))
 
 
-def init_document(guess: Guess, log: str, written: Path | None) -> Document:
+def init_document(
+    guess: Guess,
+    log: str,
+    written: Path | None,
+    answers: Mapping[str, Answers] = MappingProxyType({}),
+    preset: str | None = None,
+) -> Document:
     """Return what a rig was guessed from, and what to do with it.
 
     Parameters
@@ -186,13 +195,64 @@ def init_document(guess: Guess, log: str, written: Path | None) -> Document:
     guess : of the log's joints
     log : its name
     written : the rig's file; None where it is printed
+    answers : per joint, what somebody knew of its gaps
+    preset : whose numbers the rig has, so that it has no gaps
     """
     items: list[Block] = [*guessed_joints(guess.joints), *map(_finding, guess.findings)]
-    if written is not None:
-        file = printable(str(written))
-        command = "identify" if guess.joints and all(joint.is_driven for joint in guess.joints) else "estimate"
-        items.append(Words(f"{file} written; look it over, then run 'vsalog {command} {printable(log)} --rig {file}'"))
+    file = "RIG" if written is None else printable(str(written))
+    if preset is None:
+        items += _uses(guess, printable(log), file, answers)
+    elif written is not None:
+        items.append(Words(f"{file} written; look it over, then run 'vsalog estimate {printable(log)} --rig {file}'"))
     return Document(f"A rig for {log}", "Guesses", tuple(items))
+
+
+_COMMANDS = {
+    "estimate": "vsalog estimate {log} --rig {rig}",
+    "identify": "vsalog identify {log} --rig {rig}",
+    "simulate": "vsalog simulate {rig}",
+}
+_WHAT_FOR = {
+    "estimate": "estimates the stiffness",
+    "identify": "fits the numbers that the rig begins with",
+    "simulate": "plays the numbers that the rig begins with; the log lacks what a stiffness needs",
+}
+_ASKED = {
+    "counts_per_turn": "counts per turn of '{channel}'",
+    "gear_ratio": "gear ratio, turns of '{channel}' per turn of the joint",
+    "torque_constant": "torque constant that makes the current '{channel}' a torque [{unit}]",
+    "inertia": "inertia of the motor, on the joint's side of the gear [{unit}]",
+}
+
+
+def question_of(joint: str, gap: Gap) -> str:
+    """Return the question after what a joint's rig lacks."""
+    return f"{joint}: {_lacking(gap)}; nothing if unknown"
+
+
+def _lacking(gap: Gap) -> str:
+    return _ASKED[gap.key.rpartition(".")[2]].format(channel=gap.channel, unit=gap.unit)
+
+
+def _uses(guess: Guess, log: str, file: str, answers: Mapping[str, Answers]) -> Iterator[Words]:
+    """Yield which commands can use the rig, and what would make more of it."""
+    names: dict[Command, list[str]] = {}
+    lacking: dict[str, list[str]] = {}
+    waiting: set[str] = set()
+    for name, joint in named_joints(guess):
+        known = answers.get(name, {})
+        names.setdefault(command_for(joint, known), []).append(name)
+        waiting |= {name} if waits_for(joint, known) else set()
+        for gap in gaps_of(joint):
+            if gap.key not in known and gap.guess is None:
+                lacking.setdefault(_lacking(gap), []).append(f"joint.{toml_key(name)}.{gap.key}")
+    for what, keys in lacking.items():
+        yield Words(f"not known: {what}: {', '.join(keys)}")
+    for command, joints in names.items():
+        line = _COMMANDS[command].format(log=log, rig=file)
+        only = "".join(f" --joint {joint}" for joint in joints) if len(names) > 1 and command != "simulate" else ""
+        first = "once the counts per turn are filled in, " if waiting & set(joints) else ""
+        yield Words(f"{', '.join(joints)}: {first}'{line}{only}' {_WHAT_FOR[command]}")
 
 
 def _reasons(joint: JointGuess) -> Iterator[str]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from decimal import Decimal
 from typing import Any, NoReturn, TypeVar
 
 import msgspec
@@ -19,7 +20,7 @@ from msgspec import inspect
 
 from vsalog.core.errors import RigError, UnitError, did_you_mean
 from vsalog.core.printable import LONGEST_NAME
-from vsalog.core.units import matching, shown, si_factor
+from vsalog.core.units import is_counts, matching, quantity, shown, si_factor
 from vsalog.rig.roles import role_units
 from vsalog.rig.schema import RigFile
 from vsalog.rig.uncertain import Path as Path  # for who refuses a key
@@ -43,6 +44,7 @@ _NO_QUANTITY = "but this is a choice, not a quantity that is measured; write the
 # What to do about a value that cannot be, by the key's name.
 _HINTS = {
     "inertia": "leave the key out where it is not known",
+    "counts_per_turn": "it is the number of encoder counts per turn of what the encoder sits on, e.g. 4096",
     "gear_ratio": "it is the number of rotor turns per turn of the joint, e.g. 50",
     "torque_constant": "turn the signal round with sign = -1 if need be, and leave the key out where it is not known",
     "stiffness": 'give the transmission type = "unknown" where it is not known',
@@ -230,7 +232,11 @@ def _signal_table(value: Table, kind: inspect.StructType, units: tuple[str, ...]
             plain[key] = _end_value(value[key], units, (*path, key))
     if isinstance(value.get("drift"), str):
         plain["drift"] = _end_value(value["drift"], tuple(f"{unit}/s" for unit in units), (*path, "drift"))
-    return _struct(plain, kind, path)
+    checked = _struct(plain, kind, path)
+    if "counts_per_turn" in checked:
+        counts = checked.pop("counts_per_turn")
+        checked["unit"] = _unit_of_counts(counts, value.get("unit"), units, (*path, "counts_per_turn"))
+    return checked
 
 
 def _channel(value: Any, path: Path) -> str:
@@ -246,10 +252,30 @@ def _channel(value: Any, path: Path) -> str:
 def _unit(value: Any, units: tuple[str, ...], path: Path) -> None:
     if not isinstance(value, str):
         refuse(path, f'{_written(value)} is not a unit; write it as text, such as "deg"')
+    if is_counts(value) and _is_angle(units):
+        return  # loads, as `init` writes it; who needs the angle refuses it
     try:
         matching(value, units)
     except UnitError as error:
         refuse(path, str(error))
+
+
+def _is_angle(units: tuple[str, ...]) -> bool:
+    return not {"rad", "rad/s"}.isdisjoint(units)
+
+
+def _unit_of_counts(counts: float, unit: str | None, units: tuple[str, ...], path: Path) -> str:
+    """Return the unit of an encoder's counts: ``rev/4096`` where 4096 make a turn, of a velocity ``rev/4096/s``."""
+    if not _is_angle(units):
+        refuse(
+            path, f"is of an encoder, but this is {quantity(units[0])}; state its unit, and a gain where it is no SI"
+        )
+    if unit is not None and not is_counts(unit):
+        refuse(path, f"says the unit too; remove unit = {_written(unit)}, or counts_per_turn")
+    exact = format(Decimal(counts).normalize(), "f")
+    text = f"rev/{exact}/s" if "rad/s" in units else f"rev/{exact}"
+    _unit(text, units, path)
+    return text
 
 
 def _constant(signal: Table, units: tuple[str, ...], path: Path) -> Table:

@@ -66,7 +66,10 @@ def _candidates(recording: Recording, runs: RunGroup | None) -> tuple[list[Candi
     skipped = clockless | (set(runs.streams[1:]) | set(runs.left_out) if runs else set())
     found = []
     for channel in recording.channels.values():
-        if channel.stream in skipped:
+        # A stiffness next to a damping is a controller's gain.
+        if channel.stream in skipped or (
+            "stiffness" in channel.name and channel.name.replace("stiffness", "damping") in recording.channels
+        ):
             continue
         is_run = runs is not None and channel.stream == runs.streams[0]
         meaning = meaning_of(channel, with_stream=not is_run)
@@ -81,10 +84,46 @@ def _by_joint(candidates: list[Candidate]) -> dict[str, list[Candidate]]:
     for candidate in candidates:
         if candidate.meaning.quantity != "velocity":
             groups["_".join(candidate.meaning.joint)].append(candidate)
+    _merge_numbered(groups)
     _merge_strays(groups)
     _merge_nameless(groups)
     _add_velocities(groups, [c for c in candidates if c.meaning.quantity == "velocity"])
-    return _named(_split_numbered(groups))
+    return {name: _parts_by_topic(group) for name, group in _named(_split_numbered(groups)).items()}
+
+
+def _merge_numbered(groups: dict[str, list[Candidate]]) -> None:
+    """A topic's ``motor_2`` belongs to another's ``joint_2``."""
+    for candidate in list(groups.get("", ())):
+        key = _numbered_joint(candidate)
+        if key in groups and key:
+            groups[""].remove(candidate)
+            groups[key].append(candidate)
+    if not groups.get("", True):
+        del groups[""]
+
+
+def _numbered_joint(candidate: Candidate) -> str:
+    """Return ``joint_2`` for the element ``motor_2`` of a message, "" for what is numbered otherwise."""
+    meaning = candidate.meaning
+    return f"joint_{meaning.index}" if meaning.label and meaning.part == "motor" and meaning.index is not None else ""
+
+
+def _parts_by_topic(group: list[Candidate]) -> list[Candidate]:
+    """Take what a motor's topic says of a joint as the motor's, where another topic says the same of it."""
+    streams = {c.channel.stream: c.meaning.in_motor_topic for c in group if _is_unsided_position(c)}
+    motors = [stream for stream, is_motors in streams.items() if is_motors]
+    if len(streams) != 2 or len(motors) != 1:
+        return group
+    why = f"its topic {motors[0]} says motor"
+    return [
+        c.with_part("motor", why) if c.channel.stream == motors[0] and c.meaning.part in ("", "link") else c
+        for c in group
+    ]
+
+
+def _is_unsided_position(candidate: Candidate) -> bool:
+    meaning = candidate.meaning
+    return meaning.quantity == "position" and meaning.part in ("", "link") and not meaning.in_command_topic
 
 
 def _merge_strays(groups: dict[str, list[Candidate]]) -> None:
@@ -98,7 +137,7 @@ def _merge_strays(groups: dict[str, list[Candidate]]) -> None:
     # channels are the two ends of one joint.
     if len(strays) == len(groups):
         parts = sorted(group[0].meaning.part for group in groups.values())
-        if parts != ["link", "motor"]:
+        if parts != ["link", "motor"] and all(group[0].meaning.quantity in _PLACED for group in groups.values()):
             return
     for key in strays:
         groups[""].extend(groups.pop(key))
@@ -119,20 +158,28 @@ def _merge_nameless(groups: dict[str, list[Candidate]]) -> None:
 
 def _add_velocities(groups: dict[str, list[Candidate]], velocities: list[Candidate]) -> None:
     """A velocity belongs to the joint that its name names, or to the only one; others are of something else."""
+    words = {c.meaning.joint for group in groups.values() for c in group}
     for candidate in velocities:
-        key = "_".join(candidate.meaning.joint)
-        only = next(iter(groups)) if len(groups) == 1 and not key else key
+        key = "_".join(candidate.meaning.joint) or (_numbered_joint(candidate) if len(groups) > 1 else "")
+        is_only = len(groups) == 1 and (not key or candidate.meaning.joint in words)
+        only = next(iter(groups)) if is_only else key
         if only in groups:
             groups[only].append(candidate)
 
 
 def _split_numbered(groups: dict[str, list[Candidate]]) -> dict[str, list[Candidate]]:
-    """Split a group whose links are numbered (q1, q2): the numbers count joints, not the motors of one joint."""
+    """Split a group whose links are numbered (q1, q2): the numbers count joints, not the motors of one joint.
+
+    So do those of a list's elements, and more than two of anything.
+    """
     split: dict[str, list[Candidate]] = {}
     for key, group in groups.items():
-        links = _numbers(group, "link")
-        motors = _numbers(group, "motor")
-        if len(links) < 2 and len(motors) < 3:
+        elements = {c.meaning.index for c in group if c.meaning.is_element and c.meaning.quantity == "position"}
+        motors, others = _numbers(group, "motor"), _numbers(group, "")
+        # Two motors are those of one joint only where it has a link, or deflections.
+        is_pair = any(c.meaning.part in ("link", "") and c.meaning.quantity in _PLACED for c in group)
+        most = max(len(motors) + (not is_pair), len(others))
+        if len(_numbers(group, "link")) < 2 and len(elements) < 2 and most < 3:
             split[key] = group
             continue
         for candidate in group:

@@ -51,7 +51,8 @@ def _gear(checked: Checked, channels: Mapping[str, Channel]) -> None:
     guess = checked.roles["motor_position"]
     if found.slope < 0.0:
         guess = _changed(guess, "it moves against the link", sign=-1)
-    ratio = 1.0 / abs(found.slope)
+    size = _motor_per_link(checked, channels, "")
+    ratio = 0.0 if size is None else 1.0 / abs(found.slope) / size
     if round(ratio) > 1:  # else a deflection is likelier
         checked.gear_ratio = float(f"{ratio:.4g}")
         guess = _changed(guess, f"it moves {ratio:.4g} times as far as the link: before the gear", side="rotor")
@@ -93,8 +94,20 @@ def _over_deflection(
     # A gear ratio read off the ranges is too rough to tell a deflection from.
     if motor is None or link is None or checked.gear_ratio is not None:
         return "", None
+    size = _motor_per_link(checked, channels, suffix)
+    if size is None:
+        return "", None
     sign = checked.roles[f"motor_position{suffix}"].sign
-    return "link − motor position", guess_data.torque_over_difference(torque, link, motor, float(sign))
+    return "link − motor position", guess_data.torque_over_difference(torque, link, motor, sign * size)
+
+
+def _motor_per_link(checked: Checked, channels: Mapping[str, Channel], suffix: str) -> float | None:
+    """Return the number for the motor's angle of which the link's is 1, where they are equal: by their units."""
+    motor, link = (
+        guess_data.si_of(channels[role], checked.roles[role].unit)
+        for role in (f"motor_position{suffix}", "link_position")
+    )
+    return None if motor is None or link is None else link / motor
 
 
 def _changed(guess: RoleGuess, reason: str, **fields: object) -> RoleGuess:

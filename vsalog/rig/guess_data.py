@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.errors import UnitError
 from vsalog.core.recording import Channel
 from vsalog.core.resolution import ENOUGH
+from vsalog.core.units import is_counts, si_factor
 
 Array = NDArray[np.float64]
 
@@ -48,11 +51,41 @@ def span(channel: Channel) -> float:
 
 
 def looks_like_counts(channel: Channel) -> bool:
-    """Tell whether an angle without a unit is more likely raw counts: whole numbers, or far beyond a few turns."""
+    """Tell whether an angle is raw counts: by its unit, or, without one, by whole numbers beyond a turn of radians."""
+    if channel.unit:
+        return is_counts(channel.unit)
     finite = channel.values[np.isfinite(channel.values)]
-    if finite.size == 0 or channel.unit:
-        return False
-    return bool(np.all(finite == np.round(finite))) and float(np.ptp(finite)) > 6.0
+    return finite.size > 0 and bool(np.all(finite == np.round(finite))) and float(np.ptp(finite)) > 6.0
+
+
+def counts_of_turn(channel: Channel) -> int | None:
+    """Return after how many counts an encoder wraps to zero, None where it does not.
+
+    It jumps by most of the power of two that holds its counts: by more than half, for less could be a motion.
+    """
+    finite = channel.values[np.isfinite(channel.values)]
+    if finite.size < 2 or finite.min() < 0.0 or not 1.0 < finite.max() < 2.0**53:
+        return None
+    turn = 1 << int(finite.max()).bit_length()
+    return turn if float(np.abs(np.diff(finite)).max()) > 0.5 * turn else None
+
+
+def si_of(channel: Channel, unit: str | None, like: str = "rad") -> float | None:
+    """Return what a channel is multiplied with to be SI; None for raw counts and for a unit of something else.
+
+    Parameters
+    ----------
+    channel : of the role
+    unit : that its name states
+    like : the role's unit
+    """
+    stated = channel.unit or unit or like
+    if like == "rad" and (looks_like_counts(channel) or is_counts(stated)):
+        return None
+    try:
+        return si_factor(stated, like)
+    except UnitError:
+        return None
 
 
 def together(*channels: Channel) -> tuple[Array, ...]:
@@ -92,9 +125,49 @@ def line(x: Array, y: Array) -> Line | None:
 
 
 def gear_between(motor: Channel, link: Channel) -> Line | None:
-    """Return link = slope · motor + intercept when the two clearly move together, else None."""
+    """Return link = slope · motor + intercept, as recorded, when the two clearly move together, else None."""
     found = line(*together(motor, link))
     return found if found is not None and abs(found.correlation) > 0.9 else None
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """How large the spring or the inertia is that would take all of a torque, by the sizes of both and the motion's frequency.
+
+    Attributes
+    ----------
+    stiffness : rms torque per rms angle
+    inertia : stiffness over the square of the angle's mean angular frequency
+    """
+
+    stiffness: float
+    inertia: float
+
+
+def scale_of(torque: Channel, factor: float, ends: Sequence[tuple[Channel, float]]) -> Scale | None:
+    """Return the scale of what a torque moves, None where one of them never changes.
+
+    Parameters
+    ----------
+    torque : of the motor
+    factor : what makes it SI on the joint's side
+    ends : channels whose sum is the angle, and what makes each rad on the joint's side
+    """
+    values, *angles = together(torque, *(channel for channel, _ in ends))
+    angle = np.zeros(values.size)
+    for one, (_, size) in zip(angles, ends, strict=True):
+        angle += one * size
+    if values.size < 10:
+        return None
+    angle, values = angle - angle.mean(), (values - values.mean()) * factor
+    crossings = int(np.count_nonzero(np.diff(np.signbit(angle))))
+    duration = float(torque.stamps[-1] - torque.stamps[0]) * 1e-9
+    size = float(np.sqrt(np.mean(angle**2)))
+    if not (size > 0.0 and values.any() and crossings and duration > 0.0):
+        return None
+    stiffness = float(np.sqrt(np.mean(values**2))) / size
+    found = Scale(stiffness, stiffness / (np.pi * crossings / duration) ** 2)
+    return found if 0.0 < min(found.stiffness, found.inertia) <= max(found.stiffness, found.inertia) < np.inf else None
 
 
 def torque_over_deflection(torque: Channel, deflection: Channel) -> Line | None:
@@ -102,7 +175,20 @@ def torque_over_deflection(torque: Channel, deflection: Channel) -> Line | None:
     return line(*together(deflection, torque))
 
 
+def is_the_same(one: Channel, other: Channel) -> bool:
+    """Tell whether two channels have the same numbers but for a lag: what was wanted, and what came of it."""
+    x, y = together(one, other)
+    spread = float(np.var(x)) if x.size else 0.0
+    return spread > 0.0 and 1.0 - float(np.mean((y - x) ** 2)) / spread > CORRELATED
+
+
 def torque_over_difference(torque: Channel, link: Channel, motor: Channel, gear: float) -> Line | None:
-    """Return torque = slope · (link − motor / gear) + …, None where nothing can be fitted."""
+    """Return torque = slope · (link − motor / gear) + …, None where nothing can be fitted.
+
+    Parameters
+    ----------
+    torque, link, motor : as recorded
+    gear : motor's numbers per number of the link, units included
+    """
     values, q, theta = together(torque, link, motor)
     return line(q - theta / gear, values)

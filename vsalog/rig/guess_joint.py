@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from vsalog.core.errors import UnitError
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Channel
+from vsalog.core.units import is_counts, matching
 from vsalog.rig import guess_data
-from vsalog.rig.guess_checks import confirm
+from vsalog.rig.guess_checks import Checked, confirm
 from vsalog.rig.guess_types import Candidate, JointGuess, Kind, RoleGuess
-from vsalog.rig.roles import COMMANDS, VELOCITIES
+from vsalog.rig.roles import COMMANDS, VELOCITIES, role_units
 from vsalog.rig.schema import AntagonisticSignals, SerialSignals, SingleSignals
 
 _ROLES: dict[str, tuple[str, ...]] = {
@@ -48,6 +50,9 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
     has_set_runs : the log holds runs whose names give a set-point
     """
     moving, still = _without_constants(group)
+    if any(c.meaning.quantity in ("torque", "current") for c in still):
+        moving = [c for c in moving if c.meaning.quantity != "commanded_torque"]  # the drive did not follow
+    moving = _sided(_without_targets(moving))
     findings: list[Finding] = []
     numbers = _motor_numbers(moving)
     options = [option for c in moving for option in _options(c, moving)]
@@ -55,7 +60,8 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
         options = list(_numbered(options, numbers))
     chosen = _choose(options)
     chosen = _spring_at_rest(chosen, moving)
-    kind, confidence, reason = _kind(chosen, numbers, has_set_runs)
+    kind, confidence, reason = _kind(chosen, numbers, has_set_runs, _count_positions(moving))
+    chosen = _torque_of_rigid(chosen) if kind == "rigid" else chosen
     channels = {role: option.candidate.channel for role, option in chosen.items() if role in _ROLES[kind]}
     roles = {role: _role_guess(chosen[role], findings) for role in _ROLES[kind] if role in channels}
     checked = confirm(roles, channels, kind)
@@ -65,6 +71,7 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
     if kind != "rigid" and not any(role.startswith(("motor_torque", "torque_sensor")) for role in roles):
         findings.append(Finding(code="guess.no_torque"))
     gaps = [role for role in _ROLES[kind] if role not in roles and _base(role) not in EXTRA]
+    stiffness, inertia = _scales(checked, channels)
     whys = {role: _why_missing(role, kind, roles, still) for role in gaps}
     return JointGuess(
         name,
@@ -76,7 +83,34 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
         checked.gear_ratio,
         findings=tuple(findings),
         not_needed=tuple(role for role, (_, needed) in whys.items() if not needed),
+        stiffness=stiffness,
+        inertia=inertia,
     )
+
+
+def _scales(checked: Checked, channels: dict[str, Channel]) -> tuple[float | None, float | None]:
+    """Return how large the stiffness and the inertia are that a motor's torque moves; None for what cannot be told."""
+    torque, gear = checked.roles.get("motor_torque"), checked.gear_ratio or 1.0
+    if torque is None:
+        return None, None
+    sizes: dict[str, float] = {}
+    for role, direction in (("link_position", 1.0), ("motor_position", -1.0), ("deflection", 1.0)):
+        guess = checked.roles.get(role)
+        size = None if guess is None else guess_data.si_of(channels[role], guess.unit)
+        if guess is not None and size is not None:
+            sizes[role] = direction * guess.sign * size / (gear if guess.side == "rotor" else 1.0)
+    factor = guess_data.si_of(channels["motor_torque"], torque.unit, "A" if torque.is_current else "N*m")
+
+    def scale(*roles: str) -> guess_data.Scale | None:
+        if factor is None or not set(roles) <= set(sizes):
+            return None
+        return guess_data.scale_of(
+            channels["motor_torque"], factor * gear, [(channels[role], sizes[role]) for role in roles]
+        )
+
+    spring = scale("deflection") or scale("link_position", "motor_position")
+    mass = scale("motor_position") or scale("link_position")
+    return None if spring is None else spring.stiffness, None if mass is None else mass.inertia
 
 
 def _without_constants(group: list[Candidate]) -> tuple[list[Candidate], list[Candidate]]:
@@ -90,6 +124,72 @@ def _without_constants(group: list[Candidate]) -> tuple[list[Candidate], list[Ca
         c for c in group if not (_is_setpoint(c) or c.meaning.quantity in able) and guess_data.is_constant(c.channel)
     ]
     return [c for c in group if c not in still], still
+
+
+def _without_targets(group: list[Candidate]) -> list[Candidate]:
+    """Take a torque by an ambiguous name, without a unit, as the target of a position whose numbers it has: ``tq``, ``q``."""
+    positions = [c for c in group if c.meaning.quantity == "position"]
+
+    def is_target(candidate: Candidate) -> bool:
+        is_doubtful = candidate.meaning.quantity == "torque" and not (candidate.meaning.part or candidate.channel.unit)
+        return is_doubtful and any(guess_data.is_the_same(c.channel, candidate.channel) for c in positions)
+
+    return [
+        replace(
+            c, meaning=replace(c.meaning, quantity="commanded_position"), because="it has the position's own numbers"
+        )
+        if is_target(c)
+        else c
+        for c in group
+    ]
+
+
+def _sided(group: list[Candidate]) -> list[Candidate]:
+    """Return the channels with the part of those positions whose names do not say it, as far as the numbers tell."""
+    named = {c.meaning.part for c in group if c.meaning.quantity == "position"}
+    unsided = [c for c in group if c.meaning.quantity == "position" and c.meaning.part in ("", "series")]
+    found: dict[str, Candidate] = {}
+    if (
+        len(unsided) == 2
+        and not named & {"motor", "link"}
+        and not any(c.meaning.quantity == "deflection" for c in group)
+    ):
+        found = _motor_and_link(*unsided)
+    elif len(unsided) == 1:
+        other = next(
+            (c for c in group if c.meaning.quantity == "position" and c.meaning.part in ("motor", "link")), None
+        )
+        found = {} if other is None else _beside(unsided[0], other)
+    return [found.get(c.channel.name, c) for c in group]
+
+
+def _motor_and_link(first: Candidate, second: Candidate) -> dict[str, Candidate]:
+    """Return two positions that move together as motor and link: in front of a gear the motor's is the larger."""
+    between = guess_data.gear_between(first.channel, second.channel)
+    if between is None:
+        return {}
+    sizes = [guess_data.si_of(c.channel, c.meaning.unit) or 1.0 for c in (first, second)]
+    ratio = abs(between.slope) * sizes[1] / sizes[0]
+    if round(max(ratio, 1.0 / ratio)) > 1:
+        motor, link = (first, second) if ratio < 1.0 else (second, first)
+        why = "of two positions that move together, the one that moves {} is likelier the {}'s"
+        motor, link = (
+            motor.with_part("motor", why.format("more", "motor")),
+            link.with_part("link", why.format("less", "link")),
+        )
+    else:
+        why = "of two positions that move together, the {} is likelier the {}'s"
+        motor = first.with_part("motor", why.format("first", "motor"))
+        link = second.with_part("link", why.format("second", "link"))
+    return {c.channel.name: c for c in (motor, link)}
+
+
+def _beside(candidate: Candidate, other: Candidate) -> dict[str, Candidate]:
+    """Return a position whose name does not say its part, next to one of a motor or a link."""
+    if guess_data.gear_between(candidate.channel, other.channel) is None:
+        return {}
+    part = "link" if other.meaning.part == "motor" else "motor"
+    return {candidate.channel.name: candidate.with_part(part, f"it moves with the {other.meaning.part}'s position")}
 
 
 def _is_setpoint(candidate: Candidate) -> bool:
@@ -113,10 +213,23 @@ def _options(candidate: Candidate, group: list[Candidate]) -> Iterator[_Option]:
     meaning, channel = candidate.meaning, candidate.channel
     less = 0.25 if meaning.in_command_topic else 0.0
     less += 0.05 if meaning.joint and not meaning.label and len(group) > 1 else 0.0
+    less += 0.2 if candidate.because else 0.0
+    is_angle = meaning.quantity not in ("setpoint", "torque", "current")
+    less += 0.3 if is_angle and not channel.unit and guess_data.looks_like_counts(channel) else 0.0
     for role, confidence, reason, unit in _by_name(candidate, group):
-        if guess_data.looks_like_counts(channel) and role != "setpoint":
-            less += 0.3
+        reason, unit = candidate.because or reason, meaning.unit if _fits(meaning.unit, role) else unit
         yield _Option(role, candidate, round(max(confidence - less, 0.05), 2), reason, unit)
+
+
+def _fits(unit: str | None, role: str) -> bool:
+    """Tell whether a name ends in a unit that the role may have: ``torque_deg`` does not."""
+    units = role_units(role)
+    if unit is None or is_counts(unit):
+        return unit is not None and units == ("rad",)
+    try:
+        return bool(matching(unit, units))
+    except UnitError:
+        return False
 
 
 def _by_name(candidate: Candidate, group: list[Candidate]) -> Iterator[tuple[str, float, str, str | None]]:
@@ -128,8 +241,12 @@ def _by_name(candidate: Candidate, group: list[Candidate]) -> Iterator[tuple[str
         yield "setpoint", 0.6, "its name is that of a set-point", None
     elif meaning.quantity in EXTRA and part != "secondary":
         yield meaning.quantity, 0.8, "its name says so", None
+    elif meaning.quantity == "position" and part in ("sensor", "series"):
+        yield "deflection", 0.7, "a spring's angle", None
     elif meaning.quantity == "position":
         yield _position(part, group)
+    elif meaning.quantity == "commanded_torque" and part in ("", "motor"):
+        yield "motor_torque", 0.3, "a commanded torque, as far as the drive follows", None
     elif meaning.quantity == "velocity" and part in ("", "motor", "link"):
         yield _velocity(part, group)
     elif meaning.quantity == "current" and part in ("", "motor"):
@@ -152,9 +269,11 @@ def _position(part: str, group: list[Candidate]) -> tuple[str, float, str, str |
         return "setpoint", 0.8, "the secondary motor's position sets the stiffness", None
     if part == "link":
         return "link_position", 0.85, "its name says the joint's or link's position", None
-    paired = any(c.meaning.part == "motor" or c.meaning.quantity == "deflection" for c in group)
-    if paired:
+    positions = {c.meaning.part for c in group if c.meaning.quantity == "position"}
+    if "motor" in positions or any(c.meaning.quantity == "deflection" for c in group):
         return "link_position", 0.7, "a position next to the motor's", None
+    if sum(c.meaning.quantity == "position" for c in group) > 1:
+        return "link_position", 0.3, "one of several positions, its name does not say whose", None
     return "link_position", 0.5, "the only position of this joint", None
 
 
@@ -168,7 +287,7 @@ def _velocity(part: str, group: list[Candidate]) -> tuple[str, float, str, str |
 def _torque(part: str, channel: Channel) -> Iterator[tuple[str, float, str, str | None]]:
     if part == "motor":
         yield "motor_torque", 0.85, "its name says motor and torque", None
-    elif part == "sensor":
+    elif part in ("sensor", "series"):
         yield "torque_sensor", 0.85, "its name says a sensor's or the transmission's torque", None
     elif part == "external":
         yield "external_torque", 0.8, "its name says a torque from outside", None
@@ -204,8 +323,16 @@ def _numbered(options: list[_Option], numbers: list[int]) -> Iterator[_Option]:
 
 
 def _choose(options: list[_Option]) -> dict[str, _Option]:
-    """Give each role the surest channel and each channel one role; the shorter name wins a draw."""
-    ordered = sorted(options, key=lambda o: (-o.confidence, _spread_rank(o), len(o.candidate.channel.name)))
+    """Give each role the surest channel and each channel one role; a measured one wins a draw, then the shorter name."""
+    ordered = sorted(
+        options,
+        key=lambda o: (
+            -o.confidence,
+            _spread_rank(o),
+            not o.candidate.meaning.is_measured,
+            len(o.candidate.channel.name),
+        ),
+    )
     chosen: dict[str, _Option] = {}
     taken: set[str] = set()
     for option in ordered:
@@ -240,7 +367,27 @@ def _spring_at_rest(chosen: dict[str, _Option], group: list[Candidate]) -> dict[
     return {"deflection": spring, **{role: o for role, o in chosen.items() if role != "link_position"}}
 
 
-def _kind(chosen: dict[str, _Option], numbers: list[int], has_set_runs: bool) -> tuple[Kind, float, str]:
+def _count_positions(group: list[Candidate]) -> int:
+    return sum(c.meaning.quantity == "position" and not _is_setpoint(c) for c in group)
+
+
+def _torque_of_rigid(chosen: dict[str, _Option]) -> dict[str, _Option]:
+    """Take a torque whose name does not say whose it is as what moves a joint, where no spring can have it.
+
+    A current is no torque yet, and makes way for it.
+    """
+    torque, motors = chosen.get("torque_sensor"), chosen.get("motor_torque")
+    if torque is None or torque.candidate.meaning.part or torque.candidate.meaning.is_measured:
+        return chosen
+    if motors is not None and motors.candidate.meaning.quantity != "current":
+        return chosen
+    moved = replace(torque, role="motor_torque", reason="a torque, and no spring of which it could be")
+    return {"motor_torque": moved, **{r: o for r, o in chosen.items() if r not in ("torque_sensor", "motor_torque")}}
+
+
+def _kind(
+    chosen: dict[str, _Option], numbers: list[int], has_set_runs: bool, positions: int
+) -> tuple[Kind, float, str]:
     """Return the joint's kind, the confidence in it, and why."""
     if len(numbers) == 2:
         both_torques = {"motor_torque_1", "motor_torque_2"} <= set(chosen) or {
@@ -255,15 +402,22 @@ def _kind(chosen: dict[str, _Option], numbers: list[int], has_set_runs: bool) ->
         return "serial", 0.7, "there is a deflection, and runs whose names give a set-point"
     if has_deflection:
         return "elastic", 0.8, "there is a deflection and no set-point"
+    if positions > 1:
+        return "rigid", 0.4, "none of its positions is known to be at the spring's other end, so there is no deflection"
     return "rigid", 0.6, "there is one position only, so no deflection"
 
 
 def _role_guess(option: _Option, findings: list[Finding]) -> RoleGuess:
     channel = option.candidate.channel
-    if guess_data.looks_like_counts(channel):
+    meaning, unit, turn = option.candidate.meaning, option.unit, None
+    is_angle = meaning.quantity in ("position", "commanded_position", "deflection")
+    if is_angle and (unit == "counts" or guess_data.looks_like_counts(channel)):
+        unit, turn = "counts", guess_data.counts_of_turn(channel)
         findings.append(Finding(code="guess.raw_counts", part=channel.name))
-    is_current = option.candidate.meaning.quantity == "current"
-    return RoleGuess(channel.name, option.confidence, (option.reason,), option.unit, is_current=is_current)
+    is_current = meaning.quantity == "current"
+    return RoleGuess(
+        channel.name, option.confidence, (option.reason,), unit, is_current=is_current, counts_per_turn=turn
+    )
 
 
 def _why_missing(role: str, kind: Kind, roles: dict[str, RoleGuess], still: list[Candidate]) -> tuple[str, bool]:

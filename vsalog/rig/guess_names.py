@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from vsalog.core.errors import UnitError
 from vsalog.core.recording import Channel
-from vsalog.core.units import kind_of, parse_unit, si_factor
+from vsalog.core.unit_tables import COUNTS
+from vsalog.core.units import is_counts, kind_of, parse_unit, si_factor
 
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[θφτδ]")
 _GREEK = {"θ": "theta", "φ": "phi", "τ": "tau", "δ": "delta"}
@@ -17,31 +18,60 @@ def _words(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
-POSITION = _words("position positions pos angle angles ang encoder enc theta q rotation")
+POSITION = _words("position positions pos angle angles ang encoder encoders enc theta q rotation")
 DEFLECTION = _words("deflection defl deformation delta phi twistangle")
-TORQUE = _words("torque torques effort tau moment trq")
-CURRENT = _words("current amps iq")
+TORQUE = _words("torque torques effort efforts tau moment trq torq tor tq loadcell")
+CURRENT = _words("current currents curr cur amps iq i")
 SETPOINT = _words("setpoint stiffness lever pretension preload cocontraction slider r")
 COMMAND = _words("command commands cmd commanded desired des ref reference target goal demand demanded")
 # Of a stream, not of a field.
 CONTROL = _words("control controls action actions")
-STATE = _words("state states feedback actual measured meas")
-# Derivatives, housekeeping: never a role.
+MEASURED = _words("actual act measured meas mes present feedback fb fbk")
+STATE = MEASURED | _words("state states")
+# Derivatives, housekeeping, what was computed: never a role.
 OTHER = _words(
-    "velocity velocities vel speed speeds omega dq qd ddq qdd rate dot acceleration acc accel jerk gyro temperature temp "
+    "velocity velocities vel speed speeds omega dq qd dtheta thetad "
+    "ddq qdd rate dot acceleration acc accel jerk gyro temperature temp "
     "voltage pwm status seq header time timestamp stamp id count counter error err power energy pressure "
-    "force duty frame mode flag"
+    "force duty frame mode flag est estimated estimate predicted model gravity limit max min kp kd ki gain "
+    "battery batt bat bus supply"
 )
-VELOCITY = _words("velocity velocities vel speed speeds omega dq qd")
+VELOCITY = _words("velocity velocities vel speed speeds omega dq qd dtheta thetad")
 BODY = _words("imu gyro twist odom angular linear base cartesian tcp")
-MOTOR = _words("motor mot rotor servo actuator primary drive")
+# Topics of bodies; a robot's base may be one that has joints.
+BODY_TOPICS = BODY - {"base"}
+MOTOR = _words("motor motors mot mtr rotor servo actuator primary drive")
+# Its output is where a spring begins, on the motor's side of it; "gear output" is the link.
+GEAR = _words("gear gearbox")
 LINK = _words("link output load")
-SENSOR = _words("sensor spring transmission loadcell ft measured meas elastic wrench")
+SENSOR = _words("sensor spring transmission loadcell ft measured meas mes elastic wrench")
+SERIES = _words("se")
 SECONDARY = _words("secondary stiffener")
 EXTERNAL = _words("external ext disturbance")
 ACCELERATION = _words("acceleration acc accel accelerometer")
-FILLER = _words(
-    "joint joints data state states raw msg field value values x y z side abs absolute sensors stamped topic of the in"
+FILLER = MEASURED | _words(
+    "joint joints data state states raw msg field value values x y z side abs absolute sensors stamped topic of the in cell "
+    "scope logsout simout"
+)
+# A letter behind the symbol of a quantity, as in theta_m and tau_J_d.
+SUBSCRIPTS = {"m": "motor", "l": "link", "j": "link", "s": "sensor", "d": "command", "c": "secondary"}
+_SHORT = {"jnt": "joint", "jt": "joint", "joi": "joint"}
+# Two words for one.
+_TOGETHER = {("load", "cell"): "loadcell", ("i", "q"): "iq", ("i", "d"): "id", ("set", "point"): "setpoint"}
+
+UNITS = {
+    "deg": "deg", "degs": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "radian": "rad", "radians": "rad",
+    "mrad": "mrad", "mdeg": "mdeg", "rev": "rev", "revs": "rev", "turn": "rev", "turns": "rev", "nm": "N*m", "mnm": "mN*m",
+    "ncm": "N*cm", "nmm": "N*mm", "ma": "mA", "amp": "A", "amps": "A", "rpm": "rpm", "radps": "rad/s", "rad_s": "rad/s",
+    "rad_per_s": "rad/s", "degps": "deg/s", "dps": "deg/s", "deg_s": "deg/s", "deg_per_s": "deg/s",
+    **dict.fromkeys(COUNTS, "counts"),
+}  # fmt: skip
+"""What a name may end in for its unit."""
+_UNIT_AT_END = re.compile(
+    r"(?P<name>.*?[^\W_])(?:[\W_]+|(?<=[a-z\d])(?=[A-Z]))\(?(?P<unit>"
+    + "|".join(sorted(UNITS, key=len, reverse=True))
+    + r"|(?-i:A))\)?(?P<index>[_\W]*\d+\]?)?",
+    re.IGNORECASE | re.DOTALL,
 )
 
 _VOCABULARY = (
@@ -53,17 +83,36 @@ _VOCABULARY = (
     | COMMAND
     | OTHER
     | MOTOR
+    | GEAR
     | LINK
     | SENSOR
+    | SERIES
     | SECONDARY
     | FILLER
     | EXTERNAL
     | ACCELERATION
 )
 # A number behind one of these counts the motors or transmissions of a joint.
-_NUMBERED = POSITION | DEFLECTION | TORQUE | CURRENT | MOTOR | LINK | SENSOR | {"m", "c"}
+_NUMBERED = (
+    POSITION | VELOCITY | DEFLECTION | TORQUE | CURRENT | COMMAND | MOTOR | LINK | SENSOR | EXTERNAL | {"m", "c", "d"}
+)
 # Words that stand for a part as well: θ is the motor's angle and q the link's throughout the literature.
-_SYMBOLS = {"theta": "motor", "q": "link"}
+_SYMBOLS = {"theta": "motor", "q": "link", "dtheta": "motor", "thetad": "motor", "dq": "link", "qd": "link"}
+
+_PART_OF = {
+    **dict.fromkeys(SENSOR, "sensor"),
+    **dict.fromkeys(LINK, "link"),
+    **dict.fromkeys(MOTOR, "motor"),
+    **dict.fromkeys(GEAR, "motor by its gear"),
+    **dict.fromkeys(SERIES, "series"),
+    **dict.fromkeys(EXTERNAL, "external"),
+    **dict.fromkeys(SECONDARY, "secondary"),
+}
+# Where a name has words for several parts: which one is meant.
+_SUREST = (
+    "secondary", "external", "motor", "series", "sensor", "link", "motor by its gear", "motor by its symbol",
+    "link by its symbol",
+)  # fmt: skip
 
 _QUANTITY_OF_KIND = {
     "an angle": "position",
@@ -80,13 +129,18 @@ class Meaning:
 
     Attributes
     ----------
-    quantity : ``position``, ``velocity``, ``commanded_position``, ``commanded_velocity``, ``deflection``, ``torque``,
-        ``current``, ``setpoint``, ``length``, ``link_acceleration``, ``accelerometer_x`` (``_y``, ``_z``) or ``other``
-    part : ``motor``, ``link``, ``sensor``, ``secondary``, ``external`` or ""
+    quantity : ``position``, ``velocity``, ``deflection``, ``torque``, ``current``, ``setpoint``, ``length``,
+        ``commanded_position``, ``commanded_velocity``, ``commanded_torque``, ``link_acceleration``,
+        ``accelerometer_x`` (``_y``, ``_z``) or ``other``
+    part : ``motor``, ``link``, ``sensor``, ``series``, ``secondary``, ``external`` or ""
     index : the number behind the part, e.g. 2 of ``motor_2``; None without one
     joint : the words that are left: the joint's name
     label : the element's name in a message that names its elements, else ""
     in_command_topic : the topic's name says that these are commands
+    in_motor_topic : the topic's name says that these are a motor's
+    is_measured : it says so
+    is_element : the index is that of a list, not part of the name
+    unit : that the name ends in, where the log states none; else None
     """
 
     quantity: str
@@ -95,48 +149,89 @@ class Meaning:
     joint: tuple[str, ...]
     label: str
     in_command_topic: bool
+    in_motor_topic: bool = False
+    is_measured: bool = False
+    is_element: bool = False
+    unit: str | None = None
 
 
 def words_of(name: str) -> list[str]:
     """Split a name into lower-case words: ``servo1_positionRaw`` → servo, 1, position, raw."""
     words: list[str] = []
     for found in _WORD.findall(name):
-        word = _GREEK.get(found, found.lower())
-        words.extend(_split_compound(word))
+        word = found.lower()
+        word = _GREEK.get(word) or _SHORT.get(word, word)
+        for part in _split_compound(word):
+            both = _TOGETHER.get((words[-1], part)) if words else None
+            if both is None:
+                words.append(part)
+            else:
+                words[-1] = both
     return words
+
+
+def split_unit(name: str) -> tuple[str, str | None]:
+    """Split the unit off that a name ends in: ``motor_deg[0]`` → ``motor[0]``, deg; (name, None) where it ends in none.
+
+    A lone A is one of amperes behind a current only: ``leg_A`` is a leg.
+    """
+    match = _UNIT_AT_END.fullmatch(name)
+    if match is None or (match["unit"] == "A" and not CURRENT & set(words_of(match["name"]))):
+        return name, None
+    unit = UNITS.get(match["unit"].lower(), match["unit"])
+    return match["name"] + (match["index"] or ""), unit
 
 
 def meaning_of(channel: Channel, *, with_stream: bool = True) -> Meaning:
     """Return what a channel's name and unit say; the stream's name counts unless it is a run's name only."""
-    topic, field, label = _parts(channel)
+    topic, field, label, element = _parts(channel)
     topic = topic if with_stream else ""
+    field, by_name = split_unit(field)
+    unit = channel.unit or by_name
     field_words, label_words, topic_words = words_of(field), words_of(label), words_of(topic)
-    quantity = _quantity(field_words, label_words, topic_words, channel.unit)
+    quantity = _quantity(field_words, label_words, topic_words, unit)
     named = label_words if label else [*topic_words, *field_words]
-    part, index, joint = _part(named)
+    part, index, joint = _part(named, quantity)
+    index = index if element is None else element
     if label and not (part or joint) and (quantity == "velocity" or _named_quantity(field_words)):
         joint = label_words  # a joint may be called as a quantity is: Rotation
     if label and not part and any(word in SENSOR for word in topic_words) and quantity == "torque":
         part = "sensor"
     elif label and not part and any(word in MOTOR for word in topic_words) and quantity == "torque":
         part = "motor"
+    elif label and not part:
+        part = _part(field_words, quantity)[0]
     if not label and not part and "joint" in named and quantity in ("position", "torque"):
         part = "link" if quantity == "position" else ""
     in_command_topic = any(word in COMMAND for word in topic_words)
-    return Meaning(quantity, part, index, tuple(joint), label, in_command_topic)
+    in_motor_topic = any(word in MOTOR for word in topic_words)
+    return Meaning(
+        quantity,
+        part,
+        index,
+        tuple(joint),
+        label,
+        in_command_topic,
+        in_motor_topic,
+        is_measured=not MEASURED.isdisjoint(field_words),
+        is_element=element is not None,
+        unit=None if channel.unit else by_name,
+    )
 
 
-def _parts(channel: Channel) -> tuple[str, str, str]:
-    """Split a full name into topic, field path and the element's label (not an index)."""
+def _parts(channel: Channel) -> tuple[str, str, str, int | None]:
+    """Split a full name into topic, field path, the element's label and the element's number in a list."""
     name = channel.name
     # A stream that is a part of a topic is called "/topic (field …)".
     names = channel.stream, channel.stream.rpartition(" (")[0]
     topic = next((stream for stream in names if stream and name.startswith(f"{stream}.")), "")
     rest = name[len(topic) + 1 :] if topic else name
-    match = re.fullmatch(r"(.*)\[([^\[\]]*)\]", rest, re.DOTALL)
-    if match is None or match[2].isdigit():
-        return topic, rest, ""
-    return topic, match[1], match[2]
+    match = re.fullmatch(r"(.*)\[([^\[\]()]*)\]", rest, re.DOTALL)
+    if match is None:
+        return topic, rest, "", None
+    if match[2].isdecimal() and len(match[2]) < 6:
+        return topic, match[1], "", int(match[2])
+    return topic, match[1], match[2], None
 
 
 def _split_compound(word: str) -> list[str]:
@@ -164,10 +259,12 @@ def _quantity(field: list[str], label: list[str], topic: list[str], unit: str | 
         return "other"
     if _is_command(words):
         named = _named_quantity([w for w in words if w != "setpoint"]) or by_unit
-        return "commanded_position" if named == "position" and by_unit in (None, "position") else "other"
+        return f"commanded_{named}" if named in ("position", "torque") and by_unit in (None, named) else "other"
     named = _named_quantity(field) or _named_quantity(label) or _named_quantity(topic)
     if by_unit == "length":
         return "setpoint" if named in ("setpoint", "position") and _is_setpoint(words) else "other"
+    if named == "torque" and not (CURRENT - {"i"}).isdisjoint(field):
+        return "other" if "from" in field else "current"  # computed of a current, or the current that makes torque
     if by_unit == "current" and named in (None, "torque"):
         return "current"
     if named == "position" and by_unit in (None, "position") and _is_command_topic(topic):
@@ -195,7 +292,8 @@ def _is_velocity(field: list[str], unit: str | None) -> bool:
 def _is_joint_velocity(field: list[str], words: list[str], unit: str | None) -> bool:
     """Tell whether a channel is how fast a position changes: no body's velocity, error, or rate of something else."""
     derived = any(word in DEFLECTION or (word in OTHER and word not in VELOCITY) for word in field)
-    return _is_velocity(field, unit) and not derived and not any(word in BODY for word in words)
+    is_bodys = not BODY.isdisjoint(field) or not BODY_TOPICS.isdisjoint(words)
+    return _is_velocity(field, unit) and not derived and not is_bodys
 
 
 def _acceleration(field: list[str], words: list[str], unit: str | None) -> str | None:
@@ -219,7 +317,7 @@ def _is_setpoint(words: list[str]) -> bool:
 
 def _is_command(words: list[str]) -> bool:
     """Tell whether a name is of something asked for: ``position_command``, ``position_setpoint``."""
-    if any(word in COMMAND for word in words):
+    if any(word in COMMAND or _subscript(words, i) == "command" for i, word in enumerate(words)):
         return True
     return "setpoint" in words and _named_quantity([w for w in words if w != "setpoint"]) not in (None, "setpoint")
 
@@ -228,19 +326,23 @@ def _named_quantity(words: list[str]) -> str | None:
     for quantity, vocabulary in (
         ("deflection", DEFLECTION),
         ("torque", TORQUE),
-        ("current", CURRENT),
+        ("current", CURRENT - {"i"}),
     ):
         if any(word in vocabulary for word in words):
             return quantity
     if any(word in SETPOINT for word in words):
         return "setpoint"
-    return "position" if any(word in POSITION for word in words) else None
+    if any(word in POSITION for word in words):
+        return "position"
+    return "current" if "i" in words else None
 
 
 def _by_unit(unit: str | None) -> str | None:
     """Return the quantity a unit implies, ``other`` for one that no role has, None where it says nothing."""
     if not unit:
         return None
+    if is_counts(unit):
+        return "position"
     try:
         kind = kind_of(parse_unit(unit).dimension)
     except UnitError:
@@ -248,13 +350,22 @@ def _by_unit(unit: str | None) -> str | None:
     return _QUANTITY_OF_KIND.get(kind, "other")
 
 
-def _part(words: list[str]) -> tuple[str, int | None, list[str]]:
+def _subscript(words: list[str], i: int) -> str | None:
+    """Return what a letter behind a quantity's symbol stands for: ``m`` in theta_m, ``d`` in dq_d and tau_J_d."""
+    behind = words[i - 1] if i else ""
+    if behind in SUBSCRIPTS and i > 1:
+        behind = words[i - 2]
+    return SUBSCRIPTS.get(words[i]) if behind in TORQUE | POSITION | VELOCITY else None
+
+
+def _part(words: list[str], quantity: str) -> tuple[str, int | None, list[str]]:
     """Return part, its number, and the words that are neither: the joint's name."""
-    part, index = "", None
+    found, index = set[str](), None
     left: list[str] = []
     previous = ""
     for i, word in enumerate(words):
         follower = words[i + 1] if i + 1 < len(words) else ""
+        subscript = _subscript(words, i)
         if word.isdigit():
             # "joint_1" is a name, "motor_1" is the first of a joint's motors.
             if previous == "joint":
@@ -263,19 +374,14 @@ def _part(words: list[str]) -> tuple[str, int | None, list[str]]:
                 index = int(word)
             else:
                 left.append(word)
-        elif (word == "c" and previous == "theta") or word in SECONDARY:
-            part = "secondary"
-        elif word in EXTERNAL:
-            part = "external"
-        elif word in MOTOR or (word == "m" and previous in TORQUE | POSITION):
-            part = part or "motor"
-        elif word in LINK or (word in ("l", "j") and previous in TORQUE | POSITION):
-            part = "link" if part in ("", "link") else part
-        elif word in SENSOR and part in ("", "link"):
-            part = "sensor"
-        elif word in _SYMBOLS and not part:
-            part = _SYMBOLS[word]
+        elif part := _PART_OF.get(word) or subscript:
+            found.add(part)
+        elif word in _SYMBOLS:
+            found.add(f"{_SYMBOLS[word]} by its symbol")
         elif word not in _VOCABULARY and not (word == "joint" and follower.isdigit()):
             left.append(word)
         previous = word
-    return part, index, left
+    if quantity in ("position", "velocity", "current") and "spring" not in words:
+        found.discard("sensor")  # a measured angle is the joint's; a spring's is a deflection
+    part = next((part for part in _SUREST if part in found), "")
+    return part.partition(" ")[0], index, left

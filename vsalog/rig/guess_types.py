@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from msgspec import Struct
@@ -18,10 +18,15 @@ Kind = Literal["rigid", "elastic", "serial", "antagonistic"]
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A channel that may have a role, and what its name says."""
+    """A channel that may have a role, what its name says, and what tells its part where the name does not."""
 
     channel: Channel
     meaning: Meaning
+    because: str = ""
+
+    def with_part(self, part: str, because: str) -> Candidate:
+        """Return it as a part's, which something other than its name tells."""
+        return replace(self, meaning=replace(self.meaning, part=part), because=because)
 
 
 class RoleGuess(Struct, frozen=True):
@@ -35,6 +40,7 @@ class RoleGuess(Struct, frozen=True):
     unit : to be stated in the rig, where the log does not say what the name does
     side, sign : as in the rig
     is_current : a motor torque that is recorded as a current
+    counts_per_turn : after how many counts its encoder wraps; None for one that does not, or that is not in ``counts``
     """
 
     channel: str
@@ -44,6 +50,7 @@ class RoleGuess(Struct, frozen=True):
     side: Literal["joint", "rotor"] = "joint"
     sign: Literal[1, -1] = 1
     is_current: bool = False
+    counts_per_turn: int | None = None
 
 
 class RunGuess(Struct, frozen=True):
@@ -64,6 +71,8 @@ class JointGuess(Struct, frozen=True):
     roles : role → channel
     missing : role → why there is none
     not_needed : those of the missing roles that an estimate does without
+    stiffness, inertia : in front of which an identification may begin, by the sizes of torque and motion; in the torque's unit
+        and per rad; None where there is no torque of a motor, or the joint has two
     gear_ratio : rotor turns per joint turn as the ranges of two positions show it
     runs : where the log holds several
     findings : what a person should know
@@ -79,6 +88,8 @@ class JointGuess(Struct, frozen=True):
     runs: tuple[RunGuess, ...] = ()
     findings: tuple[Finding, ...] = ()
     not_needed: tuple[str, ...] = ()
+    stiffness: float | None = None
+    inertia: float | None = None
 
     @property
     def is_driven(self) -> bool:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from vsalog.core.quantities import (
     Base,
+    CountsPerTurn,
     Fraction,
     Ratio,
     RoleRate,
@@ -57,6 +58,7 @@ class SignalCore(Sensor, frozen=True):
     channel : name as `vsalog inspect` prints it; ``{run}`` stands for the run's name
     constant : a value instead of a channel (a set-point that does not move)
     unit : of the channel; what the log itself says is used when this is absent, SI when neither says
+    counts_per_turn : of an encoder that is recorded in counts; a loaded rig has it as the unit, ``rev/4096``
     side : ``rotor`` when it was measured before the gear: positions are divided, torques multiplied by the gear ratio
     sign : −1 when the recording counts the other way round
     offset : what the sensor says at zero, in SI; subtracted
@@ -74,6 +76,7 @@ class SignalCore(Sensor, frozen=True):
     channel: str | None = None
     constant: RoleValue | None = None
     unit: str | None = None
+    counts_per_turn: CountsPerTurn | None = None
     side: Literal["joint", "rotor"] = "joint"
     sign: Literal[1, -1] = 1
     offset: RoleValue = 0.0

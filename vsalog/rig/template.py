@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 
 from vsalog.core.finding_texts import sentence
 from vsalog.core.printable import printable
 from vsalog.core.recording import Recording
 from vsalog.core.units import shown
 from vsalog.rig.checks import RUN
+from vsalog.rig.guess_gaps import Answers, Command, command_for, counts_key
 from vsalog.rig.guess_types import Guess, JointGuess, RoleGuess
 from vsalog.rig.load import Rig
 from vsalog.rig.schema import Joint, Signal
@@ -34,11 +36,25 @@ _TRANSMISSIONS = {
 }
 
 
-def rig_template(recording: Recording, guess: Guess) -> str:
-    """Return a `rig.toml` for the joints guessed in a recording."""
+def rig_template(
+    recording: Recording,
+    guess: Guess,
+    answers: Mapping[str, Answers] = MappingProxyType({}),
+    *,
+    with_beginnings: bool = True,
+) -> str:
+    """Return a `rig.toml` for the joints guessed in a recording.
+
+    Parameters
+    ----------
+    recording, guess : the log, and what was guessed of it
+    answers : per joint, what somebody knows of its gaps
+    with_beginnings : write numbers to begin with, where a command needs some; else nothing that the log does not hold
+    """
     lines = [*_head(recording, guess), ""]
-    for name, joint in _unique_names(guess):
-        lines.extend(_joint(name, joint))
+    for name, joint in named_joints(guess):
+        known = answers.get(name, {})
+        lines.extend(_joint(name, joint, known, command_for(joint, known) if with_beginnings else "estimate"))
     return "\n".join(lines).rstrip("\n") + "\n"
 
 
@@ -95,7 +111,8 @@ def _head(recording: Recording, guess: Guess) -> list[str]:
     return lines
 
 
-def _unique_names(guess: Guess) -> Iterator[tuple[str, JointGuess]]:
+def named_joints(guess: Guess) -> Iterator[tuple[str, JointGuess]]:
+    """Yield the joints under the names that the rig has for them."""
     taken: set[str] = set()
     for joint in guess.joints:
         name = shown(joint.name).strip() or "joint"
@@ -105,26 +122,36 @@ def _unique_names(guess: Guess) -> Iterator[tuple[str, JointGuess]]:
         yield name, joint
 
 
-def _joint(name: str, joint: JointGuess) -> Iterator[str]:
+def _joint(name: str, joint: JointGuess, answers: Answers, command: Command) -> Iterator[str]:
     path = f"joint.{toml_key(name)}"
     yield f"[{path}]"
     yield _line(f'kind = "{joint.kind}"', f"{_percent(joint.confidence)}: {joint.reason}")
     for finding in joint.findings:
         yield from _note(sentence(finding))
     yield ""
+    begin = command != "estimate"
+    if begin:
+        fits = "fits them to the log" if command == "identify" else "plays them; the log lacks what a stiffness needs"
+        yield f"# Numbers to begin with: 'vsalog {command}' {fits}."
     for motor in _MOTORS[joint.kind]:
-        yield from _motor(f"{path}.{motor}", motor, joint)
+        yield from _motor(f"{path}.{motor}", motor, joint, answers, begin)
     for transmission in _TRANSMISSIONS.get(joint.kind, ()):
-        yield from _transmission(f"{path}.{transmission}", joint)
+        yield from _transmission(f"{path}.{transmission}", joint, begin)
     if joint.kind == "serial":
-        yield from _lever(path)
+        yield from _lever(path, begin)
     if joint.kind != "rigid":
         yield from _basis(path)
-    elif joint.is_driven:
+        if begin and command == "simulate":
+            yield from (f"[{path}.link]", 'inertia = "1 kg*m^2"', "")
+    elif "motor_torque" in joint.roles and not joint.is_driven and command == "identify":
+        yield from _motor(f"{path}.motor", "motor", joint, answers, begin)
+    elif begin:
         yield from _servo(path)
     yield f"[{path}.signals]"
     for role, guess in joint.roles.items():
-        yield _signal(role, guess, bool(joint.runs))
+        yield _signal(
+            role, guess, bool(joint.runs), answers, lacks_constant=_lacks_constant(role, guess, answers, command)
+        )
     for role, why in joint.missing.items():
         if role != "setpoint" or not joint.runs:
             yield _gap(role, '"…"', why)
@@ -140,9 +167,14 @@ def _joint(name: str, joint: JointGuess) -> Iterator[str]:
         yield ""
 
 
+def _lacks_constant(role: str, guess: RoleGuess, answers: Answers, command: Command) -> bool:
+    """Tell whether a current would stop a command that can do without: it is no torque yet."""
+    key = f"motor{role.removeprefix('motor_torque')}.torque_constant"
+    return guess.is_current and command == "estimate" and key not in answers
+
+
 def _servo(path: str) -> Iterator[str]:
     """Yield a position loop of a few hertz, of a joint whose inertia is 1: where an identification begins."""
-    yield "# Numbers to begin with: 'vsalog identify LOG --rig THIS_FILE' fits them to the log. All are relative to the inertia."
     yield f"[{path}.motor]"
     yield _line(
         'inertia = "1 kg*m^2 ± 0"', "not fitted; write what is known of it, else torques are per unit of inertia"
@@ -180,36 +212,69 @@ def _basis(path: str) -> Iterator[str]:
     yield ""
 
 
-def _motor(path: str, key: str, joint: JointGuess) -> Iterator[str]:
+def _motor(path: str, key: str, joint: JointGuess, answers: Answers, begin: bool) -> Iterator[str]:
     if key == "secondary_motor":
-        yield f"# [{path}]"
+        yield f"[{path}]" if begin else f"# [{path}]"
+        yield from ('inertia = "1 kg*m^2"',) if begin else ()
         yield _gap("gear_ratio", "23.0", "of the motor that sets the stiffness, where its position is the rotor's")
         yield ""
         return
     yield f"[{path}]"
-    yield _gap("inertia", '"2.3e-5 kg*m^2"', "no log says it; needed where the torque comes from the motor's side")
+    if begin and f"{key}.inertia" not in answers:
+        size, why = ("1", "made up") if joint.inertia is None else (f"{joint.inertia:.2g}", "by torque and motion")
+        yield _line(f'inertia = "{size} kg*m^2"', why)
+    else:
+        why = "no log says it; needed where the torque comes from the motor's side"
+        yield _known(answers, f"{key}.inertia", '"2.3e-5 kg*m^2"', why)
     yield _gap("damping", '"0.001 N*m*s/rad"', "0 when left out")
     yield _gap("side", '"rotor"', "where inertia and damping are the rotor's own, not yet times gear_ratio²")
-    if joint.gear_ratio is not None:
+    if joint.gear_ratio is not None and f"{key}.gear_ratio" not in answers:
         yield _line(f"gear_ratio = {joint.gear_ratio!r}", "60 %: the ratio of the two positions' ranges; look it up")
     else:
-        yield _gap("gear_ratio", "50.0", "1 when left out; needed for whatever is measured on the rotor's side")
+        why = "1 when left out; needed for whatever is measured on the rotor's side"
+        yield _known(answers, f"{key}.gear_ratio", "50.0", why)
     suffix = key.removeprefix("motor")
     torque = joint.roles.get(f"motor_torque{suffix}")
     if torque is not None and torque.is_current:
-        yield _gap("torque_constant", '"0.05 N*m/A"', "needed: the motor torque is recorded as a current")
+        if begin and f"{key}.torque_constant" not in answers:
+            yield _line(
+                'torque_constant = "1 N*m/A ± 0"', "not fitted; write what is known of it, else torques are currents"
+            )
+        else:
+            why = "needed for the motor torque, which is recorded as a current"
+            yield _known(answers, f"{key}.torque_constant", '"0.05 N*m/A"', why)
     yield ""
 
 
-def _transmission(path: str, joint: JointGuess) -> Iterator[str]:
+def _known(answers: Answers, key: str, example: str, why: str) -> str:
+    """Return the line of a key with what somebody answered, or else as a gap."""
+    name = key.rpartition(".")[2]
+    return f"{name} = {answers[key]}" if key in answers else _gap(name, example, why)
+
+
+def _transmission(path: str, joint: JointGuess, begin: bool) -> Iterator[str]:
     yield f"[{path}]"
     choices = "linear, cubic, polynomial, exponential" + (", vsa2 or awas" if joint.kind == "serial" else " or vsa2")
-    yield _line('type = "unknown"', f"{choices} where the spring's law is known; then its parameters go here too")
+    law = f"{choices} where the spring's law is known; then its parameters go here too"
+    if not begin:
+        yield _line('type = "unknown"', law)
+    elif joint.kind == "serial":
+        yield _line('type = "awas"', law)
+        yield 'spring_stiffness = "40 kN/m"'
+    else:
+        yield _line('type = "linear"', law)
+        if joint.stiffness is None:
+            yield _line('stiffness = "400 N*m/rad"', "made up")
+        else:
+            yield _line(f'stiffness = "{joint.stiffness:.2g} N*m/rad"', "by the sizes of torque and deflection")
     yield ""
 
 
-def _lever(path: str) -> Iterator[str]:
-    yield f"# [{path}.lever]"
+def _lever(path: str, begin: bool) -> Iterator[str]:
+    yield f"[{path}.lever]" if begin else f"# [{path}.lever]"
+    if begin:
+        yield from ('start = "100 mm"', 'travel = "2.5 mm/rev"', "")
+        return
     yield _gap(
         "start", '"100 mm"', "where the set-point is an angle that moves a lever arm: r = start − travel · angle"
     )
@@ -217,12 +282,25 @@ def _lever(path: str) -> Iterator[str]:
     yield ""
 
 
-def _signal(role: str, guess: RoleGuess, has_runs: bool) -> str:
+def _signal(
+    role: str,
+    guess: RoleGuess,
+    has_runs: bool,
+    answers: Answers = MappingProxyType({}),
+    *,
+    lacks_constant: bool = False,
+) -> str:
     parts = []
-    if guess.unit is not None:
+    counts = answers.get(counts_key(role), guess.counts_per_turn)
+    if guess.unit == "counts" and counts is not None:
+        parts.append(f"counts_per_turn = {counts}")
+    elif guess.unit is not None:
         parts.append(f"unit = {toml_string(guess.unit)}")
-    if guess.side != "joint":
-        parts.append(f'side = "{guess.side}"')
+    is_rotors = (
+        role in ("motor_position", "motor_velocity") and guess.unit == "counts" and "motor.gear_ratio" in answers
+    )
+    if guess.side != "joint" or is_rotors:
+        parts.append('side = "rotor"')
     if guess.sign != 1:
         parts.append(f"sign = {guess.sign}")
     channel = toml_string(guess.channel)
@@ -230,6 +308,10 @@ def _signal(role: str, guess: RoleGuess, has_runs: bool) -> str:
     why = f"{_percent(guess.confidence)}: {'; '.join(guess.reasons)}"
     if RUN in guess.channel and not has_runs:
         return _gap(role, value, f"{why}; but its name holds {RUN}, which stands for a run")
+    if lacks_constant:
+        return _gap(role, value, f"{why}; write the motor's torque_constant, and take the # away")
+    if guess.unit == "counts" and counts is None:
+        why = f"write counts_per_turn = 4096, or what it is, for the unit; {why}"
     return _line(f"{role} = {value}", why)
 
 

@@ -62,7 +62,7 @@ class TableReader(ColumnarReader):
         counts = [numbers_and_words(column) for column in self._sample]
         self._kinds = {i: pa.float64() for i, (good, words) in enumerate(counts) if good > words}
         self._digits: dict[int, int] = {}
-        plan = find_clocks(self._names, self._units, self._sample, self._all_cells)
+        plan = find_clocks(self._names, self._units, self._sample, self._all_cells, by_rise=rate is None)
         clocks = plan.columns()
         lists = {i: elements_of(column) for i, column in enumerate(self._sample) if counts[i][1] and i not in clocks}
         self._lists = {i: [f"{self._names[i]}[{k}]" for k in range(count)] for i, count in lists.items() if count}

@@ -83,7 +83,12 @@ def _nothing(_: int) -> Iterable[pa.Array]:
 
 
 def find_clocks(
-    names: Sequence[str], units: Sequence[str | None], sample: Sequence[pa.Array], whole: Whole = _nothing
+    names: Sequence[str],
+    units: Sequence[str | None],
+    sample: Sequence[pa.Array],
+    whole: Whole = _nothing,
+    *,
+    by_rise: bool = False,
 ) -> ClockPlan:
     """Find the clocks of a table by its headers, checked against its first rows.
 
@@ -95,6 +100,8 @@ def find_clocks(
         The columns' first rows.
     whole : callable, optional
         Asked for dates whose day and month the first rows do not tell apart.
+    by_rise : bool
+        Whether a first column that rises evenly is the time where nothing else is.
     """
     pair = _second_and_fraction(names, sample)
     ranked = sorted(
@@ -110,6 +117,8 @@ def find_clocks(
     if pair and best > 0:
         return ClockPlan({"column": pair})
     if not clocks and (found := _unnamed(names, sample, whole)):
+        return found
+    if not clocks and by_rise and not ranked and (found := _rising_first(names, units, sample)):
         return found
     if not clocks:
         falls = ((i, row) for _, i in ranked if (row := _backwards(sample[i])) is not None)
@@ -138,6 +147,20 @@ def _unnamed(names: Sequence[str], sample: Sequence[pa.Array], whole: Whole) -> 
     return None
 
 
+def _rising_first(names: Sequence[str], units: Sequence[str | None], sample: Sequence[pa.Array]) -> ClockPlan | None:
+    """Return the first column as the clock where it rises evenly, and more than a row's number does."""
+    stated = units[0] if units else None
+    if not sample or not is_numeric(sample[0]) or not (stated is None or stated.strip().lower() in UNITS):
+        return None
+    values = floats(sample[0])
+    if not _rises_evenly(values) or float(np.median(np.diff(values))) == 1.0:
+        return None
+    form, doubts = (UNITS[stated.strip().lower()], []) if stated else guessed_unit(names[0], values)
+    return ClockPlan(
+        {"column": ClockColumn((0,), form)}, (Finding(code="clock.guessed_by_rise", part=names[0]), *doubts)
+    )
+
+
 def runs_backwards(column: str, where: str) -> Finding:
     """Return that the column that is called the time runs backwards, in a line or row."""
     return Finding(code="clock.runs_backwards", part=printable_cell(column), evidence={"where": where})
@@ -145,10 +168,14 @@ def runs_backwards(column: str, where: str) -> Finding:
 
 def looks_like_clock(values: NDArray[np.float64]) -> bool:
     """Tell whether values rise in even steps that are no whole numbers, as times do."""
+    return _rises_evenly(values) and bool((values % 1 != 0).any())
+
+
+def _rises_evenly(values: NDArray[np.float64]) -> bool:
     if len(values) < 8 or not np.isfinite(values).all():
         return False
     steps = np.diff(values)
-    return bool(steps.min() > 0 and steps.max() < 5 * np.median(steps) and (values % 1 != 0).any())
+    return bool(steps.min() > 0 and steps.max() < 5 * np.median(steps))
 
 
 def nanoseconds(columns: Sequence[pa.Array], form: str) -> tuple[Stamps, NDArray[np.bool_]]:

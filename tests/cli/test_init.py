@@ -1,0 +1,145 @@
+"""`vsalog init` as somebody meets it who has a log and nothing else: the rig is of use, and the gaps are asked for."""
+
+import os
+import pty
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from command_line import vsalog_run
+
+from vsalog.cli import cli
+from vsalog.rig import Rig
+
+TIME = np.arange(0.0, 6.0, 0.005)
+THETA = 0.5 * np.sin(2.1 * TIME) + 0.1 * np.sin(7.3 * TIME)
+PHI = 0.04 * np.sin(3.1 * TIME) + 0.02 * np.sin(11.0 * TIME)
+STIFFNESS, INERTIA = 120.0, 0.05
+TORQUE = STIFFNESS * PHI
+ACCELERATION = -0.5 * 2.1**2 * np.sin(2.1 * TIME) - 0.1 * 7.3**2 * np.sin(7.3 * TIME)
+DRIVE = INERTIA * ACCELERATION - TORQUE + 0.02 * np.random.default_rng(3).standard_normal(TIME.size)
+
+
+def counts(angle, turn, gear=1.0):
+    return np.round(angle * gear * turn / (2.0 * np.pi))
+
+
+LOGS = {
+    "sensor": {"theta_m": THETA, "theta_l": THETA + PHI, "torque_sensor": TORQUE, "i_q [A]": DRIVE / 3.0},
+    "current": {"theta_m": THETA, "theta_l": THETA + PHI, "i_q [A]": DRIVE / 3.0},
+    "positions": {"theta_m": THETA, "theta_l": THETA + PHI},
+    "position": {"position": THETA},
+    "torque": {"position": THETA, "torque": INERTIA * ACCELERATION + 0.1 * THETA},
+    "serial": {"theta_m": THETA, "theta_l": THETA + PHI, "stiffness_setpoint": 0.3 + 0.1 * PHI},
+    "antagonists": {"motor_1_pos": THETA, "motor_2_pos": -THETA, "link_pos": PHI},
+}
+COUNTED = {
+    "Enc1 [counts]": counts(THETA, 4096, 50.0), "Enc2": counts(THETA + PHI, 65536), "LoadCell (Nm)": TORQUE,
+    "Iq_meas [A]": DRIVE / 50.0 / 0.06,
+}  # fmt: skip
+
+
+def write(folder, columns):
+    path = folder / "exp1.csv"
+    rows = np.column_stack([TIME, *columns.values()])
+    np.savetxt(path, rows, delimiter=",", header=",".join(["t", *columns]), comments="", fmt="%.9g")
+    return path
+
+
+def commands_in(text):
+    """Return the commands that `init` names, as words."""
+    return [match.split() for match in re.findall(r"'vsalog ([^']*)'", text)]
+
+
+@pytest.mark.parametrize(
+    ("log", "command"),
+    [
+        ("sensor", "estimate"), ("positions", "simulate"), ("position", "simulate"), ("torque", "identify"),
+        ("serial", "simulate"), ("antagonists", "simulate"),
+    ],
+)  # fmt: skip
+def test_the_command_that_init_names_can_use_the_rig_as_it_is(log, command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, LOGS[log])
+    made = CliRunner().invoke(cli, ["init", "exp1.csv", "-o", "my.toml"])
+    assert made.exit_code == 0, made.output
+    (words,) = commands_in(made.stderr)
+    assert words[0] == command
+    done = CliRunner().invoke(cli, words)
+    assert done.exit_code == 0, done.output
+
+
+def test_the_stiffness_is_found_up_to_the_torque_constant_where_a_current_is_all(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, LOGS["current"])
+    made = CliRunner().invoke(cli, ["init", "exp1.csv", "-o", "my.toml"])
+    (words,) = commands_in(made.stderr)
+    assert words == ["identify", "exp1.csv", "--rig", "my.toml"]
+    assert CliRunner().invoke(cli, [*words, "-o", "found.toml"]).exit_code == 0
+    joint = Rig.load(Path("found.toml")).joints["joint"]
+    assert joint.transmission.stiffness == pytest.approx(STIFFNESS / 3.0, rel=0.03)
+    assert joint.motor.inertia == pytest.approx(INERTIA / 3.0, rel=0.1)
+    assert joint.motor.torque_constant == 1.0
+
+
+def test_counts_are_refused_until_it_is_known_how_many_make_a_turn(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    log = write(tmp_path, COUNTED)
+    made = vsalog_run("init", log, "-o", "my.toml", cwd=tmp_path)
+    assert made.returncode == 0
+    for key in ("signals.motor_position.counts_per_turn", "signals.link_position.counts_per_turn", "motor.gear_ratio"):
+        assert f"joint.joint.{key}" in made.stderr
+    for rig in (["--rig", "my.toml"], []):
+        refused = vsalog_run("estimate", log, *rig, cwd=tmp_path)
+        assert refused.returncode == 2
+        assert "counts_per_turn = 4096" in refused.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["exp1.csv", "my.toml"]
+
+
+def test_an_estimate_without_a_rig_takes_no_numbers_to_begin_with(tmp_path):
+    refused = vsalog_run("estimate", write(tmp_path, LOGS["current"]), cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "motor_torque" in refused.stderr
+
+
+def asked(folder, log, answers):
+    """Run `init --ask` on a terminal of its own and answer; return the exit code, stdout and stderr."""
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "vsalog", "init", str(log), "--ask"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    with subprocess.Popen(
+        command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=folder, env=environment
+    ) as process:
+        os.write(ours, "".join(f"{answer}\n" for answer in answers).encode())
+        out, err = process.communicate(timeout=60)
+    os.close(ours)
+    os.close(theirs)
+    return process.returncode, out.decode(), err.decode()
+
+
+def test_ask_fills_the_gaps_and_asks_again_for_what_cannot_be(tmp_path):
+    log = write(tmp_path, COUNTED)
+    # A word, a negative number and another unit are asked for again; an empty line leaves the gap.
+    code, text, prompts = asked(tmp_path, log, ["many", "-3", "4096", "65536", "50", "0.06 N*m", "60 mNm/A"])
+    assert code == 0, prompts
+    joint = tomllib.loads(text)["joint"]["joint"]
+    assert joint["motor"] == {"gear_ratio": 50, "torque_constant": "60 mNm/A"}
+    assert joint["signals"]["motor_position"] == {"channel": "Enc1", "counts_per_turn": 4096, "side": "rotor"}
+    assert joint["signals"]["link_position"] == {"channel": "Enc2", "counts_per_turn": 65536}
+    assert joint["signals"]["motor_torque"] == "Iq_meas"
+    assert prompts.count("counts per turn of 'Enc1'") == 3
+    code, text, _ = asked(tmp_path, log, ["", "", "", ""])
+    assert code == 0
+    assert tomllib.loads(text)["joint"]["joint"]["signals"]["link_position"] == {"channel": "Enc2", "unit": "counts"}
+
+
+@pytest.mark.parametrize("extra", [[], ["--preset", "sea"]])
+def test_ask_without_a_terminal_or_with_a_preset_is_refused(extra, tmp_path):
+    done = vsalog_run("init", write(tmp_path, COUNTED), "--ask", *extra, cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "--ask" in done.stderr

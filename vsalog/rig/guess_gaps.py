@@ -1,0 +1,87 @@
+"""What a guessed rig lacks that no log tells, and which command can use it as it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Literal
+
+from msgspec import Struct
+
+from vsalog.rig.guess_types import JointGuess
+from vsalog.rig.roles import COMMANDS
+
+Command = Literal["estimate", "identify", "simulate"]
+
+Answers = Mapping[str, str]
+"""By key below the joint, such as ``motor.torque_constant``: a value as TOML writes it."""
+
+
+class Gap(Struct, frozen=True):
+    """A number that the rig of a joint lacks.
+
+    Attributes
+    ----------
+    key : below the joint, such as ``signals.link_position.counts_per_turn``; its last part says what is lacking
+    unit : SI; "" for a plain number
+    channel : that it is about
+    guess : as the log shows it; None where it does not
+    """
+
+    key: str
+    unit: str
+    channel: str
+    guess: float | None = None
+
+
+def gaps_of(joint: JointGuess) -> Iterator[Gap]:
+    """Yield what the rig of a guessed joint lacks for stiffness or torques in SI."""
+    for role, guess in joint.roles.items():
+        if guess.unit == "counts":
+            yield Gap(counts_key(role), "", guess.channel, guess.counts_per_turn)
+    for suffix in ("", "_1", "_2"):
+        motor, torque = joint.roles.get(f"motor_position{suffix}"), joint.roles.get(f"motor_torque{suffix}")
+        if motor is not None and suffix == "" and (joint.gear_ratio is not None or motor.unit == "counts"):
+            yield Gap("motor.gear_ratio", "", motor.channel, joint.gear_ratio)
+        if torque is not None and torque.is_current:
+            yield Gap(f"motor{suffix}.torque_constant", "N*m/A", torque.channel)
+        if torque is not None and joint.kind != "rigid" and not _has_sensor(joint):
+            yield Gap(f"motor{suffix}.inertia", "kg*m^2", torque.channel)
+
+
+def counts_key(role: str) -> str:
+    """Return the key of the counts of a role's encoder, below the joint."""
+    return f"signals.{role}.counts_per_turn"
+
+
+def waits_for(joint: JointGuess, answers: Answers) -> tuple[str, ...]:
+    """Return the keys without which a command refuses a joint: of counts there is no angle to begin with."""
+    keys = ((counts_key(role), guess) for role, guess in joint.roles.items())
+    return tuple(
+        key for key, guess in keys if guess.unit == "counts" and guess.counts_per_turn is None and key not in answers
+    )
+
+
+def command_for(joint: JointGuess, answers: Answers) -> Command:
+    """Return the command that can use a guessed joint, once it waits for nothing: the one that says most of it."""
+    roles = set(joint.roles)
+    if joint.kind == "rigid":
+        moves = "motor_torque" in roles or not roles.isdisjoint(COMMANDS)
+        return "identify" if moves and "link_position" in roles else "simulate"
+    suffixes = ("_1", "_2") if joint.kind == "antagonistic" else ("",)
+    if not all(f"deflection{s}" in roles or {f"motor_position{s}", "link_position"} <= roles for s in suffixes):
+        return "simulate"
+    if _has_sensor(joint) or all(_has_motor_side(joint, suffix, answers) for suffix in suffixes):
+        return "estimate"
+    return "identify" if joint.kind == "elastic" and "motor_torque" in roles else "simulate"
+
+
+def _has_sensor(joint: JointGuess) -> bool:
+    both = {"torque_sensor_1", "torque_sensor_2"}
+    return "torque_sensor" in joint.roles or both <= set(joint.roles)
+
+
+def _has_motor_side(joint: JointGuess, suffix: str, answers: Answers) -> bool:
+    torque = joint.roles.get(f"motor_torque{suffix}")
+    if torque is None or f"motor{suffix}.inertia" not in answers:
+        return False
+    return not torque.is_current or f"motor{suffix}.torque_constant" in answers
