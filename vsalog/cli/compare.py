@@ -6,7 +6,7 @@ from pathlib import Path
 
 import rich_click as click
 
-from vsalog.cli.options import LogPath, reading_options, rig_options
+from vsalog.cli.options import LogPath, force_option, reading_options, rig_options
 
 
 @click.command(short_help="Several estimators on one log, side by side.")
@@ -25,6 +25,7 @@ from vsalog.cli.options import LogPath, reading_options, rig_options
 @click.option(
     "--report", type=click.Path(path_type=Path), metavar="FILE", help="Write a page with figures, which opens offline."
 )
+@force_option
 @click.option("--json", "as_json", is_flag=True, help="Print the comparison as one JSON document on stdout.")
 def compare(
     logs: tuple[Path, ...],
@@ -37,6 +38,7 @@ def compare(
     start: str | None,
     end: str | None,
     report: Path | None,
+    force: bool,
     as_json: bool,
 ) -> None:
     """Run several estimators on the same LOG and print what each finds: stiffness, uncertainty, the residual, and
@@ -47,7 +49,7 @@ def compare(
     from vsalog.estimation.job import Options
     from vsalog.report.compare import comparison_document, worded
     from vsalog.report.html import page_of
-    from vsalog.report.outputs import inputs_of, keep_inputs
+    from vsalog.report.outputs import inputs_of, keep_inputs, require_new
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_out
     from vsalog.writers.atomic import write_text
@@ -57,7 +59,8 @@ def compare(
         raise click.BadParameter(f"'{estimators[0]}' names no estimator", param_hint="-e")
     if report is not None:
         keep_inputs([report], inputs_of(logs, rig))
-    with Progress() as progress:
+    replaced = require_new(report, force, logs)
+    with Progress(replaced) as progress:
         with progress.saying_when_compiling():
             options = Options(rig, joints, "auto", {}, settings, rate, time, start, end)
             found, runs, references = run(logs, options, asked, progress.say, keep_going=not debugging())

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import rich_click as click
 
-from vsalog.cli.options import LogPath, reading_options, rig_options
+from vsalog.cli.options import LogPath, force_option, reading_options, rig_options
 
 
 @click.command(short_help="What the rig's simulation gets wrong, why, the extended rig, and what it is worth.")
@@ -50,6 +50,7 @@ from vsalog.cli.options import LogPath, reading_options, rig_options
     metavar="DIR",
     help="Folder for diagnosis.json, diagnosis.html and extended.rig.toml; the current one when absent.",
 )
+@force_option
 @click.option("--json", "as_json", is_flag=True, help="Print the diagnosis as one JSON document on stdout.")
 @click.pass_context
 def diagnose(
@@ -68,6 +69,7 @@ def diagnose(
     fail_on_unchecked: bool,
     suggest: bool,
     output: Path | None,
+    force: bool,
     as_json: bool,
 ) -> None:
     """Hold the rig's simulation against LOG, name the causes of what it gets wrong, extend the rig, and measure the gain.
@@ -80,7 +82,7 @@ def diagnose(
     """
     from vsalog.diagnosis.run import Options
     from vsalog.report.diagnose import diagnosis_document, extra_paths, write_diagnosis
-    from vsalog.report.outputs import inputs_of, keep_inputs, report_paths
+    from vsalog.report.outputs import inputs_of, keep_inputs, report_paths, require_new
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_out
 
@@ -88,7 +90,8 @@ def diagnose(
     extended, experiment = extra_paths(output)
     written = [*report_paths(output, "diagnosis"), extended, *([experiment] if suggest else [])]
     keep_inputs(written, inputs_of([*logs, *holdouts], rig))
-    with Progress() as progress, progress.saying_when_compiling():
+    replaced = require_new(written, force, logs)
+    with Progress(replaced) as progress, progress.saying_when_compiling():
         diagnosis, files = write_diagnosis(logs, holdouts, options, output, progress.say)
     print_out(diagnosis_document(diagnosis, files), as_json)
     verdict = diagnosis.verdict

@@ -54,6 +54,11 @@ def rig_options(verb: str, rig: str = RIG, settings: str = SET) -> Callable[[Com
     return decorate
 
 
+def force_option(command: Command) -> Command:
+    """Add --force, handed on as `force`."""
+    return click.option("--force", is_flag=True, help="Write over files that are there, whatever they hold.")(command)
+
+
 def reading_options(command: Command) -> Command:
     """Add --rate, --time, --start and --end, handed on under these names."""
     for option in (

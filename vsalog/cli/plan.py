@@ -6,6 +6,7 @@ from pathlib import Path
 
 import rich_click as click
 
+from vsalog.cli.options import force_option
 from vsalog.cli.pairs import pairs
 from vsalog.cli.quantity import positive
 
@@ -68,7 +69,7 @@ def _sensors(context: click.Context, parameter: click.Parameter, values: tuple[s
 @click.option(
     "--report", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE", help="The plan as a page, too."
 )
-@click.option("--force", is_flag=True, help="Overwrite the scenario if it is there.")
+@force_option
 @click.option("--json", "as_json", is_flag=True, help="Print the plan as one JSON document on stdout.")
 def plan(
     rig: str,
@@ -99,8 +100,8 @@ def plan(
 
     limits = Limits(max_torque, max_speed, max_angle)
     options = Options(joints, settings, scenario, limits, sensors_in_si(sensors))
-    require_new(output, force)
+    replaced = require_new((output, report), force)
     keep_inputs([path for path in (output, report) if path is not None], [Path(rig), Path(scenario or "")])
-    with Progress() as progress, progress.saying_when_compiling():
+    with Progress(replaced) as progress, progress.saying_when_compiling():
         found, files = write_plan(rig, options, output, report, progress.say)
     print_out(plan_document(found, files), as_json)

@@ -6,10 +6,13 @@ from pathlib import Path
 
 import rich_click as click
 
+from vsalog.cli.options import force_option
+
 
 @click.command(short_help="Print the papers' numbers next to ours.")
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option("--list", "listing", is_flag=True, help="List what there is to reproduce.")
+@force_option
 @click.option("--json", "as_json", is_flag=True, help="Print the rows as one JSON document on stdout.")
 @click.option(
     "--plots",
@@ -17,7 +20,7 @@ import rich_click as click
     metavar="DIR",
     help="Write figures like the papers' into this folder, as SVG; needs matplotlib: pip install 'vsalog[plots]'.",
 )
-def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path | None) -> None:
+def reproduce(names: tuple[str, ...], listing: bool, force: bool, as_json: bool, plots: Path | None) -> None:
     """Simulate what the papers simulate, estimate as they do, and print their numbers next to ours.
 
     NAME is an item of --list, or a paper's name for all of its items; everything when absent. Ours are medians over several
@@ -25,6 +28,7 @@ def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path 
     it is; docs/reproduce.md explains them.
     """
     from vsalog.figures.paper import prepare_folder, write_reproduced
+    from vsalog.report.outputs import require_new
     from vsalog.report.progress import BatchProgress
     from vsalog.report.reproduce import items_document, rows_document
     from vsalog.report.terminal import print_document, print_out
@@ -35,6 +39,7 @@ def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path 
         print_document(items_document())
         return
     items = select(names)
+    require_new(plots, force)
     if plots is not None:
         prepare_folder(plots, "--plots")
     with BatchProgress("item") as progress:

@@ -8,7 +8,7 @@ from typing import Any
 
 import rich_click as click
 
-from vsalog.cli.options import LogPath, reading_options, rig_options
+from vsalog.cli.options import LogPath, force_option, reading_options, rig_options
 
 
 class Percent(click.FloatRange):
@@ -56,6 +56,7 @@ class Percent(click.FloatRange):
     help="Folder for report.json and report.html; the current one when absent.",
 )
 @click.option("--figures", type=click.Path(path_type=Path), metavar="DIR", help="The figures as SVG, PNG and PDF too.")
+@force_option
 @click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON document on stdout.")
 @click.pass_context
 def validate(
@@ -74,6 +75,7 @@ def validate(
     max_msrep: float | None,
     output: Path | None,
     figures: Path | None,
+    force: bool,
     as_json: bool,
 ) -> None:
     """Judge MODEL, a LOG.model.toml that 'vsalog estimate' wrote, by other experiments: the LOGs.
@@ -82,7 +84,7 @@ def validate(
     the motor equation. What lies outside the region the model was fitted in is judged apart. Writes report.json and report.html.
     """
     from vsalog.figures.paper import check_matplotlib
-    from vsalog.report.outputs import inputs_of, keep_inputs, report_paths
+    from vsalog.report.outputs import inputs_of, keep_inputs, report_paths, require_new
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_out
     from vsalog.report.validate import report_document, write_validation
@@ -92,7 +94,8 @@ def validate(
         check_matplotlib()
     options = Options(rig, joints, settings, rate, time, modalities, max_nrmse, max_msrep, start, end)
     keep_inputs(report_paths(output, "report"), [model, *inputs_of(logs, rig)])
-    with Progress() as progress, progress.saying_when_compiling():
+    replaced = require_new([*report_paths(output, "report"), figures], force, logs)
+    with Progress(replaced) as progress, progress.saying_when_compiling():
         report, files = write_validation(model, logs, options, output, figures, progress.say)
     print_out(report_document(report, files), as_json)
     if any(not threshold.met for threshold in report.thresholds):

@@ -32,7 +32,7 @@ from vsalog.report.diagnosis_sentences import (
 from vsalog.report.document import TONES, Block, Cell, Document, Facts, Figures, Notes, Section, Source, Table, Words
 from vsalog.report.experiment import FILE as EXPERIMENT
 from vsalog.report.experiment import scenario_text
-from vsalog.report.outputs import write_report
+from vsalog.report.outputs import sealed, write_report
 
 
 def diagnosis_document(
@@ -172,9 +172,9 @@ def diagnosis_files(
         # What a log is called must not end the comment that says where the rig comes from.
         causes = ", ".join(f"{c.cause} in joint {c.joint}" for c in found.causes)
         heading = printable(f"# Extended by vsalog {found.vsalog} with what {found.log} shows: {causes}")
-        others["extended rig"] = rig, f"{heading}\n{extended}"
+        others["extended rig"] = rig, sealed(f"{heading}\n{extended}", [found.log_sha256])
     if scenario is not None:
-        others["next experiment"] = experiment, scenario
+        others["next experiment"] = experiment, sealed(scenario, [found.log_sha256])
     files = write_report(diagnosis_document(found, {}, evidence, extended), folder, "diagnosis", others)
     if extended is None and rig.exists():
         was = "is from before and was left as it is: this diagnosis found nothing to extend the rig by."
