@@ -1,5 +1,6 @@
 # make demo   the main job on a sample log
 # make test   everything that must hold: style, types, tests; of long ones every second to fifth case, and of some long files every second or third test; all with ALL=1
+# make man    manual pages of all commands, in build/man
 # make bench  speed, beside a reference in the same run
 # make fuzz SECONDS=3600   hostile logs, rigs and models without end: no crash, no hang, no memory beyond 1 GB
 # make battery SEED=1   hidden effects, and how many of them the diagnosis finds
@@ -18,9 +19,10 @@ MAKEFLAGS += --no-print-directory
 # Tests start many processes: what one has compiled the next ones load, also where the environment says otherwise.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test lint bench battery fuzz limits samples clean
+.PHONY: demo test lint man bench battery fuzz limits samples clean
 
 demo: $(VENV)/.demo
+	@$(BIN)/vsalog warm estimate
 	@$(BIN)/vsalog inspect sample_logs/vsa2_exp1.mcap
 	@mkdir -p demo
 	@$(BIN)/vsalog estimate sample_logs/vsa2_exp1.mcap -o demo/
@@ -48,6 +50,9 @@ fuzz: $(VENV)/.fuzz
 
 limits: $(VENV)/.test
 	$(BIN)/python -m tests.limits.run --only '$(ONLY)' --workers $(WORKERS)
+
+man: $(VENV)/.demo
+	$(BIN)/python -m docs.make_man build/man
 
 samples: $(VENV)/.test
 	$(BIN)/python -m vsalog.simulation.samples sample_logs

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import rich_click as click
 
+from vsalog.cli import complete
 from vsalog.cli.options import LogPath, force_option, reading_options, rig_options
 
 
@@ -19,6 +20,7 @@ from vsalog.cli.options import LogPath, force_option, reading_options, rig_optio
     help="Which; each may be tuned, e.g. residual-rls:modality=SENSOR,qr-rls:forgetting=0.98, or qr-rls:preset=paper for the"
     " values that its paper prints. Those that the log does not allow are left out, with the reason. All that it allows when"
     " absent.",
+    shell_complete=complete.names(complete.estimators, listed=True),
 )
 @rig_options("Compare")
 @reading_options

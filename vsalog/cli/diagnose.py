@@ -6,6 +6,7 @@ from pathlib import Path
 
 import rich_click as click
 
+from vsalog.cli import complete
 from vsalog.cli.options import LogPath, force_option, reading_options, rig_options
 
 
@@ -25,6 +26,7 @@ from vsalog.cli.options import LogPath, force_option, reading_options, rig_optio
     metavar="CAUSE",
     help="Of several logs: this cause, such as link.payload, may have a value of its own in each; may be given again. Others have"
     " one value in all of them.",
+    shell_complete=complete.names(complete.causes),
 )
 @rig_options("Diagnose")
 @reading_options

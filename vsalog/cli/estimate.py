@@ -6,6 +6,7 @@ from pathlib import Path
 
 import rich_click as click
 
+from vsalog.cli import complete
 from vsalog.cli.options import LogPath, force_option, reading_options, rig_options
 from vsalog.cli.pairs import pairs
 from vsalog.estimators.registry import methods
@@ -25,6 +26,7 @@ from vsalog.estimators.registry import methods
     show_default=True,
     metavar="NAME",
     help=f"{', '.join(methods())}, or auto: what the signals allow.",
+    shell_complete=complete.names(complete.estimators),
 )
 @click.option(
     "--preset-tuning",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import rich_click as click
 
+from vsalog.cli import complete
 from vsalog.cli.options import force_option
 from vsalog.cli.pairs import pairs
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @click.command(short_help="Write a rig as a model for MuJoCo, or as URDF.")
-@click.argument("rig", metavar="RIG|PRESET")
+@click.argument("rig", metavar="RIG|PRESET", shell_complete=complete.names(complete.presets, or_file=True))
 @click.option(
     "--to", "dialect", type=click.Choice(["mjcf", "urdf"]), required=True, help="MuJoCo's XML, or a robot description."
 )

@@ -14,17 +14,17 @@ def _asked(context: click.Context, parameter: click.Parameter, value: bool) -> N
         ask(Verbosity.QUIET if parameter.name == "quiet" else Verbosity.VERBOSE)
 
 
-def message_options() -> list[click.Option]:
+def message_options() -> list[click.RichOption]:
     """Return --quiet, --verbose and --debug, which hand on nothing to a command."""
     said: dict[str, Any] = {"is_flag": True, "expose_value": False}
     return [
-        click.Option(
+        click.RichOption(
             ["-q", "--quiet"], callback=_asked, help="No progress and no notes: warnings and errors only.", **said
         ),
-        click.Option(
+        click.RichOption(
             ["-v", "--verbose"], callback=_asked, help="Say what takes how long, and where the rig was found.", **said
         ),
-        click.Option(["--debug"], help="Show a traceback instead of one line when something goes wrong.", **said),
+        click.RichOption(["--debug"], help="Show a traceback instead of one line when something goes wrong.", **said),
     ]
 
 

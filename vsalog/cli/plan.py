@@ -6,6 +6,7 @@ from pathlib import Path
 
 import rich_click as click
 
+from vsalog.cli import complete
 from vsalog.cli.options import force_option
 from vsalog.cli.pairs import pairs
 from vsalog.cli.quantity import positive
@@ -20,12 +21,16 @@ def _sensors(context: click.Context, parameter: click.Parameter, values: tuple[s
 
 
 @click.command(short_help="Which causes a rig's sensors tell apart, and which sensor or motion tells more.")
-@click.argument("rig", metavar="RIG|PRESET")
-@click.option("--joint", "joints", multiple=True, metavar="NAME", help="Plan for this joint only; may be given again.")
+@click.argument("rig", metavar="RIG|PRESET", shell_complete=complete.names(complete.presets, or_file=True))
+@click.option(
+    "--joint", "joints", multiple=True, metavar="NAME", help="Plan for this joint only; may be given again.",
+    shell_complete=complete.joints,
+)  # fmt: skip
 @click.option(
     "--scenario",
     metavar="NAME|FILE",
     help="The motion to judge: a scenario's name or a TOML file. As for 'vsalog simulate' when absent.",
+    shell_complete=complete.names(complete.scenarios, or_file=True),
 )
 @click.option(
     "--sensor",

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import rich_click as click
 
+from vsalog.cli import complete
 from vsalog.cli.options import force_option
 
 
 @click.command(short_help="Print the papers' numbers next to ours.")
-@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=complete.names(complete.reproducible))
 @click.option("--list", "listing", is_flag=True, help="List what there is to reproduce.")
 @force_option
 @click.option("--json", "as_json", is_flag=True, help="Print the rows as one JSON document on stdout.")

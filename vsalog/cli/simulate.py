@@ -8,6 +8,7 @@ import rich_click as click
 from click import get_current_context
 from click.core import ParameterSource
 
+from vsalog.cli import complete
 from vsalog.cli.options import force_option
 from vsalog.cli.pairs import pairs
 from vsalog.cli.quantity import positive
@@ -16,12 +17,15 @@ _seconds = positive("s", "a time longer than zero")
 
 
 @click.command(short_help="Play a rig and write what its sensors record, as a log of any format.")
-@click.argument("rig", required=False, metavar="RIG|PRESET")
+@click.argument(
+    "rig", required=False, metavar="RIG|PRESET", shell_complete=complete.names(complete.presets, or_file=True)
+)
 @click.option(
     "--scenario",
     metavar="NAME|FILE",
     help="What drives the joints: a scenario's name or a TOML file (docs/scenarios.md). When absent, the preset's first"
     " experiment, or sines that suit the rig.",
+    shell_complete=complete.names(complete.scenarios, or_file=True),
 )
 @click.option("--list", "listing", is_flag=True, help="List the scenarios and presets that come with vsalog.")
 @click.option(

@@ -39,6 +39,7 @@ STEPS = {
     "recording_faults": "looking for faults of the recording",
     "sensors": "simulating candidates",
     "simulation": "",
+    "warm": "",
     "trajectories": "fitting trajectories",
 }
 """The words of the steps that `vsalog.core.progress` tells of."""
@@ -62,17 +63,23 @@ class Progress:
     Parameters
     ----------
     replaced : files that will be written over
+    rigs : say which rig is used
+
+    Attributes
+    ----------
+    loops : what was compiled so far; None where everything was in the cache
     """
 
-    def __init__(self, replaced: Sequence[Path] = ()) -> None:
+    def __init__(self, replaced: Sequence[Path] = (), rigs: bool = True) -> None:
         self._console = Console(stderr=True, highlight=False)
         wrapped = Column(ratio=1, no_wrap=False)
         columns = SpinnerColumn(), TextColumn("{task.description}", table_column=wrapped), BarColumn(16), _Left()
         self._shown = self._console.is_terminal and verbosity() > Verbosity.QUIET
         self._bar = Bar(*columns, console=self._console, transient=True, disable=not self._shown, expand=True)
         self._task = self._bar.add_task("starting", total=None, begun=time.monotonic(), at_most=False)
-        self._loops: TaskID | None = None
-        self._stack = ExitStack()
+        self._row: TaskID | None = None
+        self.loops: Compiling | None = None
+        self._rigs, self._stack = rigs, ExitStack()
         self._lines: list[str] = []  # for where there is no terminal: of an error nothing but the error is told
         self._said: set[str] = set()
         self._words, self._step, self._share, self._announced = "", "", 0.0, False
@@ -124,7 +131,7 @@ class Progress:
             self._lines.append(line)
 
     def _hear(self, event: object) -> None:
-        if isinstance(event, RigFound):
+        if isinstance(event, RigFound) and self._rigs:
             if verbosity() > Verbosity.QUIET:
                 self._tell(rig_words(event, verbosity() >= Verbosity.VERBOSE))
             if unused := unused_rigs_words(event):
@@ -146,23 +153,24 @@ class Progress:
             self._task, description=escape(words), total=1.0, completed=event.share, begun=self._since, at_most=event.at_most
         )  # fmt: skip
 
-    def _compiling(self, loop: Compiling | None) -> None:
+    def _compiling(self, loop: Compiling) -> None:
+        self.loops = loop
         if not self._announced and verbosity() > Verbosity.QUIET:
             self._console.print(ANNOUNCED, soft_wrap=not self._shown)
             self._announced = True
-        if loop is not None and verbosity() >= Verbosity.VERBOSE:
+        if not loop.done and verbosity() >= Verbosity.VERBOSE:
             self._console.print(f"compiling {escape(loop.name)}", soft_wrap=True)
         if not self._shown:
             return
-        if loop is None and self._loops is not None:
-            self._bar.update(self._loops, visible=False)
-        elif loop is not None:
+        if self._row is not None and loop.done:
+            self._bar.update(self._row, visible=False)
+        elif not loop.done:
             words = f"compiling loop {loop.count} of at most {loop.most}: {loop.name}"
-            if self._loops is None:
-                self._loops = self._bar.add_task(words, total=1.0, begun=time.monotonic(), at_most=True)
+            if self._row is None:
+                self._row = self._bar.add_task(words, total=1.0, begun=time.monotonic(), at_most=True)
             begun = time.monotonic() - loop.seconds
             self._bar.update(
-                self._loops, description=escape(words), completed=(loop.count - 1) / loop.most, begun=begun, visible=True
+                self._row, description=escape(words), completed=(loop.count - 1) / loop.most, begun=begun, visible=True
             )  # fmt: skip
 
 
@@ -204,7 +212,7 @@ class BatchProgress:
         """Say once when numba compiles a numerical loop that is not in its cache yet."""
         return compiling(self._announce)
 
-    def _announce(self, _: Compiling | None) -> None:
+    def _announce(self, _: Compiling) -> None:
         if not self._announced and verbosity() > Verbosity.QUIET:
             self._announced = True
             self.say(ANNOUNCED)
