@@ -22,6 +22,21 @@ class Percent(click.FloatRange):
         return number
 
 
+def _in_order(model: Path, logs: tuple[Path, ...]) -> tuple[Path, tuple[Path, ...], bool]:
+    """Return the model and the logs, and whether they were given the other way round."""
+    from vsalog.core.errors import ReadError
+    from vsalog.core.model import ModelFile
+
+    there = [path for path in logs if path.suffix == ".toml"]
+    if model.suffix == ".toml" or len(there) != 1:
+        return model, logs, False
+    try:
+        ModelFile.load(there[0])
+    except (ReadError, RecursionError):
+        return model, logs, False
+    return there[0], (model, *(path for path in logs if path is not there[0])), True
+
+
 @click.command(short_help="Hold a fitted model against other experiments: does it hold there?")
 @click.argument("model", type=click.Path(path_type=Path), metavar="MODEL")
 @click.argument("logs", nargs=-1, required=True, type=LogPath(), metavar="LOG...")
@@ -81,7 +96,8 @@ def validate(
     """Judge MODEL, a LOG.model.toml that 'vsalog estimate' wrote, by other experiments: the LOGs.
 
     The model is frozen. Its flexibility torque is held against the torque sensor; where there is none, against the residual of
-    the motor equation. What lies outside the region the model was fitted in is judged apart. Writes report.json and report.html.
+    the motor equation. Its stiffness is held against a simulator's truth in the log, else against the rig's nominal one. What
+    lies outside the region the model was fitted in is judged apart. Writes report.json and report.html.
     """
     from vsalog.figures.paper import check_matplotlib
     from vsalog.report.outputs import inputs_of, keep_inputs, report_paths, require_new
@@ -92,10 +108,13 @@ def validate(
 
     if figures is not None:
         check_matplotlib()
+    model, logs, swapped = _in_order(model, logs)
     options = Options(rig, joints, settings, rate, time, modalities, max_nrmse, max_msrep, start, end)
     keep_inputs(report_paths(output, "report"), [model, *inputs_of(logs, rig)])
     replaced = require_new([*report_paths(output, "report"), figures], force, logs)
     with Progress(replaced) as progress, progress.saying_when_compiling():
+        if swapped:
+            progress.note(f"{model} is the model, and is judged by {', '.join(map(str, logs))}")
         report, files = write_validation(model, logs, options, output, figures, progress.say)
     print_out(report_document(report, files), as_json)
     if any(not threshold.met for threshold in report.thresholds):

@@ -264,6 +264,14 @@ TEXTS: dict[str, Text] = {
         "the torque of transmission {part} is measured {value:.4g} times as large as predicted.",
         "However small that is against the torque's span, it is another spring, or another gain of the sensor.",
     ),
+    "validation.stiffness_by_truth": Text(
+        "the stiffness of transmission {part} is {value:.3g} % (rms, 95 %: {low:.3g} to {high:.3g} %) off the log's true one.",
+        "Up to {limit:g} % it holds.",
+    ),
+    "validation.stiffness_by_nominal": Text(
+        "the stiffness of transmission {part} is {value:.3g} % (rms, 95 %: {low:.3g} to {high:.3g} %) off the rig's nominal one.",
+        "Up to {limit:g} % they agree; beyond, the spring or the rig is another one, and this does not tell which.",
+    ),
     "validation.inside_region": Text(
         "{value:.2%} of the log lies in the region that the model was fitted in, and no sample that can be judged lies outside."
     ),

@@ -107,6 +107,11 @@ class Progress:
         self._begun = time.monotonic()
         self._bar.update(self._task, description=escape(self._words), total=None, completed=0, begun=self._begun)
 
+    def note(self, text: str) -> None:
+        """Say something that is no warning."""
+        if verbosity() > Verbosity.QUIET:
+            self._tell(f"note: {printable(text)}")
+
     def replacing(self, files: Sequence[Path]) -> None:
         """Say which files will be written over."""
         if files and verbosity() > Verbosity.QUIET:
