@@ -44,7 +44,9 @@ def test_results_of_another_log_of_that_name_are_kept(command, bench):
         (("estimate", "log.csv", "--figures", "."), "."),
         (("validate", "model.toml", "log.csv"), "report.json"),
         (("validate", "model.toml", "log.csv"), "report.html"),
+        (("validate", "model.toml", "log.csv", "--report", "mine.html"), "mine.html"),
         (("diagnose", "log.csv"), "diagnosis.html"),
+        (("diagnose", "log.csv", "--report", "mine.html"), "mine.html"),
         (("diagnose", "log.csv"), "extended.rig.toml"),
         (("diagnose", "log.csv", "--suggest"), "next.scenario.toml"),
         (("identify", "log.csv"), "identified.rig.toml"),
@@ -57,6 +59,7 @@ def test_results_of_another_log_of_that_name_are_kept(command, bench):
         (("plan", "sea", "--report", "mine.html"), "mine.html"),
         (("init", "log.csv", "-o", "rig.toml"), "rig.toml"),
         (("reproduce", "deluca2007", "--plots", "."), "."),
+        (("reproduce", "deluca2007", "--report", "mine.html"), "mine.html"),
     ],
 )
 def test_what_somebody_else_wrote_is_kept(command, bench, words, file):
@@ -67,6 +70,24 @@ def test_what_somebody_else_wrote_is_kept(command, bench, words, file):
     assert (code, out) == (2, ""), err
     assert contents(bench) == before
     assert "--force" in err
+
+
+@pytest.mark.parametrize(
+    "words", [("validate", "model.toml", "log.csv"), ("diagnose", "log.csv"), ("reproduce", "deluca2007")]
+)
+def test_a_page_that_cannot_be_written_is_refused_before_the_work(command, bench, words):
+    code, out, err = command(*words, "--report", "nowhere/page.html", cwd=bench)
+    assert (code, out) == (2, "")
+    assert "nowhere" in err
+
+
+def test_a_page_goes_where_it_is_asked_for(command, bench):
+    assert command("estimate", "log.csv", cwd=bench)[0] == 0
+    options = ("-o", "judged", "--report", "page.html", "--no-modalities")
+    code, _, err = command("validate", "log.model.toml", "log.csv", *options, cwd=bench)
+    assert code == 0, err
+    assert (bench / "page.html").read_text().startswith("<!")
+    assert [path.name for path in (bench / "judged").iterdir()] == ["report.json"]
 
 
 def test_a_rig_that_was_edited_is_no_result(tmp_path):

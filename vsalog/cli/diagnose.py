@@ -7,7 +7,7 @@ from pathlib import Path
 import rich_click as click
 
 from vsalog.cli import complete
-from vsalog.cli.options import LogPath, force_option, reading_options, rig_options
+from vsalog.cli.options import LogPath, force_option, page_option, reading_options, rig_options
 
 
 @click.command(short_help="What the rig's simulation gets wrong, why, the extended rig, and what it is worth.")
@@ -52,6 +52,7 @@ from vsalog.cli.options import LogPath, force_option, reading_options, rig_optio
     metavar="DIR",
     help="Folder for diagnosis.json, diagnosis.html and extended.rig.toml; the current one when absent.",
 )
+@page_option
 @force_option
 @click.option("--json", "as_json", is_flag=True, help="Print the diagnosis as one JSON document on stdout.")
 @click.pass_context
@@ -71,6 +72,7 @@ def diagnose(
     fail_on_unchecked: bool,
     suggest: bool,
     output: Path | None,
+    page: Path | None,
     force: bool,
     as_json: bool,
 ) -> None:
@@ -90,11 +92,11 @@ def diagnose(
 
     options = Options(rig, joints, settings, rate, time, suggest, start, end, differs)
     extended, experiment = extra_paths(output)
-    written = [*report_paths(output, "diagnosis"), extended, *([experiment] if suggest else [])]
+    written = [*report_paths(output, "diagnosis", page), extended, *([experiment] if suggest else [])]
     keep_inputs(written, inputs_of([*logs, *holdouts], rig))
     replaced = require_new(written, force, logs)
     with Progress(replaced) as progress, progress.saying_when_compiling():
-        diagnosis, files = write_diagnosis(logs, holdouts, options, output, progress.say)
+        diagnosis, files = write_diagnosis(logs, holdouts, options, output, progress.say, page)
     print_out(diagnosis_document(diagnosis, files), as_json)
     verdict = diagnosis.verdict
     unchecked = verdict == "consistent as far as checked"

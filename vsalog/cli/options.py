@@ -65,6 +65,17 @@ def rig_options(verb: str, rig: str = RIG, settings: str = SET) -> Callable[[Com
     return decorate
 
 
+def page_option(command: Command) -> Command:
+    """Add --report to a command that writes a page anyway, handed on as `page`."""
+    return click.option(
+        "--report",
+        "page",
+        type=click.Path(path_type=Path),
+        metavar="FILE.html",
+        help="Write the page to this file; into the folder of --output when absent.",
+    )(command)
+
+
 def force_option(command: Command) -> Command:
     """Add --force, handed on as `force`."""
     return click.option("--force", is_flag=True, help="Write over files that are there, whatever they hold.")(command)

@@ -8,7 +8,7 @@ from typing import Any
 
 import rich_click as click
 
-from vsalog.cli.options import LogPath, force_option, reading_options, rig_options
+from vsalog.cli.options import LogPath, force_option, page_option, reading_options, rig_options
 
 
 class Percent(click.FloatRange):
@@ -71,6 +71,7 @@ def _in_order(model: Path, logs: tuple[Path, ...]) -> tuple[Path, tuple[Path, ..
     help="Folder for report.json and report.html; the current one when absent.",
 )
 @click.option("--figures", type=click.Path(path_type=Path), metavar="DIR", help="The figures as SVG, PNG and PDF too.")
+@page_option
 @force_option
 @click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON document on stdout.")
 @click.pass_context
@@ -90,6 +91,7 @@ def validate(
     max_msrep: float | None,
     output: Path | None,
     figures: Path | None,
+    page: Path | None,
     force: bool,
     as_json: bool,
 ) -> None:
@@ -110,12 +112,13 @@ def validate(
         check_matplotlib()
     model, logs, swapped = _in_order(model, logs)
     options = Options(rig, joints, settings, rate, time, modalities, max_nrmse, max_msrep, start, end)
-    keep_inputs(report_paths(output, "report"), [model, *inputs_of(logs, rig)])
-    replaced = require_new([*report_paths(output, "report"), figures], force, logs)
+    written = report_paths(output, "report", page)
+    keep_inputs(written, [model, *inputs_of(logs, rig)])
+    replaced = require_new([*written, figures], force, logs)
     with Progress(replaced) as progress, progress.saying_when_compiling():
         if swapped:
             progress.note(f"{model} is the model, and is judged by {', '.join(map(str, logs))}")
-        report, files = write_validation(model, logs, options, output, figures, progress.say)
+        report, files = write_validation(model, logs, options, output, figures, progress.say, page)
     print_out(report_document(report, files), as_json)
     if any(not threshold.met for threshold in report.thresholds):
         context.exit(3)

@@ -85,14 +85,26 @@ def _stem(log: Path) -> str:
     return name if log.is_dir() else Path(name).stem
 
 
-def report_paths(folder: Path | None, name: str) -> tuple[Path, Path]:
-    """Return where the page and the data of a report go: the current folder when absent."""
+def report_paths(folder: Path | None, name: str, page: Path | None = None) -> tuple[Path, Path]:
+    """Return where the page and the data of a report go: to a folder, the current one when absent; the page where asked for.
+
+    Raises
+    ------
+    WriteError
+        The page cannot be written there.
+    """
+    if page is not None:
+        check_path(page)
     where = Path() if folder is None else folder
-    return where / f"{name}.html", where / f"{name}.json"
+    return page or where / f"{name}.html", where / f"{name}.json"
 
 
 def write_report(
-    document: Document, folder: Path | None, name: str, others: Mapping[str, tuple[Path, str]] | None = None
+    document: Document,
+    folder: Path | None,
+    name: str,
+    others: Mapping[str, tuple[Path, str]] | None = None,
+    page: Path | None = None,
 ) -> dict[str, str]:
     """Write a document as a page and its data as JSON, and other texts along with them: all of it or nothing.
 
@@ -102,6 +114,7 @@ def write_report(
     folder : which is made; the current one when absent
     name : of both files, without an ending
     others : what each is, its path in that folder, and its text
+    page : where the page goes, where not to that folder
 
     Returns
     -------
@@ -112,9 +125,9 @@ def write_report(
     WriteError
         A file cannot be written.
     """
-    page, data = report_paths(folder, name)
+    page, data = report_paths(folder, name, page)
     texts = {"report": (page, page_of(document)), "data": (data, document_text(document.data)), **(others or {})}
-    make_folder(page.parent)
+    make_folder(data.parent)
     for path, _ in texts.values():
         check_path(path)
     with together():

@@ -126,7 +126,7 @@ def report_document(
 
 def write_validation(
     model: Path, logs: Sequence[Path], options: Options, folder: Path | None, figures: Path | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] = lambda _: None, page: Path | None = None,
 ) -> tuple[Report, dict[str, str]]:  # fmt: skip
     """Hold a model against logs and write the report: `report.json`, `report.html`, and figures for papers.
 
@@ -136,6 +136,7 @@ def write_validation(
     folder : where to; the current one when absent
     figures : folder for figures as files, or None
     progress : called with the step that begins
+    page : where the page goes, where not to that folder
 
     Returns
     -------
@@ -151,7 +152,7 @@ def write_validation(
     progress("writing the report")
     if figures is not None:
         write_figures(figures, drawings.paper, [log.log for log in report.logs])
-    return report, write_report(report_document(report, {}, drawings.page), folder, "report")
+    return report, write_report(report_document(report, {}, drawings.page), folder, "report", page=page)
 
 
 def _overview(found: Sequence[Line]) -> Table:
