@@ -15,7 +15,7 @@ from rich.text import Text
 
 from vsalog.core.documents import document_text
 from vsalog.core.finding import Finding, Severity
-from vsalog.core.finding_texts import by_severity
+from vsalog.core.finding_texts import by_severity, merged
 from vsalog.core.printable import printable
 from vsalog.report.document import SEVERITIES, Block, Cell, Document, Facts, Notes, Section, Table, Tone, Verdict, Words
 from vsalog.report.verbosity import Verbosity, verbosity
@@ -55,9 +55,9 @@ def print_data(document: Document) -> None:
 
 
 def print_findings(findings: Iterable[Finding]) -> None:
-    """Print findings on stderr, each after its severity."""
+    """Print findings on stderr after their severity: one line for what has one cause, unless all is asked for."""
     errors = Console(stderr=True, highlight=False, emoji=False)
-    for severity, sentence in by_severity(findings):
+    for severity, sentence in (by_severity if verbosity() == Verbosity.VERBOSE else merged)(findings):
         if severity == "info" and verbosity() == Verbosity.QUIET:
             continue
         line = Text.assemble((f"{SEVERITIES[severity]}:", STYLES[severity]), f" {printable(sentence)}")
