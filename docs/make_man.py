@@ -45,8 +45,7 @@ def page(name: str, command: click.Command) -> str:
         lines.append(f".SS {group}")
         for written, said in records:
             lines += [".TP", f".B {roff(written)}", roff(said)]
-    if name:
-        lines += [".SH EXAMPLES", ".nf", *(roff(line) for line in EXAMPLES.get(name, ())), ".fi"]
+    lines += [".SH EXAMPLES", ".nf", *(roff(line) for line in EXAMPLES.get(name, ())), ".fi"]
     lines += [".SH EXIT STATUS", *paragraphs(EXIT_CODES.replace("`", ""))]
     others = ["vsalog"] if name else [f"vsalog-{one}" for one in cli.commands]
     lines += [".SH SEE ALSO", ", ".join(f"{roff(other)}(1)" for other in others)]

@@ -1,9 +1,14 @@
 """What commands say on stderr: which rig they used, which other one lies there, and as much as is asked for."""
 
+import re
+from pathlib import Path
+
 import pytest
 from knee import RIG, lay, write_log
 
+import vsalog
 from vsalog.core.progress import Advanced, counted, watched
+from vsalog.report.progress import STEPS
 
 OTHER = RIG.replace("inertia = 0.1", "inertia = 0.2")
 
@@ -104,3 +109,9 @@ def test_a_loop_that_is_left_early_leaves_no_trace():
             break
         list(counted("other", range(1)))
     assert told[-1] == Advanced("other", 1.0, False)
+
+
+def test_every_step_has_its_words():
+    source = "".join(path.read_text(encoding="utf-8") for path in Path(vsalog.__file__).parent.rglob("*.py"))
+    steps = set(re.findall(r'(?:counted|Advanced)\(\s*"(\w+)"', source))
+    assert steps == set(STEPS)

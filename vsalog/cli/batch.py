@@ -234,6 +234,8 @@ def batch(
                 f"vsalog: interrupted; {plural(shown.done, 'log')} finished, and the same command with --resume goes on"
             )
             context.exit(130)
+        # Of a batch that is refused nothing but the reason is told.
+        shown.note(f"rig: {asked.settings.rig_name}" if rig else "rig: each log's own")
     found = outcome.document()
     print_out(outcome_document(found), as_json)
     if failed := failure_words(found):

@@ -53,7 +53,7 @@ def compare(
     from vsalog.report.html import page_of
     from vsalog.report.outputs import inputs_of, keep_inputs, require_new
     from vsalog.report.progress import Progress
-    from vsalog.report.terminal import print_out
+    from vsalog.report.terminal import console_for, print_out
     from vsalog.writers.atomic import write_text
 
     asked = [name for text in estimators for name in text.split(",") if name.strip()]
@@ -72,7 +72,7 @@ def compare(
             write_text(report, page_of(comparison_document(found, runs, references)))
     print_out(comparison_document(found), as_json)
     if report is None and not as_json:
-        click.echo("--report FILE.html draws them in one plot")
+        console_for("stderr").print("--report FILE.html draws them in one plot")
     if found.failed:
         click.echo(bug(", ".join(f"{name}: {fault}" for name, fault in found.failed.items())), err=True)
         raise SystemExit(1)

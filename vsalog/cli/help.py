@@ -16,6 +16,12 @@ GROUPS: Mapping[str, Sequence[str]] = {
 
 # One use each, as short as a terminal is wide, with what it is for.
 EXAMPLES: Mapping[str, Sequence[str]] = {
+    "": (
+        "vsalog simulate sea -o exp1.mcap  # a log to begin with",
+        "vsalog inspect exp1.mcap",
+        "vsalog estimate exp1.mcap",
+        "vsalog estimate --help  # options and examples of a command",
+    ),
     "batch": (
         "vsalog batch 'logs/**/*.mcap' -o out/  # a data set of all logs",
         "vsalog batch logs/ -o out/ --resume  # go on with one that was stopped",
@@ -82,7 +88,7 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
 
 def dress(group: click.Group) -> None:
     """Give the commands of a group their examples, and have help show groups of options at any width."""
-    for name, command in group.commands.items():
+    for name, command in {"": group, **group.commands}.items():
         if name in EXAMPLES:
             command.epilog = "\n\n".join(("Examples:", *EXAMPLES[name]))
     settings = click.rich_click

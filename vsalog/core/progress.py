@@ -42,6 +42,11 @@ def watched(watcher: Watcher) -> Iterator[None]:
         _watchers.remove(watcher)
 
 
+def is_watched() -> bool:
+    """Tell whether anybody watches, where it takes a while to know what to tell."""
+    return bool(_watchers)
+
+
 def tell(event: object) -> None:
     """Tell those who watch, if any do."""
     for watcher in _watchers:

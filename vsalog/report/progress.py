@@ -30,17 +30,20 @@ LINE_INTERVAL = 30.0
 STEPS = {
     "causes": "searching the sets of causes",
     "checks": "checking signals and residuals",
+    "equations": "linearising the equations",
     "estimate": "filtering",
     "experiments": "simulating candidates",
     "fit": "iterating",
+    "isolations": "assuming each cause in turn",
     "modalities": "",
     "perturbations": "perturbing the estimate",
     "reading": "",
     "recording_faults": "looking for faults of the recording",
     "sensors": "simulating candidates",
     "simulation": "",
-    "warm": "",
     "trajectories": "fitting trajectories",
+    "warm": "",
+    "writing": "",
 }
 """The words of the steps that `vsalog.core.progress` tells of."""
 
@@ -153,7 +156,7 @@ class Progress:
         if min(now - self._since, now - self._looked) < 1.0 / self._bar.live.refresh_per_second:
             return
         self._looked = now
-        words = ": ".join(filter(None, (self._words, STEPS[event.step])))
+        words = ": ".join(filter(None, (self._words, STEPS.get(event.step, ""))))
         self._bar.update(
             self._task, description=escape(words), total=1.0, completed=event.share, begun=self._since, at_most=event.at_most
         )  # fmt: skip
@@ -213,14 +216,19 @@ class BatchProgress:
         """Print a remark."""
         self._console.print(escape(printable(text)), soft_wrap=True)
 
+    def note(self, text: str) -> None:
+        """Print what a quiet command leaves out."""
+        if verbosity() > Verbosity.QUIET:
+            self.say(text)
+
     def saying_when_compiling(self) -> AbstractContextManager[None]:
         """Say once when numba compiles a numerical loop that is not in its cache yet."""
         return compiling(self._announce)
 
     def _announce(self, _: Compiling) -> None:
-        if not self._announced and verbosity() > Verbosity.QUIET:
+        if not self._announced:
             self._announced = True
-            self.say(ANNOUNCED)
+            self.note(ANNOUNCED)
 
     def now(self, text: str) -> None:
         """Show what is being done next to how far it is."""

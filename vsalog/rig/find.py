@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from vsalog.core.errors import RigError
-from vsalog.core.progress import tell
+from vsalog.core.progress import is_watched, tell
 from vsalog.rig.load import Rig
 
 Place = Literal["given", "log", "beside", "model", "guessed"]
@@ -51,7 +51,10 @@ def find_rig(log: Path, rig_text: str | None, given: Rig | str | Path | None = N
         The rig that was found cannot be used.
     """
     if given is not None:
-        return given if isinstance(given, Rig) else given_rig(given, log)
+        if not isinstance(given, Rig):
+            return given_rig(given, log)
+        tell_rig(given, "given", log)
+        return given
     if rig_text is not None:
         rig = Rig.from_toml(rig_text, f"rig in {log.name}")
         tell_rig(rig, "log", log)
@@ -80,6 +83,8 @@ def given_rig(source: str | Path, log: Path | None = None) -> Rig:
 
 def tell_rig(rig: Rig, place: Place, log: Path | None = None, path: Path | None = None) -> None:
     """Tell which rig is used, and which others there are where one is looked for."""
+    if not is_watched():
+        return
     others = () if log is None else tuple(other for other in _there(log) if not _same(other, path, rig))
     tell(RigFound(place, rig.where, path, others))
 
