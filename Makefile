@@ -2,6 +2,7 @@
 # make test   everything that must hold: style, types, tests; of long ones every second to fifth case, and of some long files every second or third test; all with ALL=1
 # make docs   the documentation as a site, in site/; LINKS=1 tests links to other sites as well
 # make dist   wheel and source in dist/, tested as a user has them: a plain installation runs every command of the documentation
+# make man    manual pages of all commands, in build/man
 # make bench  speed, beside a reference in the same run
 # make fuzz SECONDS=3600   hostile logs, rigs and models without end: no crash, no hang, no memory beyond 1 GB
 # make battery SEED=1   hidden effects, and how many of them the diagnosis finds
@@ -27,9 +28,10 @@ MAKEFLAGS += --no-print-directory
 # Tests start many processes: what one has compiled the next ones load, also where the environment says otherwise.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test lint docs dist bench battery fuzz limits samples clean
+.PHONY: demo test lint docs man dist bench battery fuzz limits samples clean
 
 demo: $(VENV)/.demo
+	@$(BIN)/vsalog warm estimate
 	@$(BIN)/vsalog inspect sample_logs/vsa2_exp1.mcap
 	@mkdir -p demo
 	@$(BIN)/vsalog estimate sample_logs/vsa2_exp1.mcap -o demo/
@@ -76,6 +78,9 @@ fuzz: $(VENV)/.fuzz
 
 limits: $(VENV)/.test
 	$(BIN)/python -m tests.limits.run --only '$(ONLY)' --workers $(WORKERS)
+
+man: $(VENV)/.demo
+	$(BIN)/python -m docs.make_man build/man
 
 samples: $(VENV)/.test
 	$(BIN)/python -m vsalog.simulation.samples sample_logs

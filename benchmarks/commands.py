@@ -54,7 +54,7 @@ def main() -> int:
         run(["--help"], folder)
         met.append(report("vsalog --help", [run(["--help"], folder).wall for _ in range(15)], HELP))
         for log in LOGS:
-            job = ["estimate", SAMPLES / log, "-o", folder / "out.parquet"]
+            job = ["estimate", SAMPLES / log, "-o", folder / f"{Path(log).stem}.parquet"]
             run(job, folder)
             warm = [run(job, folder) for _ in range(7)]
             first = [run(job, folder, folder / f"cache-{log}-{i}") for i in range(3)]

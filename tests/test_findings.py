@@ -9,7 +9,7 @@ import pytest
 import vsalog
 from vsalog.checks import checks
 from vsalog.core.finding import Finding, Text
-from vsalog.core.finding_texts import TEXTS, add_texts, sentence
+from vsalog.core.finding_texts import TEXTS, add_texts, merged, sentence
 
 checks()  # their files add texts to the catalogue
 
@@ -22,7 +22,9 @@ def codes_made():
             continue
         tree = ast.parse(path.read_text(encoding="utf-8"))
         tree.body = [
-            n for n in tree.body if not (isinstance(n, ast.Assign) and getattr(n.targets[0], "id", "") == "TEXTS")
+            n
+            for n in tree.body
+            if not (isinstance(n, ast.Assign) and getattr(n.targets[0], "id", "") in ("TEXTS", "SYMPTOMS"))
         ]
         nodes = list(ast.walk(tree))
         strings = {n.value for n in nodes if isinstance(n, ast.Constant) and isinstance(n.value, str)}
@@ -61,3 +63,40 @@ def test_what_a_log_calls_its_joint_is_no_format():
 def test_a_code_has_one_text():
     with pytest.raises(ValueError, match=r"stiffness\.scale"):
         add_texts({"stiffness.scale": Text("another one")})
+
+
+def test_what_one_cause_makes_is_told_with_it():
+    def of(code, joint="a", **more):
+        fields = {f for _, f, _, _ in Formatter().parse(TEXTS[code].says + TEXTS[code].advice) if f}
+        evidence = dict.fromkeys(fields - {"part", "value", "limit", "unit", "joint"}, 1.0)
+        return Finding(
+            **{"code": code, "joint": joint, "part": "1", "value": 1.0, "limit": 1.0, "evidence": evidence} | more
+        )
+
+    cause, one, other = of("signal.sign"), of("stiffness.changed"), of("sampling.too_slow")
+    void = of("estimate.never_excited", severity="invalidates")
+    elsewhere = of("stiffness.changed", joint="b")
+    told = merged([one, void, other, cause, elsewhere])
+    assert [severity for severity, _ in told] == ["invalidates", "warning", "warning"]
+    (words,) = [words for _, words in told if words.startswith("joint 'a': 1 counts")]
+    assert "stiffness.changed, sampling.too_slow" in words
+    assert any(words.startswith("joint 'b'") for _, words in told)
+    # Without a cause each stands for itself.
+    assert len(merged([one, other, elsewhere])) == 3 - 1  # of two joints alike
+
+
+def test_what_several_joints_have_alike_is_told_once():
+    def of(joint, left):
+        return Finding(code="signal.sign", joint=joint, part="motor_torque", evidence={"left": left})
+
+    ((_, words),) = merged([of("a", 0.1), of("b", 0.2)])
+    assert words.startswith("joints 'a', 'b': motor_torque counts")
+    assert "10.0%" in words
+    assert "20.0%" not in words
+    # Two of one joint are two.
+    assert len(merged([of("a", 0.1), of("a", 0.2), of("b", 0.3)])) == 2
+
+
+def test_what_may_follow_from_a_finding_is_a_finding():
+    for code, text in TEXTS.items():
+        assert set(text.explains) <= TEXTS.keys() - {code}

@@ -43,7 +43,9 @@ def log(path, motor_scale=1.0, sensor_scale=1.0, seed=0, columns=("q", "theta", 
 
 def found(folder, estimator, *names):
     """Return the findings by code, the cross-check's and the link's."""
-    done = vsalog_run("estimate", *(names or ["arm.csv"]), "-e", estimator, "-o", "arm.parquet", "--json", cwd=folder)
+    done = vsalog_run(
+        "estimate", *(names or ["arm.csv"]), "-e", estimator, "-o", "arm.parquet", "--json", "--force", cwd=folder
+    )
     assert done.returncode == 0, done.stderr
     findings = json.loads(done.stdout)["joints"][0]["findings"]
     return {f["code"]: f for f in findings if f["code"].startswith("cross_check.") or f["code"] == INERTIA}

@@ -33,7 +33,7 @@ def done(simulate):
     """Run `vsalog simulate ARGS`, which must succeed; returns the JSON on stdout, or its text, None where there is none."""
 
     def done(*args, cwd):
-        code, out, err = simulate(*args, cwd=cwd)
+        code, out, err = simulate(*args, "--force", cwd=cwd)
         assert code == 0, err
         return json.loads(out) if out.startswith("{") else out or None
 

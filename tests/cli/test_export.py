@@ -50,7 +50,7 @@ def test_the_rig_is_never_written_over(export, tmp_path):
         (("se", "--to", "mjcf"), "there is no rig file 'se', did you mean 'sea'?"),
         (("missing.toml", "--to", "mjcf"), "there is no rig file 'missing.toml'"),
         (("sea", "--to", "mjcf", "-o", "nowhere/sea.xml"), "the folder nowhere does not exist"),
-        (("sea", "--to", "mjcf", "-o", "/dev/null"), "is there already"),
+        (("sea", "--to", "mjcf", "-o", "/dev/null"), "is a device, not a file"),
         (("sea", "--to", "mjcf", "-o", "/dev/null", "--force"), "is a device, not a file"),
         (("sea",), "--to"),
         (("sea", "--to", "sdf"), "sdf"),

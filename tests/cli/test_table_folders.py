@@ -47,14 +47,14 @@ def both(place, *args):
     logs = {"one": ("exp1.csv", "exp2.csv"), "folder": ("exp1", "exp2")}
     for kind, (first, second) in logs.items():
         words = [{"LOG": first, "OTHER": second}.get(word, word) for word in args]
-        document = json.loads(run(place, *words, "--rig", f"{kind}.toml", "--json"))
+        document = json.loads(run(place, *words, "--rig", f"{kind}.toml", "--json", "--force"))
         yield {key: value for key, value in document.items() if key not in NAMED}
 
 
 def test_estimate_and_validate(place):
     traces = []
     for log, kind in (("exp1.csv", "one"), ("exp1", "folder")):
-        run(place, "estimate", log, "--rig", f"{kind}.toml")
+        run(place, "estimate", log, "--rig", f"{kind}.toml", "--force")
         (place / "exp1.model.toml").rename(place / f"{kind}.model.toml")
         traces.append(pq.read_table(place / "exp1.stiffness.parquet").to_pandas())
     pd.testing.assert_frame_equal(*traces)

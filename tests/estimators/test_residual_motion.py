@@ -153,7 +153,7 @@ def findings_of(tmp_path_factory):
                 "simulate", preset, "--scenario", "multisine", "--duration", "10 s", *machine, "-o", log, cwd=folder
             )
             assert done.returncode == 0, done.stderr
-        done = vsalog_run("estimate", log, "-e", estimator, "-o", "trace.parquet", "--json", cwd=folder)
+        done = vsalog_run("estimate", log, "-e", estimator, "-o", "trace.parquet", "--force", "--json", cwd=folder)
         assert done.returncode == 0, done.stderr
         return {finding["code"]: finding for finding in json.loads(done.stdout)["joints"][0]["findings"]}
 

@@ -8,8 +8,8 @@ import numpy as np
 from fuzz_contract import put, told
 
 from vsalog.core.errors import ReadError
+from vsalog.core.region import inside_region
 from vsalog.validation.frozen import frozen
-from vsalog.validation.region import inside_region
 
 PHI = np.array([-1e3, -0.1, 0.0, 0.1, 2.0])
 
@@ -29,7 +29,7 @@ def one(data: bytes) -> None:
             for part in joint.transmission:
                 for values in joint.torque_and_stiffness(part.name, PHI, setpoint):
                     assert all(v.shape == PHI.shape and v.dtype == np.float64 for v in values)
-                assert inside_region(part, PHI, setpoint).shape == PHI.shape
+                assert inside_region(part.region, PHI, setpoint).shape == PHI.shape
     assert frozen(put(file.to_toml().encode(), "again.model.toml")).joint.keys() == file.joint.keys()
 
 

@@ -216,7 +216,7 @@ def test_a_real_servo_plans_its_motion(tmp_path, log, least):
     off = []
     for more in ([], changes):
         done = vsalog_run(
-            "simulate", folder / "so101.rig.toml", "--replay", folder / log, *more, "-o", "r.mcap",
+            "simulate", folder / "so101.rig.toml", "--replay", folder / log, *more, "-o", "r.mcap", "--force",
             "--json", cwd=tmp_path,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
@@ -72,3 +73,35 @@ def test_a_torque_that_is_off_by_more_than_a_tenth_is_another_springs(gain, verd
 @pytest.mark.parametrize(("nrmse", "verdict"), [(4.0, "holds"), (6.0, "fails")])
 def test_a_model_holds_up_to_five_percent_of_the_span(nrmse, verdict):
     assert joint_report(judged(nrmse), SIGNALS, {}, []).verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("truth", "nominal", "reference", "verdict"),
+    [
+        (9.0, 50.0, "truth", "holds"),
+        (12.0, 1.0, "truth", "fails"),
+        (10.0, 1.0, "truth", "undecided"),
+        (None, 9.0, "nominal", "holds"),
+        (None, 50.0, "nominal", "undecided"),
+    ],
+)
+def test_a_stiffness_holds_up_to_a_tenth_of_itself(truth, nominal, reference, verdict):
+    """The score's interval is 0.9 to 1.1 times the root mean square [%]."""
+
+    def compared(percent, reference):
+        value, low, high = (((scale * percent) / 100.0) ** 2 * 100.0 for scale in (1.0, 0.9, 1.1))
+        other = Figure(value=0.0)
+        score = Score(
+            samples=N, effective_samples=500.0, span=1.0, mse=other, rmse=other, nrmse=other,
+            msrep=Figure(value=value, low=low, high=high), r2=other, bias=other, largest=0.0,
+        )  # fmt: skip
+        return Comparison(quantity="stiffness", unit="N*m/rad", reference=reference, inside=score, outside=None)
+
+    plain = judged(1.0)
+    there = [compared(p, r) for p, r in ((nominal, "nominal"), (truth, "truth")) if p is not None]
+    parts = (structs.replace(plain.transmissions[0], comparisons=(*plain.transmissions[0].comparisons, *there)),)
+    report = joint_report(Judged(parts, None), SIGNALS, {}, [])
+    assert (report.stiffness.reference, report.stiffness.verdict) == (reference, verdict)
+    assert report.stiffness.reason.value == pytest.approx(nominal if truth is None else truth)
+    assert report.verdict == "holds"  # of the torque
+    assert joint_report(plain, SIGNALS, {}, []).stiffness is None

@@ -5,9 +5,8 @@ import pytest
 from scipy.signal import lfilter, savgol_filter
 
 from vsalog.checks.torque_independence import computed_from
-from vsalog.core.model import TransmissionModel
+from vsalog.core.region import inside_region
 from vsalog.validation.dependence import dependences
-from vsalog.validation.region import inside_region
 from vsalog.validation.signatures import loops
 
 pytestmark = pytest.mark.share(3)
@@ -18,10 +17,6 @@ PHI = 0.1 * np.sin(2 * np.pi * 0.31 * T) + 0.05 * np.sin(2 * np.pi * 1.3 * T)
 RATE = np.gradient(PHI, 1e-3)
 TORQUE = 20.0 * PHI + 500.0 * PHI**3
 NOISE = 0.005 * RNG.standard_normal(T.size)
-
-
-def model(region):
-    return TransmissionModel(name="1", coefficients=(), covariance=(), noise=0.0, samples=1, region=region)
 
 
 def winding(corners, x, y):
@@ -36,20 +31,20 @@ def winding(corners, x, y):
 def test_inside_a_hull_is_what_a_polygon_says():
     hull = ((-0.1, 0.05), (0.1, 0.05), (0.12, 0.08), (0.0, 0.1), (-0.12, 0.08))
     x, y = RNG.uniform(-0.2, 0.2, 5000), RNG.uniform(0.03, 0.12, 5000)
-    ours = inside_region(model(hull), x, y)
+    ours = inside_region(hull, x, y)
     theirs = winding(np.array(hull), x, y) != 0
     assert np.all(ours[theirs])
     # A margin of 1 % of the span on either axis is granted.
     assert np.mean(ours != theirs) < 0.03
-    assert np.array_equal(inside_region(model(hull[::-1]), x, y), ours)
+    assert np.array_equal(inside_region(hull[::-1], x, y), ours)
 
 
 def test_inside_an_interval_and_with_a_set_point_that_stood_still():
     x = np.array([-0.2, -0.1, 0.0, 0.1, 0.2])
-    assert inside_region(model(((-0.1,), (0.1,))), x, None).tolist() == [False, True, True, True, False]
-    still = inside_region(model(((-0.1, 0.03), (0.1, 0.03))), x, np.array([0.03, 0.03, 0.031, 0.03, 0.03]))
+    assert inside_region(((-0.1,), (0.1,)), x, None).tolist() == [False, True, True, True, False]
+    still = inside_region(((-0.1, 0.03), (0.1, 0.03)), x, np.array([0.03, 0.03, 0.031, 0.03, 0.03]))
     assert still.tolist() == [False, True, False, True, False]
-    assert not inside_region(model(()), x, None).any()
+    assert not inside_region((), x, None).any()
 
 
 def test_a_computed_torque_is_found_and_a_measured_one_is_not():

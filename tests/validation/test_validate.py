@@ -20,7 +20,7 @@ SEA2 = SAMPLES / "sea_exp2.bag"
 
 
 def judged(model, *logs, options=(), folder):
-    result = call("validate", model, *logs, "-o", folder, "--no-modalities", *options, "--json")
+    result = call("validate", model, *logs, "-o", folder, "--no-modalities", "--force", *options, "--json")
     assert result.exit_code == 0, result.output
     return json.loads(result.stdout)
 
@@ -78,6 +78,30 @@ def test_the_true_stiffness_of_a_simulation_is_judged_too(models, tmp_path):
     truth = next(c for c in joint_of(report)["transmissions"][0]["comparisons"] if c["reference"] == "truth")
     assert truth["quantity"] == "stiffness"
     assert truth["inside"]["nrmse"]["value"] < 3.0
+    stiffness = joint_of(report)["stiffness"]
+    assert (stiffness["verdict"], stiffness["reference"]) == ("holds", "truth")
+    assert stiffness["reason"]["value"] == pytest.approx(np.sqrt(100.0 * truth["inside"]["msrep"]["value"]))
+
+
+def test_a_stiffness_that_is_not_the_true_one_fails_where_a_nominal_one_leaves_it_open(models, tmp_path):
+    softer = ("--actual", "joint.sea.transmission.stiffness=200")
+    joint = joint_of(judged(models["sea"], simulated(tmp_path, "softer", *softer), folder=tmp_path))
+    assert (joint["verdict"], joint["stiffness"]["verdict"]) == ("fails", "fails")
+    other = ("--set", "joint.sea.transmission.stiffness=200")
+    joint = joint_of(judged(models["sea"], SEA2, options=other, folder=tmp_path))
+    assert (joint["verdict"], joint["stiffness"]["verdict"]) == ("holds", "undecided")
+    out = call("validate", models["sea"], SEA2, "-o", tmp_path, "--no-modalities", "--force", *other).stdout
+    assert "torque holds" in out
+    assert "stiffness undecided" in out
+
+
+def test_a_model_and_a_log_that_were_exchanged_are_taken_for_what_they_are(models, tmp_path):
+    report = judged(models["sea"], SEA2, folder=tmp_path)
+    assert judged(SEA2, models["sea"], folder=tmp_path) == report
+    several = judged(SAMPLES / "sea_exp1.csv", SEA2, models["sea"], folder=tmp_path)
+    assert [log["log"] for log in several["logs"]] == ["sea_exp1.csv", "sea_exp2.bag"]
+    # A rig is no model.
+    assert call("validate", SEA2, SAMPLES / "sea_exp1.rig.toml", "-o", tmp_path, "--force").exit_code == 2
 
 
 def codes(findings):
@@ -141,7 +165,7 @@ def test_one_sensor_for_both_transmissions_judges_their_sum(models, tmp_path):
     assert joint["reasons"][0]["part"] == "total"
     assert (joint["findings"][0]["code"], joint["findings"][0]["part"]) == ("validation.sum_only", "1 and 2")
     actual = ("--actual", "joint.vsa2.transmission_1.stiffness=0.6")
-    assert call("simulate", rig, "--scenario", "vsa2-exp2", *actual, "-o", log).exit_code == 0
+    assert call("simulate", rig, "--scenario", "vsa2-exp2", *actual, "-o", log, "--force").exit_code == 0
     assert joint_of(judged(models["vsa2"], log, folder=tmp_path))["verdict"] == "fails"
 
 

@@ -22,6 +22,7 @@ from vsalog.batch.records import Answer, Kind, Settings, Task, failed
 from vsalog.batch.worker import check_settings, do_task, prepare
 from vsalog.core.errors import BatchError
 from vsalog.core.printable import size_text
+from vsalog.report.compiling import ANNOUNCED
 
 Say = Callable[[str], None]
 Worker = ProcessPool
@@ -129,7 +130,7 @@ class Pool:
         waiting.sort(key=lambda job: (-job.need, job.task.log.name))
         alone = 0
         if waiting and not self._is_compiled():
-            self.say("first run: compiling the numerical loops takes a few seconds …")
+            self.say(ANNOUNCED)
             alone = min(self.jobs, len(waiting))
             # Of ordinary size, for the smallest ones may be stumps.
             waiting.insert(0, waiting.pop(3 * len(waiting) // 4))

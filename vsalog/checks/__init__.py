@@ -14,6 +14,7 @@ from pkgutil import iter_modules
 from vsalog.checks.check import Check, Context, OfSignals, Watch
 from vsalog.core.extensions import extensions
 from vsalog.core.finding import Finding
+from vsalog.core.progress import counted
 from vsalog.core.trace import Trace
 
 
@@ -35,7 +36,8 @@ class Checks:
 
     def __init__(self, context: Context) -> None:
         kinds = checks()
-        self.watches: list[Watch] = [watch for kind in kinds if (watch := kind.start(context)) is not None]
+        begun = (kind.start(context) for kind in counted("checks", kinds))
+        self.watches: list[Watch] = [watch for watch in begun if watch is not None]
         self.supersedes: Mapping[str, Sequence[str]] = {
             code: superseded for kind in kinds for code, superseded in kind.supersedes.items()
         }
@@ -51,4 +53,4 @@ class Checks:
 
     def findings(self) -> list[Finding]:
         """Return what was found when the log has ended, in the order of the checks."""
-        return [finding for watch in self.watches for finding in watch.findings()]
+        return [finding for watch in counted("checks", self.watches) for finding in watch.findings()]

@@ -32,6 +32,7 @@ from vsalog.checks.smoothed_motion import exchanged, motion_of
 from vsalog.checks.undone_channels import Channels, Faults, Trial
 from vsalog.checks.unsigned_torque import unsigned
 from vsalog.core.dependence import above_zero
+from vsalog.core.progress import counted
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import FALSE_ALARM
 
@@ -183,7 +184,7 @@ def _candidates(channels: Channels, undone: Faults, wrong: set[str]) -> Iterator
 
 
 def _all(channels: Channels, undone: Faults, wrong: set[str]) -> Iterator[Fault]:
-    for role in channels.roles:
+    for role in counted("recording_faults", channels.roles):
         for together in _measured_together(channels, role):
             yield Fault("sign", together, factor=-1.0)
             yield from scaled(channels, undone, together)

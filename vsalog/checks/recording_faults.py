@@ -212,29 +212,40 @@ def _measured(signals: JointSignals, fault: Fault) -> tuple[float | None, float 
     return None, None, ""
 
 
+# What an estimate looks like of channels that do not fit together.
+SYMPTOMS = (
+    "estimate.partly_excited", "filter.noisy_rate", "motor.inertia_differs", "residual.follows_motion", "residual.not_noise",
+    "sampling.too_slow", "sampling.too_slow_for_total", "spring.loop", "spring.not_polynomial", "stiffness.changed",
+    "stiffness.drifts", "stiffness.negative", "stiffness.scale", "torque.gain_differs",
+)  # fmt: skip
+
 TEXTS = {
     "signal.sign": Text(
         "{part} counts the other way round: turned, the joint's equations leave {left:.1%} of what they leave now.",
         "Say 'sign = -1' of it in the rig.",
         FALSE_ALARM,
+        SYMPTOMS,
     ),
     "signal.unit": Text(
         "{part} is {factor:.4g} times what the other channels say, as in another unit: so divided, the joint's equations leave"
         " {left:.1%} of what they leave now.",
         "Give its unit in the rig: \"deg\" instead of \"rad\", \"N*mm\" instead of \"N*m\".",
         FALSE_ALARM,
+        SYMPTOMS,
     ),
     "signal.scale": Text(
         "{part} is {factor:.4g} times what the other channels say: so divided, the joint's equations leave {left:.1%} of what"
         " they leave now. A position is before the gear then, or in encoder counts; a torque is before the gear, or a current.",
         "Say 'side = \"rotor\"' of it in the rig with the motor's gear_ratio, or 'unit = \"A\"' with its torque_constant.",
         FALSE_ALARM,
+        SYMPTOMS,
     ),
     "signal.late": Text(
         "{part} is {value:.3g} s later than the other channels (below 0: earlier): moved, the joint's equations leave {left:.1%}"
         " of what they leave now.",
         "Give it as 'delay' of the role in the rig, or stamp samples where they are taken.",
         FALSE_ALARM,
+        SYMPTOMS,
     ),
     "signal.clock_rate": Text(
         "{part} becomes later by {value:.4g} µs a second: it is on another clock than the other channels.",
@@ -245,6 +256,7 @@ TEXTS = {
         "{part} are exchanged: taken for one another, the joint's equations leave {left:.1%} of what they leave now.",
         "Exchange their channels in the rig.",
         FALSE_ALARM,
+        SYMPTOMS,
     ),
     "signal.joints_exchanged": Text(
         "{part} of {first} and of {second} are exchanged: taken for one another, the joints' equations leave {left:.1%} of what"
@@ -257,6 +269,7 @@ TEXTS = {
         " {left:.1%} of what they leave now. What an estimate makes of it is wrong wherever the torque reverses.",
         "Record the signed value; leave the channel out of the rig where there is none.",
         FALSE_ALARM,
+        SYMPTOMS,
     ),
     "torque.without_gravity": Text(
         "gravity was taken out of {part}: with a gravity torque added, the joint's equations leave {left:.1%} of what they leave"

@@ -19,21 +19,24 @@ from vsalog.cli.diagnose import diagnose
 from vsalog.cli.estimate import estimate
 from vsalog.cli.export import export
 from vsalog.cli.faults import bug, debugging
+from vsalog.cli.help import dress
 from vsalog.cli.identify import identify
 from vsalog.cli.init import init
 from vsalog.cli.inspect import inspect
+from vsalog.cli.messages import Commands, message_options
 from vsalog.cli.plan import plan
 from vsalog.cli.reproduce import reproduce
 from vsalog.cli.simulate import simulate
 from vsalog.cli.validate import validate
+from vsalog.cli.warm import warm
 from vsalog.core.errors import VsalogError, words_of
 from vsalog.core.printable import printable
+from vsalog.report.verbosity import Verbosity, ask
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]}, params=message_options())
 @click.version_option(__version__, prog_name="vsalog")
-@click.option("--debug", is_flag=True, help="Show a traceback instead of one line when something goes wrong.")
-def cli(debug: bool) -> None:
+def cli() -> None:
     """Stiffness, with honest uncertainty, from the recordings of compliant robot joints."""
 
 
@@ -49,6 +52,8 @@ cli.add_command(plan)
 cli.add_command(reproduce)
 cli.add_command(simulate)
 cli.add_command(validate)
+cli.add_command(warm)
+dress(cli)
 
 
 def main() -> NoReturn:
@@ -79,8 +84,9 @@ def main() -> NoReturn:
 
 
 def _run() -> int:
+    ask(Verbosity.NORMAL)
     try:
-        code = cli(standalone_mode=False)
+        code = cli(prog_name="vsalog", standalone_mode=False)
         sys.stdout.flush()
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 1

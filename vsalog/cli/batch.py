@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
+from vsalog.cli import complete
 from vsalog.cli.options import reading_options, rig_options
 from vsalog.cli.pairs import pairs
 from vsalog.cli.validate import Percent
@@ -113,7 +114,11 @@ def settings_of(
 )
 @rig_options("Use", "The rig of all logs; else each log's own: in it, LOG.rig.toml or rig.toml next to it.")
 @click.option(
-    "-e", "--estimator", metavar="NAME", help="estimate: the estimator, as for 'vsalog estimate'; auto when absent."
+    "-e",
+    "--estimator",
+    metavar="NAME",
+    help="estimate: the estimator, as for 'vsalog estimate'; auto when absent.",
+    shell_complete=complete.names(complete.estimators),
 )
 @click.option("--preset-tuning", type=click.Choice(["paper"]), help="estimate: begin with the values of the paper.")
 @click.option("--tune", multiple=True, callback=pairs, metavar="NAME=VALUE", help="estimate: tune the estimator.")
@@ -229,6 +234,8 @@ def batch(
                 f"vsalog: interrupted; {plural(shown.done, 'log')} finished, and the same command with --resume goes on"
             )
             context.exit(130)
+        # Of a batch that is refused nothing but the reason is told.
+        shown.note(f"rig: {asked.settings.rig_name}" if rig else "rig: each log's own")
     found = outcome.document()
     print_out(outcome_document(found), as_json)
     if failed := failure_words(found):

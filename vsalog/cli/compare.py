@@ -6,7 +6,8 @@ from pathlib import Path
 
 import rich_click as click
 
-from vsalog.cli.options import LogPath, reading_options, rig_options
+from vsalog.cli import complete
+from vsalog.cli.options import LogPath, force_option, reading_options, rig_options
 
 
 @click.command(short_help="Several estimators on one log, side by side.")
@@ -19,12 +20,14 @@ from vsalog.cli.options import LogPath, reading_options, rig_options
     help="Which; each may be tuned, e.g. residual-rls:modality=SENSOR,qr-rls:forgetting=0.98, or qr-rls:preset=paper for the"
     " values that its paper prints. Those that the log does not allow are left out, with the reason. All that it allows when"
     " absent.",
+    shell_complete=complete.names(complete.estimators, listed=True),
 )
 @rig_options("Compare")
 @reading_options
 @click.option(
     "--report", type=click.Path(path_type=Path), metavar="FILE", help="Write a page with figures, which opens offline."
 )
+@force_option
 @click.option("--json", "as_json", is_flag=True, help="Print the comparison as one JSON document on stdout.")
 def compare(
     logs: tuple[Path, ...],
@@ -37,6 +40,7 @@ def compare(
     start: str | None,
     end: str | None,
     report: Path | None,
+    force: bool,
     as_json: bool,
 ) -> None:
     """Run several estimators on the same LOG and print what each finds: stiffness, uncertainty, the residual, and
@@ -47,9 +51,9 @@ def compare(
     from vsalog.estimation.job import Options
     from vsalog.report.compare import comparison_document, worded
     from vsalog.report.html import page_of
-    from vsalog.report.outputs import inputs_of, keep_inputs
+    from vsalog.report.outputs import inputs_of, keep_inputs, require_new
     from vsalog.report.progress import Progress
-    from vsalog.report.terminal import print_out
+    from vsalog.report.terminal import console_for, print_out
     from vsalog.writers.atomic import write_text
 
     asked = [name for text in estimators for name in text.split(",") if name.strip()]
@@ -57,7 +61,8 @@ def compare(
         raise click.BadParameter(f"'{estimators[0]}' names no estimator", param_hint="-e")
     if report is not None:
         keep_inputs([report], inputs_of(logs, rig))
-    with Progress() as progress:
+    replaced = require_new(report, force, logs)
+    with Progress(replaced) as progress:
         with progress.saying_when_compiling():
             options = Options(rig, joints, "auto", {}, settings, rate, time, start, end)
             found, runs, references = run(logs, options, asked, progress.say, keep_going=not debugging())
@@ -67,7 +72,7 @@ def compare(
             write_text(report, page_of(comparison_document(found, runs, references)))
     print_out(comparison_document(found), as_json)
     if report is None and not as_json:
-        click.echo("--report FILE.html draws them in one plot")
+        console_for("stderr").print("--report FILE.html draws them in one plot")
     if found.failed:
         click.echo(bug(", ".join(f"{name}: {fault}" for name, fault in found.failed.items())), err=True)
         raise SystemExit(1)

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import rich_click as click
 
-from vsalog.cli.options import LogPath, reading_options, rig_options
+from vsalog.cli import complete
+from vsalog.cli.options import LogPath, force_option, page_option, reading_options, rig_options
 
 
 @click.command(short_help="What the rig's simulation gets wrong, why, the extended rig, and what it is worth.")
@@ -25,6 +26,7 @@ from vsalog.cli.options import LogPath, reading_options, rig_options
     metavar="CAUSE",
     help="Of several logs: this cause, such as link.payload, may have a value of its own in each; may be given again. Others have"
     " one value in all of them.",
+    shell_complete=complete.names(complete.causes),
 )
 @rig_options("Diagnose")
 @reading_options
@@ -50,6 +52,8 @@ from vsalog.cli.options import LogPath, reading_options, rig_options
     metavar="DIR",
     help="Folder for diagnosis.json, diagnosis.html and extended.rig.toml; the current one when absent.",
 )
+@page_option
+@force_option
 @click.option("--json", "as_json", is_flag=True, help="Print the diagnosis as one JSON document on stdout.")
 @click.pass_context
 def diagnose(
@@ -68,6 +72,8 @@ def diagnose(
     fail_on_unchecked: bool,
     suggest: bool,
     output: Path | None,
+    page: Path | None,
+    force: bool,
     as_json: bool,
 ) -> None:
     """Hold the rig's simulation against LOG, name the causes of what it gets wrong, extend the rig, and measure the gain.
@@ -80,16 +86,17 @@ def diagnose(
     """
     from vsalog.diagnosis.run import Options
     from vsalog.report.diagnose import diagnosis_document, extra_paths, write_diagnosis
-    from vsalog.report.outputs import inputs_of, keep_inputs, report_paths
+    from vsalog.report.outputs import inputs_of, keep_inputs, report_paths, require_new
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_out
 
     options = Options(rig, joints, settings, rate, time, suggest, start, end, differs)
     extended, experiment = extra_paths(output)
-    written = [*report_paths(output, "diagnosis"), extended, *([experiment] if suggest else [])]
+    written = [*report_paths(output, "diagnosis", page), extended, *([experiment] if suggest else [])]
     keep_inputs(written, inputs_of([*logs, *holdouts], rig))
-    with Progress() as progress, progress.saying_when_compiling():
-        diagnosis, files = write_diagnosis(logs, holdouts, options, output, progress.say)
+    replaced = require_new(written, force, logs)
+    with Progress(replaced) as progress, progress.saying_when_compiling():
+        diagnosis, files = write_diagnosis(logs, holdouts, options, output, progress.say, page)
     print_out(diagnosis_document(diagnosis, files), as_json)
     verdict = diagnosis.verdict
     unchecked = verdict == "consistent as far as checked"

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import rich_click as click
 
-from vsalog.cli.options import LogPath, reading_options, rig_options
+from vsalog.cli import complete
+from vsalog.cli.options import LogPath, force_option, reading_options, rig_options
 from vsalog.cli.pairs import pairs
 from vsalog.estimators.registry import methods
 
@@ -25,6 +26,7 @@ from vsalog.estimators.registry import methods
     show_default=True,
     metavar="NAME",
     help=f"{', '.join(methods())}, or auto: what the signals allow.",
+    shell_complete=complete.names(complete.estimators),
 )
 @click.option(
     "--preset-tuning",
@@ -65,6 +67,7 @@ from vsalog.estimators.registry import methods
     metavar="DIR",
     help="Write the figures as SVG, PNG and PDF too.",
 )
+@force_option
 @reading_options
 @click.option(
     "--from",
@@ -87,6 +90,7 @@ def estimate(
     mcap: Path | None,
     report: Path | None,
     figures: Path | None,
+    force: bool,
     rate: float | None,
     time: str,
     start: str | None,
@@ -98,10 +102,12 @@ def estimate(
 
     Writes LOG.stiffness.parquet (one row per sample and transmission) and LOG.model.toml (the fitted model) to the current
     folder. Several logs make one model and one trace, whose column `run` says which log a row is from.
+
+    Earlier results of the same logs are replaced; other files are written over with --force only.
     """
     from vsalog.estimation.job import Options, prepare
     from vsalog.report.estimate import estimate_document, write_estimate
-    from vsalog.report.outputs import Outputs, inputs_of, keep_inputs
+    from vsalog.report.outputs import Outputs, inputs_of, keep_inputs, require_new
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_out
 
@@ -121,12 +127,14 @@ def estimate(
         raise click.UsageError("name a log, or a trace with --from")
     outputs = Outputs.named(logs, output, mcap, report, figures)
     inputs = [*inputs_of(logs, rig), *([source] if source is not None else [])]
-    keep_inputs([path for path in (outputs.trace, outputs.model, mcap, report) if path is not None], inputs)
+    written = [path for path in (outputs.trace, outputs.model, mcap, report) if path is not None]
+    keep_inputs(written, inputs)
+    replaced = require_new([*written, figures], force, logs)
     if figures is not None:
         from vsalog.figures.paper import check_matplotlib
 
         check_matplotlib()
-    with Progress() as progress:
+    with Progress(replaced) as progress:
         job = prepare(logs, options, progress.say)
         with progress.saying_when_compiling():
             estimates = write_estimate(job, outputs, progress=progress.say)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import rich_click as click
 
+from vsalog.cli import complete
+from vsalog.cli.options import force_option
 from vsalog.cli.pairs import pairs
 
 if TYPE_CHECKING:
@@ -14,14 +16,14 @@ if TYPE_CHECKING:
 
 
 @click.command(short_help="Write a rig as a model for MuJoCo, or as URDF.")
-@click.argument("rig", metavar="RIG|PRESET")
+@click.argument("rig", metavar="RIG|PRESET", shell_complete=complete.names(complete.presets, or_file=True))
 @click.option(
     "--to", "dialect", type=click.Choice(["mjcf", "urdf"]), required=True, help="MuJoCo's XML, or a robot description."
 )
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Write to this file, not to stdout."
 )
-@click.option("--force", is_flag=True, help="Overwrite the output file if it is there.")
+@force_option
 @click.option(
     "--unsupported",
     type=click.Choice(["refuse", "comment"]),
@@ -50,16 +52,18 @@ def export(
     from vsalog.export.run import export as exported
     from vsalog.report.export import export_document
     from vsalog.report.outputs import keep_inputs, require_new
+    from vsalog.report.progress import Progress
     from vsalog.report.terminal import console_for, print_document
-    from vsalog.rig.load import Rig
+    from vsalog.rig.find import given_rig
     from vsalog.writers.atomic import check_path, write_text
 
-    require_new(output, force)
+    replaced = require_new(output, force)
     if output is not None:
         check_path(output)
         keep_inputs([output], [Path(rig)])
-    source = Rig.load(Path(rig) if Path(rig).is_file() else rig).with_settings(settings)
-    model = exported(source, dialect, leave_out=unsupported == "comment")
+    with Progress(replaced):
+        source = given_rig(rig).with_settings(settings)
+        model = exported(source, dialect, leave_out=unsupported == "comment")
     if output is None:
         click.echo(model.text, nl=False)
     else:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import rich_click as click
 
-from vsalog.cli.options import LogPath, reading_options, rig_options
+from vsalog.cli.options import LogPath, force_option, reading_options, rig_options
 
 
 @click.command(short_help="Fit the rig's own numbers to a log, with intervals, and say which of them it tells.")
@@ -19,7 +19,7 @@ from vsalog.cli.options import LogPath, reading_options, rig_options
     show_default=True,
     help="The rig with what was identified.",
 )
-@click.option("--force", is_flag=True, help="Overwrite the output file if it is there.")
+@force_option
 @click.option(
     "--holdout",
     "holdouts",
@@ -75,22 +75,22 @@ def identify(
     from vsalog.identification.run import identify as run
     from vsalog.report.html import page_of
     from vsalog.report.identify import identification_document
-    from vsalog.report.outputs import inputs_of, keep_inputs, require_new
+    from vsalog.report.outputs import inputs_of, keep_inputs, require_new, sealed
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_out
     from vsalog.writers.atomic import check_path, together, write_text
 
-    require_new(output, force)
     written = [output, *([] if report is None else [report])]
     keep_inputs(written, inputs_of([log, *holdouts], rig))
     for path in written:
         check_path(path)
+    replaced = require_new(written, force, [log])
     options = Options(rig, joints, settings, rate, time, start, end, free, fixed)
-    with Progress() as progress, progress.saying_when_compiling():
+    with Progress(replaced) as progress, progress.saying_when_compiling():
         found, identified = run(log, holdouts, options, progress.say)
     document = identification_document(found, {"rig": str(output)})
     with together():
-        write_text(output, identified.to_toml())
+        write_text(output, sealed(identified.to_toml(), [found.log_sha256]))
         if report is not None:
             write_text(report, page_of(document))
     print_out(document, as_json)

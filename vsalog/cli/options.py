@@ -9,6 +9,7 @@ from urllib.parse import unquote, urlsplit
 
 import rich_click as click
 
+from vsalog.cli import complete
 from vsalog.cli.pairs import pairs
 
 
@@ -44,14 +45,40 @@ def rig_options(verb: str, rig: str = RIG, settings: str = SET) -> Callable[[Com
         for option in (
             click.option("--set", "settings", multiple=True, callback=pairs, metavar="KEY=VALUE", help=settings),
             click.option(
-                "--joint", "joints", multiple=True, metavar="NAME", help=f"{verb} this joint only; may be given again."
+                "--joint",
+                "joints",
+                multiple=True,
+                metavar="NAME",
+                help=f"{verb} this joint only; may be given again.",
+                shell_complete=complete.joints,
             ),
-            click.option("--rig", metavar="FILE|PRESET", help=rig),
+            click.option(
+                "--rig",
+                metavar="FILE|PRESET",
+                help=rig,
+                shell_complete=complete.names(complete.presets, or_file=True),
+            ),
         ):
             command = option(command)
         return command
 
     return decorate
+
+
+def page_option(command: Command) -> Command:
+    """Add --report to a command that writes a page anyway, handed on as `page`."""
+    return click.option(
+        "--report",
+        "page",
+        type=click.Path(path_type=Path),
+        metavar="FILE.html",
+        help="Write the page to this file; into the folder of --output when absent.",
+    )(command)
+
+
+def force_option(command: Command) -> Command:
+    """Add --force, handed on as `force`."""
+    return click.option("--force", is_flag=True, help="Write over files that are there, whatever they hold.")(command)
 
 
 def reading_options(command: Command) -> Command:

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import rich_click as click
 
+from vsalog.cli import complete
+from vsalog.cli.options import force_option
 from vsalog.cli.pairs import pairs
 from vsalog.cli.quantity import positive
 
@@ -19,12 +21,16 @@ def _sensors(context: click.Context, parameter: click.Parameter, values: tuple[s
 
 
 @click.command(short_help="Which causes a rig's sensors tell apart, and which sensor or motion tells more.")
-@click.argument("rig", metavar="RIG|PRESET")
-@click.option("--joint", "joints", multiple=True, metavar="NAME", help="Plan for this joint only; may be given again.")
+@click.argument("rig", metavar="RIG|PRESET", shell_complete=complete.names(complete.presets, or_file=True))
+@click.option(
+    "--joint", "joints", multiple=True, metavar="NAME", help="Plan for this joint only; may be given again.",
+    shell_complete=complete.joints,
+)  # fmt: skip
 @click.option(
     "--scenario",
     metavar="NAME|FILE",
     help="The motion to judge: a scenario's name or a TOML file. As for 'vsalog simulate' when absent.",
+    shell_complete=complete.names(complete.scenarios, or_file=True),
 )
 @click.option(
     "--sensor",
@@ -68,7 +74,7 @@ def _sensors(context: click.Context, parameter: click.Parameter, values: tuple[s
 @click.option(
     "--report", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE", help="The plan as a page, too."
 )
-@click.option("--force", is_flag=True, help="Overwrite the scenario if it is there.")
+@force_option
 @click.option("--json", "as_json", is_flag=True, help="Print the plan as one JSON document on stdout.")
 def plan(
     rig: str,
@@ -99,8 +105,8 @@ def plan(
 
     limits = Limits(max_torque, max_speed, max_angle)
     options = Options(joints, settings, scenario, limits, sensors_in_si(sensors))
-    require_new(output, force)
+    replaced = require_new((output, report), force)
     keep_inputs([path for path in (output, report) if path is not None], [Path(rig), Path(scenario or "")])
-    with Progress() as progress, progress.saying_when_compiling():
+    with Progress(replaced) as progress, progress.saying_when_compiling():
         found, files = write_plan(rig, options, output, report, progress.say)
     print_out(plan_document(found, files), as_json)

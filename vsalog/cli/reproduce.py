@@ -6,10 +6,20 @@ from pathlib import Path
 
 import rich_click as click
 
+from vsalog.cli import complete
+from vsalog.cli.options import force_option
+
 
 @click.command(short_help="Print the papers' numbers next to ours.")
-@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=complete.names(complete.reproducible))
 @click.option("--list", "listing", is_flag=True, help="List what there is to reproduce.")
+@click.option(
+    "--report",
+    type=click.Path(path_type=Path),
+    metavar="FILE.html",
+    help="Write the tables as a page, which opens offline.",
+)
+@force_option
 @click.option("--json", "as_json", is_flag=True, help="Print the rows as one JSON document on stdout.")
 @click.option(
     "--plots",
@@ -17,7 +27,9 @@ import rich_click as click
     metavar="DIR",
     help="Write figures like the papers' into this folder, as SVG.",
 )
-def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path | None) -> None:
+def reproduce(
+    names: tuple[str, ...], listing: bool, report: Path | None, force: bool, as_json: bool, plots: Path | None
+) -> None:
     """Simulate what the papers simulate, estimate as they do, and print their numbers next to ours.
 
     NAME is an item of --list, or a paper's name for all of its items; everything when absent. Ours are medians over several
@@ -25,16 +37,22 @@ def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path 
     it is; docs/performance/papers explains them.
     """
     from vsalog.figures.paper import prepare_folder, write_reproduced
+    from vsalog.report.html import page_of
+    from vsalog.report.outputs import require_new
     from vsalog.report.progress import BatchProgress
     from vsalog.report.reproduce import items_document, rows_document
     from vsalog.report.terminal import print_document, print_out
     from vsalog.reproduce.catalogue import select
     from vsalog.reproduce.measure import Study
+    from vsalog.writers.atomic import check_path, write_text
 
     if listing:
         print_document(items_document())
         return
     items = select(names)
+    require_new((plots, report), force)
+    if report is not None:
+        check_path(report)
     if plots is not None:
         prepare_folder(plots, "--plots")
     with BatchProgress("item") as progress:
@@ -49,4 +67,7 @@ def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path 
             progress.now("drawing")
             figures = write_reproduced(plots, [f for r in results.values() for f in r.figures])
     rows = {name: result.rows for name, result in results.items()}
-    print_out(rows_document(items, rows, study.seeds, figures), as_json)
+    document = rows_document(items, rows, study.seeds, figures)
+    if report is not None:
+        write_text(report, page_of(document))
+    print_out(document, as_json)

@@ -8,6 +8,8 @@ import rich_click as click
 from click import get_current_context
 from click.core import ParameterSource
 
+from vsalog.cli import complete
+from vsalog.cli.options import force_option
 from vsalog.cli.pairs import pairs
 from vsalog.cli.quantity import positive
 
@@ -15,12 +17,15 @@ _seconds = positive("s", "a time longer than zero")
 
 
 @click.command(short_help="Play a rig and write what its sensors record, as a log of any format.")
-@click.argument("rig", required=False, metavar="RIG|PRESET")
+@click.argument(
+    "rig", required=False, metavar="RIG|PRESET", shell_complete=complete.names(complete.presets, or_file=True)
+)
 @click.option(
     "--scenario",
     metavar="NAME|FILE",
     help="What drives the joints: a scenario's name or a TOML file (docs/reference/scenarios.md). When absent, the preset's first"
     " experiment, or sines that suit the rig.",
+    shell_complete=complete.names(complete.scenarios, or_file=True),
 )
 @click.option("--list", "listing", is_flag=True, help="List the scenarios and presets that come with vsalog.")
 @click.option(
@@ -75,6 +80,7 @@ _seconds = positive("s", "a time longer than zero")
     help="Ending in .mcap (ROS 2 messages), .bag (ROS 1), .csv or .parquet; without an ending, or with a slash at the end,"
     " the folder of a ROS 2 bag. Else NAME.mcap in the current folder.",
 )
+@force_option
 @click.option("--json", "as_json", is_flag=True, help="Print what was written as one JSON document on stdout.")
 def simulate(
     rig: str | None,
@@ -90,6 +96,7 @@ def simulate(
     actual: dict[str, str],
     truth: bool,
     output: str | None,
+    force: bool,
     as_json: bool,
 ) -> None:
     """Play RIG, a rig file or a preset, and write what its sensors record.
@@ -106,17 +113,19 @@ def simulate(
         return
     if replay is not None:
         _refuse_what_does_nothing(("scenario", "duration", "seed", "ideal", "truth"), "with --replay")
-        _replay(rig, Path(replay), window, rate, settings, actual, output, as_json)
+        _replay(rig, Path(replay), window, rate, settings, actual, output, force, as_json)
         return
     _refuse_what_does_nothing(("window",), "without --replay")
     if rig is None:
         raise click.UsageError("name a rig file or a preset; 'vsalog simulate --list' lists the presets")
     from vsalog.estimation.live import LiveEstimate
+    from vsalog.report.outputs import require_new
     from vsalog.report.progress import Progress
 
     options = Options(scenario, duration, rate, seed, ideal, settings, actual, truth, output)
     with Progress() as progress:
         job = prepare(rig, options)
+        progress.replacing(require_new(job.files.log, force))
         progress.say(f"simulating {job.scenario.file.duration:g} s")
         with progress.saying_when_compiling():
             recording = job.run(LiveEstimate)
@@ -143,8 +152,10 @@ def _replay(
     settings: dict[str, str],
     actual: dict[str, str],
     output: str | None,
+    force: bool,
     as_json: bool,
 ) -> None:
+    from vsalog.report.outputs import require_new
     from vsalog.report.progress import Progress
     from vsalog.report.simulate import replay_document
     from vsalog.report.terminal import console_for, print_data, print_document
@@ -153,6 +164,7 @@ def _replay(
     with Progress() as progress:
         progress.say(f"reading {log.name}")
         job = prepare_replay(rig, log, ReplayOptions(window, rate, settings, actual, output))
+        progress.replacing(require_new(job.files.log, force))
         progress.say(f"replaying {log.name}")
         with progress.saying_when_compiling():
             joints = job.run()

@@ -8,7 +8,7 @@ from typing import Any
 
 import rich_click as click
 
-from vsalog.cli.options import LogPath, reading_options, rig_options
+from vsalog.cli.options import LogPath, force_option, page_option, reading_options, rig_options
 
 
 class Percent(click.FloatRange):
@@ -20,6 +20,21 @@ class Percent(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value} is no threshold: a number of per cent is needed", param, ctx)
         return number
+
+
+def _in_order(model: Path, logs: tuple[Path, ...]) -> tuple[Path, tuple[Path, ...], bool]:
+    """Return the model and the logs, and whether they were given the other way round."""
+    from vsalog.core.errors import ReadError
+    from vsalog.core.model import ModelFile
+
+    there = [path for path in logs if path.suffix == ".toml"]
+    if model.suffix == ".toml" or len(there) != 1:
+        return model, logs, False
+    try:
+        ModelFile.load(there[0])
+    except (ReadError, RecursionError):
+        return model, logs, False
+    return there[0], (model, *(path for path in logs if path is not there[0])), True
 
 
 @click.command(short_help="Hold a fitted model against other experiments: does it hold there?")
@@ -56,6 +71,8 @@ class Percent(click.FloatRange):
     help="Folder for report.json and report.html; the current one when absent.",
 )
 @click.option("--figures", type=click.Path(path_type=Path), metavar="DIR", help="The figures as SVG, PNG and PDF too.")
+@page_option
+@force_option
 @click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON document on stdout.")
 @click.pass_context
 def validate(
@@ -74,15 +91,18 @@ def validate(
     max_msrep: float | None,
     output: Path | None,
     figures: Path | None,
+    page: Path | None,
+    force: bool,
     as_json: bool,
 ) -> None:
     """Judge MODEL, a LOG.model.toml that 'vsalog estimate' wrote, by other experiments: the LOGs.
 
     The model is frozen. Its flexibility torque is held against the torque sensor; where there is none, against the residual of
-    the motor equation. What lies outside the region the model was fitted in is judged apart. Writes report.json and report.html.
+    the motor equation. Its stiffness is held against a simulator's truth in the log, else against the rig's nominal one. What
+    lies outside the region the model was fitted in is judged apart. Writes report.json and report.html.
     """
     from vsalog.figures.paper import check_matplotlib
-    from vsalog.report.outputs import inputs_of, keep_inputs, report_paths
+    from vsalog.report.outputs import inputs_of, keep_inputs, report_paths, require_new
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_out
     from vsalog.report.validate import report_document, write_validation
@@ -90,10 +110,15 @@ def validate(
 
     if figures is not None:
         check_matplotlib()
+    model, logs, swapped = _in_order(model, logs)
     options = Options(rig, joints, settings, rate, time, modalities, max_nrmse, max_msrep, start, end)
-    keep_inputs(report_paths(output, "report"), [model, *inputs_of(logs, rig)])
-    with Progress() as progress, progress.saying_when_compiling():
-        report, files = write_validation(model, logs, options, output, figures, progress.say)
+    written = report_paths(output, "report", page)
+    keep_inputs(written, [model, *inputs_of(logs, rig)])
+    replaced = require_new([*written, figures], force, logs)
+    with Progress(replaced) as progress, progress.saying_when_compiling():
+        if swapped:
+            progress.note(f"{model} is the model, and is judged by {', '.join(map(str, logs))}")
+        report, files = write_validation(model, logs, options, output, figures, progress.say, page)
     print_out(report_document(report, files), as_json)
     if any(not threshold.met for threshold in report.thresholds):
         context.exit(3)

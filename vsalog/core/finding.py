@@ -65,11 +65,13 @@ class Text:
         "1 row" or "2 rows"
     advice : what to do, or what follows from it, sentences too
     false_alarm : probability with which it is found of a joint or a channel where it is not so; None where none is derived
+    explains : codes of what may follow from it: told with it, in one sentence
     """
 
     says: str
     advice: str = ""
     false_alarm: float | None = None
+    explains: tuple[str, ...] = ()
 
 
 def of_log(log: str, findings: Iterable[Finding]) -> list[Finding]:

@@ -5,6 +5,7 @@ Texts of codes that a check alone gives stand in its file.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 from string import Formatter
 from typing import Any
@@ -264,6 +265,14 @@ TEXTS: dict[str, Text] = {
         "the torque of transmission {part} is measured {value:.4g} times as large as predicted.",
         "However small that is against the torque's span, it is another spring, or another gain of the sensor.",
     ),
+    "validation.stiffness_by_truth": Text(
+        "the stiffness of transmission {part} is {value:.3g} % (rms, 95 %: {low:.3g} to {high:.3g} %) off the log's true one.",
+        "Up to {limit:g} % it holds.",
+    ),
+    "validation.stiffness_by_nominal": Text(
+        "the stiffness of transmission {part} is {value:.3g} % (rms, 95 %: {low:.3g} to {high:.3g} %) off the rig's nominal one.",
+        "Up to {limit:g} % they agree; beyond, the spring or the rig is another one, and this does not tell which.",
+    ),
     "validation.inside_region": Text(
         "{value:.2%} of the log lies in the region that the model was fitted in, and no sample that can be judged lies outside."
     ),
@@ -522,6 +531,38 @@ def by_severity(findings: Iterable[Finding]) -> tuple[tuple[Severity, str], ...]
         own = joints.setdefault((finding.severity, sentence(finding, joint=False)), {})
         own |= {finding.joint: None} if finding.joint else {}
     return tuple((severity, _of_joints(names, words)) for (severity, words), names in joints.items())
+
+
+def merged(findings: Iterable[Finding]) -> tuple[tuple[Severity, str], ...]:
+    """Return sentences for people, each with its severity: one for all that has one cause.
+
+    What a finding explains of the same joint is named behind it, but for what invalidates; what several joints have alike but
+    for its numbers is told of all of them with the numbers of the first.
+    """
+    every = list(findings)
+    told, seen = dict[tuple[object, ...], list[Finding]](), Counter[tuple[object, ...]]()
+    for finding in every:
+        if not any(_may_follow(finding, cause) for cause in every):
+            about = (finding.severity, finding.code, finding.log, finding.part)
+            # A second one of the same joint is another one.
+            seen[about, finding.joint] += 1
+            told.setdefault((*about, bool(finding.joint), seen[about, finding.joint]), []).append(finding)
+    out = dict[tuple[Severity, str], None]()
+    for alike in told.values():
+        first = alike[0]
+        follow = {f.code: None for one in alike for f in every if _may_follow(f, one)}
+        words = [_of_joints(dict.fromkeys(f.joint for f in alike if f.joint), sentence(first, joint=False))]
+        if len({sentence(f, joint=False) for f in alike}) > 1:
+            words.append(f"The numbers are those of joint '{first.joint}'.")
+        if follow:
+            words.append(f"What else is odd may follow from it: {', '.join(follow)} (docs/findings.md).")
+        out[first.severity, " ".join(words)] = None
+    return tuple(out)
+
+
+def _may_follow(finding: Finding, cause: Finding) -> bool:
+    alike = finding.joint == cause.joint and (finding.log == cause.log or not finding.log or not cause.log)
+    return alike and finding.severity != "invalidates" and finding.code in TEXTS[cause.code].explains
 
 
 def _of_joints(names: Collection[str], words: str) -> str:

@@ -5,6 +5,7 @@ Frozen, it is what a second experiment is validated against (Flacco 2012 §8).
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,9 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from vsalog.core.basis import PolynomialBasis, linear
 from vsalog.core.errors import EstimatorError, ReadError
+from vsalog.core.region import inside_region
 from vsalog.core.toml import parse_toml
 
 Array = NDArray[np.float64]
+
+
+class OutsideRegionWarning(UserWarning):
+    """A model was evaluated where it was not fitted."""
 
 
 class _Base(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -83,9 +89,12 @@ class JointModel(_Base, frozen=True):
     motor: dict[str, float] = {}
 
     def flexibility_torque(
-        self, name: str, phi: ArrayLike, setpoint: ArrayLike | None = None, loading: ArrayLike | None = None
-    ) -> tuple[Array, Array]:
+        self, name: str, phi: ArrayLike, setpoint: ArrayLike | None = None, loading: ArrayLike | None = None,
+        extrapolate: bool = False,
+    ) -> tuple[Array, Array]:  # fmt: skip
         """Evaluate τ_e of a transmission and its standard deviation [N·m], each of shape (N,).
+
+        Outside of the region it was fitted in there is NaN, with an `OutsideRegionWarning`.
 
         Parameters
         ----------
@@ -93,24 +102,50 @@ class JointModel(_Base, frozen=True):
         phi : shape (N,) [rad]
         setpoint : shape (N,) or one number, SI; needed where the basis has one
         loading : shape (N,) or one, which branch; loading everywhere when absent
+        extrapolate : evaluate it outside of that region too, where the standard deviation says little of the error
 
         Raises
         ------
         EstimatorError
             There is no such transmission, the set-point is missing, or the shapes do not fit together.
         """
-        return self.torque_and_stiffness(name, phi, setpoint, loading)[0]
+        found = self.torque_and_stiffness(name, phi, setpoint, loading)[0]
+        return found if extrapolate else self._inside(name, phi, setpoint, found)
 
     def stiffness(
-        self, name: str, phi: ArrayLike, setpoint: ArrayLike | None = None, loading: ArrayLike | None = None
-    ) -> tuple[Array, Array]:
+        self, name: str, phi: ArrayLike, setpoint: ArrayLike | None = None, loading: ArrayLike | None = None,
+        extrapolate: bool = False,
+    ) -> tuple[Array, Array]:  # fmt: skip
         """Evaluate σ = ∂τ_e/∂φ of a transmission and its standard deviation [N·m/rad], as `flexibility_torque` does."""
-        return self.torque_and_stiffness(name, phi, setpoint, loading)[1]
+        found = self.torque_and_stiffness(name, phi, setpoint, loading)[1]
+        return found if extrapolate else self._inside(name, phi, setpoint, found)
+
+    def _inside(
+        self, name: str, phi: ArrayLike, setpoint: ArrayLike | None, found: tuple[Array, Array]
+    ) -> tuple[Array, Array]:
+        """Return values with NaN outside of the region, and warn of them."""
+        part = next(t for t in self.transmission if t.name == name)
+        at = np.broadcast_to(np.asarray(phi, dtype=np.float64), found[0].shape)
+        c = None if setpoint is None else np.broadcast_to(np.asarray(setpoint, dtype=np.float64), at.shape)
+        inside = inside_region(part.region, at, c)
+        outside = np.count_nonzero(~inside & np.isfinite(at))
+        if outside:
+            ends = [f"{min(x):.4g} to {max(x):.4g}" for x in zip(*part.region, strict=True)]
+            bounds = " and ".join(
+                f"{what} {span}" for what, span in zip(("deflection", "set-point"), ends, strict=False)
+            )
+            warnings.warn(
+                f"transmission '{name}': {outside} of {at.size} points are outside of the region the model was fitted in"
+                f" ({bounds or 'it has none'}), and NaN there; extrapolate=True evaluates it all the same",
+                OutsideRegionWarning,
+                stacklevel=3,
+            )
+        return np.where(inside, found[0], np.nan), np.where(inside, found[1], np.nan)
 
     def torque_and_stiffness(
         self, name: str, phi: ArrayLike, setpoint: ArrayLike | None = None, loading: ArrayLike | None = None
     ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """Evaluate both in one go, each with its standard deviation, as `flexibility_torque` does."""
+        """Evaluate both in one go, each with its standard deviation, as `flexibility_torque` does, also outside of the region."""
         part = next((t for t in self.transmission if t.name == name), None)
         if part is None:
             known = ", ".join(f"'{t.name}'" for t in self.transmission)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from vsalog.core.progress import counted
 from vsalog.core.significance import INTERVAL, SIGNIFICANCE
 from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.discrepancy import Weights, left_out, weighted_by
@@ -126,7 +127,7 @@ def isolations(problem: Problem, system: System, only: Collection[tuple[str, str
         return []
     race = race_of(problem, system)
     assumed = [v for v in _assumed(race.linear.variants) if only is None or v.site.key in only]
-    return [race.isolation(v) for v in assumed]
+    return [race.isolation(v) for v in counted("isolations", assumed)]
 
 
 def _hypotheses(problem: Problem, system: System) -> list[Site]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.precision import ROUNDING
+from vsalog.core.progress import counted
 from vsalog.diagnosis.causes.base import Parameter, Remainder, Setting, Site
 from vsalog.diagnosis.priors import deviation_of
 from vsalog.diagnosis.subsets import SAME_SCORE, Candidates
@@ -257,7 +258,8 @@ def columns_of(
 
     first = np.concatenate([[0], np.cumsum([len(v.free) for v in variants])]).astype(np.int64)
     columns, now, changes = np.empty((*here.shape, int(first[-1]))), np.zeros(int(first[-1])), dict[int, Array]()
-    for g, (variant, own) in enumerate(zip(variants, each(made, variants), strict=True)):
+    found = zip(variants, each(made, variants), strict=True)
+    for g, (variant, own) in enumerate(counted("equations", found, len(variants))):
         if variant.instead:
             changes[g] = own
             continue

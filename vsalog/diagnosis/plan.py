@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from dataclasses import replace as changed
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -18,6 +17,7 @@ from msgspec.structs import replace
 
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.core.errors import DiagnosisError, UnitError, VsalogError, did_you_mean
+from vsalog.core.progress import counted
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import SIGNIFICANCE
 from vsalog.core.units import parse_quantity
@@ -38,6 +38,7 @@ from vsalog.residuals.kinds import balance_for
 from vsalog.residuals.sensing import at_joint, bare
 from vsalog.residuals.system import System, build_system
 from vsalog.rig import Rig
+from vsalog.rig.find import given_rig
 from vsalog.rig.roles import ROLE_UNITS, Signal, role_units
 from vsalog.rig.schema import RigidJoint
 from vsalog.simulation.experiment import Experiment
@@ -173,7 +174,7 @@ def plan(source: str, options: Options, progress: Progress = lambda _: None) -> 
     VsalogError
         The rig or the scenario cannot be used, or nothing can be planned for its only joint.
     """
-    rig = Rig.load(Path(source) if Path(source).is_file() else source).with_settings(options.set)
+    rig = given_rig(source).with_settings(options.set)
     wanted = pick_joints(rig.joints, options.joints)
     _require_known(wanted, options.sensors)
     scenario = planned(Scenario.find(options.scenario, rig.file), rig, wanted)
@@ -405,7 +406,7 @@ def _with_sensors(
 ) -> tuple[list[Confused], list[str]]:
     """Return the classes with the cheapest sensor that splits each, and the sensors that could be judged."""
     found, tried = dict[int, str](), list[str]()
-    for role, joint in lacking.items():
+    for role, joint in counted("sensors", lacking.items(), len(lacking), at_most=True):
         left = {
             one.site.key for i, c in enumerate(classes) if i not in found and c.kind != "richer" for one in c.causes
         }

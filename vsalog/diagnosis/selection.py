@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import expit, logsumexp
 
 from vsalog.core.dependence import LEAST_BLOCKS
+from vsalog.core.progress import counted
 from vsalog.core.significance import SIGNIFICANCE
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Remainder, Setting, Site
@@ -223,7 +224,7 @@ def _settled(
     problem: Problem, stage: Stage, sites: Sequence[Site], blocks: Integers, best: Posterior | None = None
 ) -> tuple[Stage, Posterior, bool]:
     """Search, from `best` on, until the best set stays the same; return the equations about it, it, and whether it did."""
-    for _ in range(ITERATIONS):
+    for _ in counted("causes", range(ITERATIONS), at_most=True):
         found = _best(problem, stage, best)
         if best is not None and found.keys == best.keys and found.score > best.score - SETTLED:
             return stage, found, True

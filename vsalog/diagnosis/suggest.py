@@ -23,6 +23,7 @@ from scipy.optimize import least_squares
 
 from vsalog.binding.joint import bind
 from vsalog.core.errors import DiagnosisError, VsalogError
+from vsalog.core.progress import counted
 from vsalog.diagnosis.experiment_design import DESIGN
 from vsalog.diagnosis.joint import JointDiagnosis, Progress
 from vsalog.diagnosis.linear import placed
@@ -158,7 +159,8 @@ class Bench:
         whole = self.rig.file
         file = with_fields(whole, joint={**whole.joint, self.subject.name: self.subject.extended})
         played, why = list[Played](), None
-        for candidate in candidates(self.subject.name, self.subject.extended, file, self.seen, self.period):
+        every = list(candidates(self.subject.name, self.subject.extended, file, self.seen, self.period))
+        for candidate in counted("experiments", every):
             try:
                 one = self._tried(plain, candidate, payload, questions, False)
             except VsalogError as error:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.correlation import correlation_time
 from vsalog.core.errors import SimulationError
+from vsalog.core.progress import counted
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.gain import PARTS
 from vsalog.diagnosis.linear import Placed, Variant, columns_of, placed, with_unknowns
@@ -76,7 +77,7 @@ def refined(selection: Selection, windows: Windows) -> Selection:
     if far and not loop:
         return selection
     best, shot, J = _simplified(best, windows, shot, J)
-    for _ in range(ITERATIONS):
+    for _ in counted("trajectories", range(ITERATIONS), at_most=True):
         if np.max(_squares(shot, windows)) <= WITHIN:
             break
         other = _searched(best, windows, shot)
@@ -103,7 +104,7 @@ def _by_loop(selection: Selection, windows: Windows) -> tuple[Selection, Shot, A
     problem = selection.problem
     here = replace(selection, posterior=most_probable(problem, selection.weights, ()))
     here, shot, J = _fitted(here, windows)
-    for _ in range(ITERATIONS):
+    for _ in counted("trajectories", range(ITERATIONS), at_most=True):
         if np.max(_squares(shot, windows)) <= WITHIN:
             break
         other = _searched(here, windows, shot, equations=False)
@@ -138,7 +139,7 @@ def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Ar
     # Equations say how far the values are from their own; the rig, how far they are from its own.
     now = posterior.linear.now if loop else np.zeros(prior.shape[0])
     away, information, columns = np.zeros(prior.shape[0]), np.zeros_like(prior), np.zeros(0)
-    for _ in range(ITERATIONS):
+    for _ in counted("trajectories", range(ITERATIONS), at_most=True):
         weights = weights_of(shot, windows)
         slopes = by_states(placed(joint, fit), windows, shot)
         bases = bases_of(slopes)

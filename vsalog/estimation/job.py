@@ -35,7 +35,7 @@ from vsalog.estimation.missing_channels import without_channels
 from vsalog.estimators.device import device_of
 from vsalog.readers import Reader, open_reader, read
 from vsalog.rig import Rig
-from vsalog.rig.find import find_rig
+from vsalog.rig.find import find_rig, tell_rig
 from vsalog.rig.guess import guess_roles
 from vsalog.rig.template import rig_template
 
@@ -184,6 +184,7 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
         read_all = _read_all(logs, [None] * len(logs), options, progress, opened)
         rig, remarks = _guess(of_recording(read_all[0]))
         guessed = True
+        tell_rig(rig, "guessed", _path(logs[0]))
         findings.add(*remarks)
     rig = rig.with_settings({key: value for key, value in options.set.items() if key != "setpoint"})
     rig, setpoints = _setpoints(rig, options.set.get("setpoint"), len(logs))

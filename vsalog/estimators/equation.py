@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.region import NEGLIGIBLE_SHARE as NEGLIGIBLE_SHARE
 from vsalog.estimators.device import TransmissionView
 from vsalog.filters.conditioning import Conditioned
 from vsalog.uncertainty.errors_in_variables import RegressorNoise
@@ -23,8 +24,6 @@ REPORTED_CHANGE = 0.03
 # What a fit or a filter leaves of a torque, an angle, a rate or a stiffness is reported beyond this share of it [1]: sensors are
 # hardly truer.
 REPORTED_MISFIT = 0.05
-# What is below this share of a torque, a range or the time does not matter [1].
-NEGLIGIBLE_SHARE = 0.01
 # What holds for less than this share of a log does not hold for the log [1].
 MOST_OF_LOG = 0.5
 # Unknown of an equation: the part by which its torque reads too much.

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from vsalog.core.progress import counted
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 
@@ -28,8 +29,8 @@ def fold_over(fold: Fold, signals: JointSignals, block: int, give: Callable[[Tra
     give : takes the blocks in order
     """
     state = fold.start()
-    for left in range(fold.passes - 1, -1, -1):
-        for part in signals.blocks(block):
+    for left in counted("estimate", range(fold.passes - 1, -1, -1)):
+        for part in counted("estimate", signals.blocks(block), -(-len(signals) // block)):
             state, traces = fold.step(state, part)
             if not left:
                 for trace in traces:

@@ -20,6 +20,7 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from vsalog.core.errors import SimulationError
+from vsalog.core.progress import counted
 from vsalog.core.significance import SIGNIFICANCE
 from vsalog.diagnosis.trajectory import bases_of, projected, weights_of
 from vsalog.identification.lever import bound_by
@@ -183,7 +184,7 @@ class _Search:
         values = np.clip(values, self.low, self.high)
         objective = _Objective(self.joint, self.unknowns, windows, values, self.lever)
         tolerance = EFFORT.search if windows is self.few else EFFORT.tolerance / objective.cost_of_noise
-        for _ in range(rounds):
+        for _ in counted("fit", range(rounds)):
             values = objective.least(values, tolerance)
             objective.weigh(values)
         return objective.fit(values)
@@ -245,11 +246,13 @@ class _Objective:
         """Return the values that make it least, from some: a step promises less than a part of it, or gained less."""
 
         def jacobian(values: Array) -> Array:
+            next(evaluations, None)
             J, rows = self.jacobian(values), self.residual(values)
             if _reached(J, rows) < tolerance * np.square(rows).sum():
                 raise _SettledError(values)
             return J
 
+        evaluations = counted("fit", range(EFFORT.evaluations), at_most=True)
         try:
             # With errors of the simulation's own, steps that promise nothing are shortened again and again.
             return np.asarray(
@@ -260,6 +263,8 @@ class _Objective:
             )  # fmt: skip
         except _SettledError as there:
             return there.values
+        finally:
+            evaluations.close()
 
     def residual(self, values: Array) -> Array:
         """Return the weighed errors, and the unknowns, shape (n + p,); no step goes where nothing can be simulated."""

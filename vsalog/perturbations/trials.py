@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from vsalog.core.column import PART
 from vsalog.core.finding import Finding
 from vsalog.core.model import JointModel
+from vsalog.core.progress import counted
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import INTERVAL
 from vsalog.core.trace import Trace
@@ -166,7 +167,7 @@ def run_trials(subject: Subject, perturbations: Sequence[Perturbation], base: Es
     if len(part.signals) < len(subject.signals):
         base = None
     shifts = {}
-    for perturbation in perturbations:
+    for perturbation in counted("perturbations", perturbations):
         trials = perturbation.trials(part)
         if trials is not None:
             base = base or run(part.fold, part.signals)

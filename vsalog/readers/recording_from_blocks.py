@@ -10,6 +10,7 @@ from vsalog.core.finding import Finding, Findings
 from vsalog.core.finding_texts import sentence
 from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.core.printable import plural
+from vsalog.core.progress import Advanced, tell
 from vsalog.core.recording import Channel, Recording, Stamps, Stream, Values
 from vsalog.readers.base import Reader
 from vsalog.readers.compression import FILE_RATIO
@@ -32,7 +33,7 @@ def _gather(path: Path, reader: Reader, wanted: Collection[str] | None, room: in
     in_file = False
     # An hour at rest is packed into next to nothing.
     size, most = 0, max(2 * AT_ONCE_BYTES, FILE_RATIO * _bytes_of(path))
-    absurd = 0
+    absurd = told = seen = 0
     for block in reader.blocks(wanted):
         block, lost = within_reach(block)
         absurd += lost
@@ -51,7 +52,11 @@ def _gather(path: Path, reader: Reader, wanted: Collection[str] | None, room: in
             in_file = True
             for each in gathered.values():
                 each.to_file()
+        told += 0 if one.count else block.expected
         one.add(block)
+        seen += rows
+        if told:
+            tell(Advanced("reading", min(seen / told, 1.0)))
     if not any(one.count for one in gathered.values()):
         if absurd:
             raise ReadError(f"the times of all samples {BEYOND}", path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -13,11 +14,12 @@ from vsalog.comparison.run import Comparison, Row, Run
 from vsalog.core.finding_texts import sentences_of
 from vsalog.core.notation import between, number, percent, transmission_title
 from vsalog.core.trace import Trace
+from vsalog.estimation.job import Job
 from vsalog.figures.chart import Chart
 from vsalog.figures.decimation import one_after_the_other
 from vsalog.figures.joint_figures import columns_for
 from vsalog.figures.time_series import stiffnesses_chart
-from vsalog.report.document import Block, Document, Figures, Notes, Section, Table, Words
+from vsalog.report.document import Block, Document, Figures, Notes, Section, Table, Words, provenance
 
 Array = NDArray[np.float64]
 
@@ -52,7 +54,16 @@ def comparison_document(found: Comparison, runs: Sequence[Run] = (), references:
     items += [Words(MEANING), Notes(found.findings)]
     for what, reasons in (("left out", found.left_out), ("failed", found.failed)):
         items += [Words(f"{what}: {name}: {said.removeprefix(f'{name}: ')}") for name, said in reasons.items()]
+    if runs:
+        items.append(_provenance(runs[0].job))
     return Document(f"Estimators on {', '.join(found.logs)}", "Comparison", tuple(items), found)
+
+
+def _provenance(job: Job) -> Section:
+    origin = job.provenance()
+    inputs: dict[str, str] = json.loads(origin["vsalog.input"])
+    pairs = [(f"log {name}", f"SHA-256 {digest}") for name, digest in inputs.items()]
+    return provenance([*pairs, ("vsalog", origin["vsalog.version"])], origin["vsalog.rig"])
 
 
 def _table(joint: str, rows: Sequence[Row]) -> Table:

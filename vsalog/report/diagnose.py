@@ -32,7 +32,7 @@ from vsalog.report.diagnosis_sentences import (
 from vsalog.report.document import TONES, Block, Cell, Document, Facts, Figures, Notes, Section, Source, Table, Words
 from vsalog.report.experiment import FILE as EXPERIMENT
 from vsalog.report.experiment import scenario_text
-from vsalog.report.outputs import write_report
+from vsalog.report.outputs import sealed, write_report
 
 
 def diagnosis_document(
@@ -78,6 +78,7 @@ def write_diagnosis(
     options: Options,
     folder: Path | None,
     progress: Callable[[str], None] = lambda _: None,
+    page: Path | None = None,
 ) -> tuple[Diagnosis, dict[str, str]]:
     """Diagnose a log and write what was found.
 
@@ -86,6 +87,7 @@ def write_diagnosis(
     log, holdout, options : of `vsalog.diagnosis.run.diagnose`
     folder : where to; the current one when absent
     progress : called with the step that begins
+    page : where the page goes, where not to that folder
 
     Returns
     -------
@@ -101,7 +103,7 @@ def write_diagnosis(
     progress("writing the report")
     extended = None if outcome.extended is None else outcome.extended.to_toml()
     scenario = None if outcome.proposed is None else scenario_text(outcome.proposed)
-    return found, diagnosis_files(found, outcome.evidence, extended, folder, scenario)
+    return found, diagnosis_files(found, outcome.evidence, extended, folder, scenario, page)
 
 
 def _logs(found: Diagnosis) -> Iterator[Section]:
@@ -145,6 +147,7 @@ def diagnosis_files(
     extended: str | None,
     folder: Path | None,
     scenario: str | None = None,
+    page: Path | None = None,
 ) -> dict[str, str]:
     """Write all of it: `diagnosis.json`, `diagnosis.html`, `extended.rig.toml` and `next.scenario.toml`.
 
@@ -156,6 +159,7 @@ def diagnosis_files(
         there from before is never deleted, and said to be old
     folder : where to; the current one when absent
     scenario : the experiment that is proposed, as TOML; None where none is
+    page : where the page goes, where not to that folder
 
     Returns
     -------
@@ -172,10 +176,10 @@ def diagnosis_files(
         # What a log is called must not end the comment that says where the rig comes from.
         causes = ", ".join(f"{c.cause} in joint {c.joint}" for c in found.causes)
         heading = printable(f"# Extended by vsalog {found.vsalog} with what {found.log} shows: {causes}")
-        others["extended rig"] = rig, f"{heading}\n{extended}"
+        others["extended rig"] = rig, sealed(f"{heading}\n{extended}", [found.log_sha256])
     if scenario is not None:
-        others["next experiment"] = experiment, scenario
-    files = write_report(diagnosis_document(found, {}, evidence, extended), folder, "diagnosis", others)
+        others["next experiment"] = experiment, sealed(scenario, [found.log_sha256])
+    files = write_report(diagnosis_document(found, {}, evidence, extended), folder, "diagnosis", others, page)
     if extended is None and rig.exists():
         was = "is from before and was left as it is: this diagnosis found nothing to extend the rig by."
         files["note"] = f"{rig} {was}"

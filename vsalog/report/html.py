@@ -15,7 +15,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from vsalog.core.finding_texts import by_severity
+from vsalog.core.finding_texts import merged
 from vsalog.core.printable import printable
 from vsalog.figures.chart import chart_data
 from vsalog.report.document import SEVERITIES, Document, charts_in
@@ -38,7 +38,7 @@ def _templates() -> Environment:
         loader=PackageLoader("vsalog.report"), autoescape=True, undefined=StrictUndefined, finalize=_printed,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    templates.filters |= {"chart": chart_data, "by_severity": by_severity}
+    templates.filters |= {"chart": chart_data, "merged": merged}
     templates.globals |= {"asset": lambda file: Markup(_asset(file)), "severities": SEVERITIES}
     templates.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     return templates

@@ -1,15 +1,22 @@
-"""Where results go: the files of a run, named before anything is done, never what is read, and all written or none."""
+"""Where results go: the files of a run, named before anything is done, never what is read, and all written or none.
+
+A file that is there is written over where `--force` asks for it, or where it is an earlier result of the same logs: one that
+holds their SHA-256. What people edit, as rigs, is sealed: edited, it is no result any more.
+"""
 
 from __future__ import annotations
 
+import mmap
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256 as hashed
 from pathlib import Path
 
 from vsalog.core.documents import document_text
 from vsalog.core.errors import WriteError
+from vsalog.estimation.job import sha256
 from vsalog.report.document import Document
 from vsalog.report.html import page_of
 from vsalog.rig.find import rig_beside
@@ -78,14 +85,26 @@ def _stem(log: Path) -> str:
     return name if log.is_dir() else Path(name).stem
 
 
-def report_paths(folder: Path | None, name: str) -> tuple[Path, Path]:
-    """Return where the page and the data of a report go: the current folder when absent."""
+def report_paths(folder: Path | None, name: str, page: Path | None = None) -> tuple[Path, Path]:
+    """Return where the page and the data of a report go: to a folder, the current one when absent; the page where asked for.
+
+    Raises
+    ------
+    WriteError
+        The page cannot be written there.
+    """
+    if page is not None:
+        check_path(page)
     where = Path() if folder is None else folder
-    return where / f"{name}.html", where / f"{name}.json"
+    return page or where / f"{name}.html", where / f"{name}.json"
 
 
 def write_report(
-    document: Document, folder: Path | None, name: str, others: Mapping[str, tuple[Path, str]] | None = None
+    document: Document,
+    folder: Path | None,
+    name: str,
+    others: Mapping[str, tuple[Path, str]] | None = None,
+    page: Path | None = None,
 ) -> dict[str, str]:
     """Write a document as a page and its data as JSON, and other texts along with them: all of it or nothing.
 
@@ -95,6 +114,7 @@ def write_report(
     folder : which is made; the current one when absent
     name : of both files, without an ending
     others : what each is, its path in that folder, and its text
+    page : where the page goes, where not to that folder
 
     Returns
     -------
@@ -105,9 +125,9 @@ def write_report(
     WriteError
         A file cannot be written.
     """
-    page, data = report_paths(folder, name)
+    page, data = report_paths(folder, name, page)
     texts = {"report": (page, page_of(document)), "data": (data, document_text(document.data)), **(others or {})}
-    make_folder(page.parent)
+    make_folder(data.parent)
     for path, _ in texts.values():
         check_path(path)
     with together():
@@ -124,16 +144,75 @@ def inputs_of(logs: Iterable[Path], rig: str | Path | None = None) -> list[Path]
     return [*logs, *parts, *(path for path in rigs if path is not None)]
 
 
-def require_new(output: Path | None, force: bool) -> None:
-    """Refuse to write over a file that is there.
+SEAL = "# vsalog: written by vsalog, SHA-256 of the lines above and of the logs: "
+
+
+def sealed(text: str, logs: Iterable[str]) -> str:
+    """Return a TOML text with a last line by which it is known again as long as nobody edits it.
+
+    Parameters
+    ----------
+    text : of a rig or a scenario
+    logs : SHA-256 of each log that it comes from
+    """
+    return f"{text}{SEAL}{' '.join([_digest(text), *logs])}\n"
+
+
+def require_new(
+    outputs: Path | Iterable[Path | None] | None, force: bool, logs: Sequence[Path] = ()
+) -> tuple[Path, ...]:
+    """Refuse to write over files that are there, but for earlier results of the same logs.
+
+    Parameters
+    ----------
+    outputs : files, or folders of figures
+    force : write over them in any case
+    logs : that a run reads; none where its results are of no log
+
+    Returns
+    -------
+    The files that will be written over.
 
     Raises
     ------
     WriteError
-        It is there, and `force` is not given.
+        One is there, is no such result, and `force` is not given.
     """
-    if output is not None and output.exists() and not force:
-        raise WriteError(f"{output}: is there already; --force overwrites it, another name keeps both")
+    named = [outputs] if outputs is None or isinstance(outputs, Path) else outputs
+    there = tuple(path for path in named if path is not None and _holds_something(path))
+    if not there or force:
+        return there
+    digests = [sha256(log).encode() for log in logs if log.exists()]
+    for path in there:
+        if path.is_dir():
+            raise WriteError(
+                f"{path}: is a folder that holds files already; --force writes into it, another name keeps both"
+            )
+        if not digests or len(digests) < len(logs) or not _is_result(path, digests):
+            results = " and is no unchanged result of the same log" if logs else ""
+            raise WriteError(f"{path}: is there already{results}; --force overwrites it, another name keeps both")
+    return there
+
+
+def _holds_something(path: Path) -> bool:
+    """Tell whether there is something to be lost; what is neither a file nor a folder is refused elsewhere."""
+    return any(path.iterdir()) if path.is_dir() else path.is_file()
+
+
+def _is_result(path: Path, digests: Sequence[bytes]) -> bool:
+    """Tell whether a file holds the digests of all logs, and its seal, where it has one, is whole."""
+    try:
+        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            if any(content.find(digest) < 0 for digest in digests):
+                return False
+            seal = content.rfind(SEAL.encode())
+            return seal < 0 or content[seal + len(SEAL.encode()) :].split()[:1] == [_digest(content[:seal]).encode()]
+    except (OSError, ValueError):  # it cannot be read, or is empty
+        return False
+
+
+def _digest(text: str | bytes) -> str:
+    return hashed(text.encode() if isinstance(text, str) else text).hexdigest()
 
 
 def keep_inputs(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:

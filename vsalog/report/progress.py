@@ -1,72 +1,185 @@
-"""What a command does while it works, on stderr: a batch by a bar on a terminal, and by a line now and then elsewhere."""
+"""What a command does while it works, on stderr: a bar on a terminal, and elsewhere a line now and then."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, ExitStack
+from pathlib import Path
 from types import TracebackType
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, ProgressColumn, SpinnerColumn, Task, TaskID, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
-from rich.status import Status
+from rich.table import Column
+from rich.text import Text
 
 from vsalog.core.notation import duration
 from vsalog.core.printable import plural, printable
+from vsalog.core.progress import Advanced, watched
+from vsalog.core.units import shown
+from vsalog.report.compiling import ANNOUNCED, Compiling, compiling
+from vsalog.report.rigs import rig_words, unused_rigs_words
+from vsalog.report.verbosity import Verbosity, verbosity
+from vsalog.rig.find import RigFound
 
 LINE_INTERVAL = 30.0
 """Seconds between two lines of progress where there is no terminal: a job's log stays short, and shows that work goes on."""
 
+STEPS = {
+    "causes": "searching the sets of causes",
+    "checks": "checking signals and residuals",
+    "equations": "linearising the equations",
+    "estimate": "filtering",
+    "experiments": "simulating candidates",
+    "fit": "iterating",
+    "isolations": "assuming each cause in turn",
+    "modalities": "",
+    "perturbations": "perturbing the estimate",
+    "reading": "",
+    "recording_faults": "looking for faults of the recording",
+    "sensors": "simulating candidates",
+    "simulation": "",
+    "trajectories": "fitting trajectories",
+    "warm": "",
+    "writing": "",
+}
+"""The words of the steps that `vsalog.core.progress` tells of."""
+
+
+class _Left(ProgressColumn):
+    """How long a step still takes by what is done of it, else how long it has taken."""
+
+    def render(self, task: Task) -> Text:
+        begun, share = task.fields["begun"], task.completed
+        taken = time.monotonic() - begun
+        if task.total is None or share <= 0.0:
+            return Text(duration(taken))
+        left = duration(taken * (1.0 - share) / share)
+        return Text(f"{'at most ' if task.fields['at_most'] else ''}{left} left")
+
 
 class Progress:
-    """One line on stderr that says what is being done, on a terminal; a log file gets the slow steps only."""
+    """What is being done, on stderr: a bar with an estimate of the time left on a terminal; which rig is used, everywhere.
 
-    def __init__(self) -> None:
-        self._console = Console(stderr=True)
-        self._status: Status | None = None
+    Parameters
+    ----------
+    replaced : files that will be written over
+    rigs : say which rig is used
+
+    Attributes
+    ----------
+    loops : what was compiled so far; None where everything was in the cache
+    """
+
+    def __init__(self, replaced: Sequence[Path] = (), rigs: bool = True) -> None:
+        self._console = Console(stderr=True, highlight=False)
+        wrapped = Column(ratio=1, no_wrap=False)
+        columns = SpinnerColumn(), TextColumn("{task.description}", table_column=wrapped), BarColumn(16), _Left()
+        self._shown = self._console.is_terminal and verbosity() > Verbosity.QUIET
+        self._bar = Bar(*columns, console=self._console, transient=True, disable=not self._shown, expand=True)
+        self._task = self._bar.add_task("starting", total=None, begun=time.monotonic(), at_most=False)
+        self._row: TaskID | None = None
+        self.loops: Compiling | None = None
+        self._rigs, self._stack = rigs, ExitStack()
+        self._lines: list[str] = []  # for where there is no terminal: of an error nothing but the error is told
+        self._said: set[str] = set()
+        self._words, self._step, self._share, self._announced = "", "", 0.0, False
+        self._begun = self._looked = self._since = time.monotonic()
+        self.replacing(replaced)
 
     def __enter__(self) -> Progress:
-        if self._console.is_terminal:
-            self._status = self._console.status("starting")
-            self._status.start()
+        self._stack.enter_context(watched(self._hear))
+        self._stack.enter_context(self._bar)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._status is not None:
-            self._status.stop()
+        self._end_step()
+        self._stack.close()
+        if error is None:
+            for line in self._lines:
+                self._console.print(escape(line), soft_wrap=True)
 
     def say(self, text: str) -> None:
         """Show what is being done."""
-        if self._status is not None:
-            self._status.update(escape(printable(text)))
+        self._end_step()
+        self._words, self._step, self._share = printable(text), "", 0.0
+        self._begun = time.monotonic()
+        self._bar.update(self._task, description=escape(self._words), total=None, completed=0, begun=self._begun)
+
+    def note(self, text: str) -> None:
+        """Say something that is no warning."""
+        if verbosity() > Verbosity.QUIET:
+            self._tell(f"note: {printable(text)}")
+
+    def replacing(self, files: Sequence[Path]) -> None:
+        """Say which files will be written over."""
+        if files and verbosity() > Verbosity.QUIET:
+            self._tell(f"replacing {', '.join(shown(str(path)) for path in files)}")
 
     def saying_when_compiling(self) -> AbstractContextManager[None]:
-        """Say so, once, when numba begins to compile a numerical loop that is not in its cache yet."""
-        return saying_when_compiling(self._console)
+        """Show when numba compiles a numerical loop that is not in its cache yet; that it happens once is said once."""
+        return compiling(self._compiling)
 
+    def _end_step(self) -> None:
+        if self._words and verbosity() >= Verbosity.VERBOSE:
+            self._tell(f"{self._words}: {time.monotonic() - self._begun:.2f} s")
 
-@contextmanager
-def saying_when_compiling(console: Console) -> Iterator[None]:
-    """Say so on this console, once, when numba begins to compile a numerical loop that is not in its cache yet."""
-    from numba.core import event
+    def _tell(self, line: str) -> None:
+        """Print a line, once; without a terminal when all is done."""
+        if line in self._said:
+            return
+        self._said.add(line)
+        if self._console.is_terminal:
+            self._console.print(escape(line), soft_wrap=True)
+        else:
+            self._lines.append(line)
 
-    class Once(event.Listener):
-        said = False
+    def _hear(self, event: object) -> None:
+        if isinstance(event, RigFound) and self._rigs:
+            if verbosity() > Verbosity.QUIET:
+                self._tell(rig_words(event, verbosity() >= Verbosity.VERBOSE))
+            if unused := unused_rigs_words(event):
+                self._tell(f"warning: {unused}")
+        elif isinstance(event, Advanced) and self._shown:
+            self._advance(event)
 
-        def on_start(self, event: object) -> None:
-            if not self.said:
-                console.print("first run: compiling the numerical loops takes a few seconds …", soft_wrap=True)
-            self.said = True
+    def _advance(self, event: Advanced) -> None:
+        now = time.monotonic()
+        if event.step != self._step or event.share < self._share:
+            self._since = now
+        self._step, self._share = event.step, event.share
+        # What is over at once needs no bar, and a loop over samples tells of each.
+        if min(now - self._since, now - self._looked) < 1.0 / self._bar.live.refresh_per_second:
+            return
+        self._looked = now
+        words = ": ".join(filter(None, (self._words, STEPS.get(event.step, ""))))
+        self._bar.update(
+            self._task, description=escape(words), total=1.0, completed=event.share, begun=self._since, at_most=event.at_most
+        )  # fmt: skip
 
-        def on_end(self, event: object) -> None:
-            pass
-
-    with event.install_listener("numba:compile", Once()):
-        yield
+    def _compiling(self, loop: Compiling) -> None:
+        self.loops = loop
+        if not self._announced and verbosity() > Verbosity.QUIET:
+            self._console.print(ANNOUNCED, soft_wrap=not self._shown)
+            self._announced = True
+        if not loop.done and verbosity() >= Verbosity.VERBOSE:
+            self._console.print(f"compiling {escape(loop.name)}", soft_wrap=True)
+        if not self._shown:
+            return
+        if self._row is not None and loop.done:
+            self._bar.update(self._row, visible=False)
+        elif not loop.done:
+            words = f"compiling loop {loop.count} of at most {loop.most}: {loop.name}"
+            if self._row is None:
+                self._row = self._bar.add_task(words, total=1.0, begun=time.monotonic(), at_most=True)
+            begun = time.monotonic() - loop.seconds
+            self._bar.update(
+                self._row, description=escape(words), completed=(loop.count - 1) / loop.most, begun=begun, visible=True
+            )  # fmt: skip
 
 
 class BatchProgress:
@@ -78,10 +191,11 @@ class BatchProgress:
     """
 
     def __init__(self, of: str = "log") -> None:
-        self.done, self._of, self._now = 0, of, ""
+        self.done, self._of, self._now, self._announced = 0, of, "", False
         self._console = Console(stderr=True, highlight=False)
+        self._shown = self._console.is_terminal and verbosity() > Verbosity.QUIET
         columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
-        self._bar = Bar(*columns, console=self._console, transient=True, disable=not self._console.is_terminal)
+        self._bar = Bar(*columns, console=self._console, transient=True, disable=not self._shown)
         self._logs = self._bytes = self._done_bytes = self._kept = self._failed = 0
         self._start = self._last = self._added = time.monotonic()
 
@@ -102,9 +216,19 @@ class BatchProgress:
         """Print a remark."""
         self._console.print(escape(printable(text)), soft_wrap=True)
 
+    def note(self, text: str) -> None:
+        """Print what a quiet command leaves out."""
+        if verbosity() > Verbosity.QUIET:
+            self.say(text)
+
     def saying_when_compiling(self) -> AbstractContextManager[None]:
-        """Say so, once, when numba begins to compile a numerical loop that is not in its cache yet."""
-        return saying_when_compiling(self._console)
+        """Say once when numba compiles a numerical loop that is not in its cache yet."""
+        return compiling(self._announce)
+
+    def _announce(self, _: Compiling) -> None:
+        if not self._announced:
+            self._announced = True
+            self.note(ANNOUNCED)
 
     def now(self, text: str) -> None:
         """Show what is being done next to how far it is."""
@@ -131,7 +255,11 @@ class BatchProgress:
 
     def _show(self) -> None:
         self._bar.update(self._bar.task_ids[0], completed=self._done_bytes, description=escape(self._words()))
-        if self._bar.disable and time.monotonic() - self._last > LINE_INTERVAL:
+        if (
+            not self._console.is_terminal
+            and verbosity() > Verbosity.QUIET
+            and time.monotonic() - self._last > LINE_INTERVAL
+        ):
             self._last = time.monotonic()
             self.say(self._words())
 

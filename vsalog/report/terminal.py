@@ -15,19 +15,24 @@ from rich.text import Text
 
 from vsalog.core.documents import document_text
 from vsalog.core.finding import Finding, Severity
-from vsalog.core.finding_texts import by_severity
+from vsalog.core.finding_texts import by_severity, merged
 from vsalog.core.printable import printable
 from vsalog.report.document import SEVERITIES, Block, Cell, Document, Facts, Notes, Section, Table, Tone, Verdict, Words
+from vsalog.report.verbosity import Verbosity, verbosity
 
 STYLES: dict[Severity, str] = {"info": "cyan", "warning": "yellow", "invalidates": "bold red"}
 STYLES_OF_TONES: dict[Tone, str] = {"": "", "good": "green", "open": "yellow", "bad": "bold red"}
 
 
 def console_for(stream: str = "stdout") -> Console:
-    """Return a console that breaks lines on a terminal only, or where the environment states its width."""
+    """Return a console that breaks lines on a terminal only, or where the environment states its width.
+
+    What a quiet command says on stderr beside findings is left out.
+    """
     wide = not (getattr(sys, stream).isatty() or "COLUMNS" in os.environ)
     width = sys.maxsize if wide else None
-    return Console(stderr=stream == "stderr", highlight=False, emoji=False, markup=False, width=width)
+    quiet = stream == "stderr" and verbosity() == Verbosity.QUIET
+    return Console(stderr=stream == "stderr", highlight=False, emoji=False, markup=False, width=width, quiet=quiet)
 
 
 def print_out(document: Document, as_json: bool) -> None:
@@ -50,9 +55,11 @@ def print_data(document: Document) -> None:
 
 
 def print_findings(findings: Iterable[Finding]) -> None:
-    """Print findings on stderr, each after its severity."""
+    """Print findings on stderr after their severity: one line for what has one cause, unless all is asked for."""
     errors = Console(stderr=True, highlight=False, emoji=False)
-    for severity, sentence in by_severity(findings):
+    for severity, sentence in (by_severity if verbosity() == Verbosity.VERBOSE else merged)(findings):
+        if severity == "info" and verbosity() == Verbosity.QUIET:
+            continue
         line = Text.assemble((f"{SEVERITIES[severity]}:", STYLES[severity]), f" {printable(sentence)}")
         errors.print(line, soft_wrap=True)
 

@@ -73,6 +73,9 @@ def _described(joint: JointReport) -> JointReport:
         joint,
         transmissions=tuple(parts),
         sentences=tuple(map(_reason, joint.reasons)),
+        stiffness=None
+        if joint.stiffness is None
+        else replace(joint.stiffness, sentence=_reason(joint.stiffness.reason)),
         not_independent=computed[0] if computed else None,
         warnings=sentences_of(joint.findings),
     )
@@ -123,7 +126,7 @@ def report_document(
 
 def write_validation(
     model: Path, logs: Sequence[Path], options: Options, folder: Path | None, figures: Path | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] = lambda _: None, page: Path | None = None,
 ) -> tuple[Report, dict[str, str]]:  # fmt: skip
     """Hold a model against logs and write the report: `report.json`, `report.html`, and figures for papers.
 
@@ -133,6 +136,7 @@ def write_validation(
     folder : where to; the current one when absent
     figures : folder for figures as files, or None
     progress : called with the step that begins
+    page : where the page goes, where not to that folder
 
     Returns
     -------
@@ -148,7 +152,7 @@ def write_validation(
     progress("writing the report")
     if figures is not None:
         write_figures(figures, drawings.paper, [log.log for log in report.logs])
-    return report, write_report(report_document(report, {}, drawings.page), folder, "report")
+    return report, write_report(report_document(report, {}, drawings.page), folder, "report", page=page)
 
 
 def _overview(found: Sequence[Line]) -> Table:
@@ -157,15 +161,30 @@ def _overview(found: Sequence[Line]) -> Table:
     for row in found:
         scores = [Cell("–")] * 2 if row.score is None else [_figure(row.score, "nrmse"), _figure(row.score, "msrep")]
         verdict = Cell(row.verdict, tone=TONES[row.verdict])
+        stiffness = Cell("–" if row.stiffness is None else row.stiffness, tone=TONES.get(row.stiffness or "", ""))
         inside = number(100.0 * row.inside)
-        rows.append((row.log, row.joint, verdict, row.judged_on or "–", *scores, inside))
-    heads = ("log", "joint", "verdict", "judged by", "NRMSE [%], 95 %", "MSREP [%], 95 %", "inside the region [%]")
-    return Table("All logs", heads, tuple(rows), keys=2, texts=4)
+        rows.append((row.log, row.joint, verdict, row.judged_on or "–", stiffness, *scores, inside))
+    heads = (
+        "log",
+        "joint",
+        "torque",
+        "judged by",
+        "stiffness",
+        "NRMSE [%], 95 %",
+        "MSREP [%], 95 %",
+        "inside the region [%]",
+    )
+    return Table("All logs", heads, tuple(rows), keys=2, texts=5)
 
 
 def _section(joint: JointReport, log: str, charts: Charts, title: str) -> Section:
-    verdict = Verdict(f"{joint.joint} in {log}", joint.verdict, TONES[joint.verdict], joint.sentences)
-    items: list[Block] = [Notes(joint.findings)]
+    verdict = Verdict(f"{joint.joint} in {log}", f"torque {joint.verdict}", TONES[joint.verdict], joint.sentences)
+    items: list[Block] = []
+    if joint.stiffness is not None:
+        judged = joint.stiffness
+        word, tone = f"stiffness {judged.verdict}", TONES[judged.verdict]
+        items.append(Verdict(f"{joint.joint} in {log}", word, tone, (judged.sentence,)))
+    items.append(Notes(joint.findings))
     if joint.period > 0.0:
         items.append(Words(f"{joint.duration:.4g} s at {1.0 / joint.period:.4g} Hz.", "page"))
     items += [_scores(joint), _modalities(joint)]

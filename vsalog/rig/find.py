@@ -1,10 +1,35 @@
-"""Where the rig of a log is: given, in the log itself, next to it, or nowhere."""
+"""Where the rig of a log is: given, in the log itself, next to it, or nowhere; and which others lie there."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
+from vsalog.core.errors import RigError
+from vsalog.core.progress import is_watched, tell
 from vsalog.rig.load import Rig
+
+Place = Literal["given", "log", "beside", "model", "guessed"]
+
+
+@dataclass(frozen=True, slots=True)
+class RigFound:
+    """Which rig is used; `vsalog.core.progress.tell` passes it on.
+
+    Attributes
+    ----------
+    place : where it is: asked for, in the log, next to it, in the model file, or guessed since there is none
+    where : what messages call it
+    path : of its file; None where it is in no file of its own
+    others : rig files next to the log or in the working directory that say something else and are not used
+    """
+
+    place: Place
+    where: str
+    path: Path | None = None
+    others: tuple[Path, ...] = ()
 
 
 def find_rig(log: Path, rig_text: str | None, given: Rig | str | Path | None = None) -> Rig | None:
@@ -26,14 +51,74 @@ def find_rig(log: Path, rig_text: str | None, given: Rig | str | Path | None = N
         The rig that was found cannot be used.
     """
     if given is not None:
-        return given if isinstance(given, Rig) else Rig.load(given)
+        if not isinstance(given, Rig):
+            return given_rig(given, log)
+        tell_rig(given, "given", log)
+        return given
     if rig_text is not None:
-        return Rig.from_toml(rig_text, f"rig in {log.name}")
+        rig = Rig.from_toml(rig_text, f"rig in {log.name}")
+        tell_rig(rig, "log", log)
+        return rig
     found = rig_beside(log)
-    return None if found is None else Rig.load(found)
+    if found is None:
+        return None
+    rig = Rig.load(found)
+    tell_rig(rig, "beside", log, found)
+    return rig
+
+
+def given_rig(source: str | Path, log: Path | None = None) -> Rig:
+    """Load the rig that was asked for: a file, else a preset or TOML text.
+
+    Raises
+    ------
+    RigError
+        There is no such file or preset, or what it says is not possible.
+    """
+    path = _file(source)
+    rig = Rig.load(source if path is None else path)
+    tell_rig(rig, "given", log, path)
+    return rig
+
+
+def tell_rig(rig: Rig, place: Place, log: Path | None = None, path: Path | None = None) -> None:
+    """Tell which rig is used, and which others there are where one is looked for."""
+    if not is_watched():
+        return
+    others = () if log is None else tuple(other for other in _there(log) if not _same(other, path, rig))
+    tell(RigFound(place, rig.where, path, others))
 
 
 def rig_beside(log: Path) -> Path | None:
     """Return the rig file that lies next to a log; None where there is none."""
-    paths = (log.parent / f"{log.stem}.rig.toml", log.parent / "rig.toml")
-    return next((path for path in paths if path.is_file()), None)
+    return next((path for path in _beside(log) if path.is_file()), None)
+
+
+def _file(source: str | Path) -> Path | None:
+    try:
+        return Path(source) if Path(source).is_file() else None
+    except (OSError, ValueError):  # a text is longer than any name
+        return None
+
+
+def _beside(log: Path) -> tuple[Path, Path]:
+    return log.parent / f"{log.stem}.rig.toml", log.parent / "rig.toml"
+
+
+def _there(log: Path) -> Iterator[Path]:
+    """Yield the rig files next to a log and in the working directory, each once."""
+    seen: list[Path] = []
+    for path in (*_beside(log), *_beside(Path(log.name))):
+        if path.is_file() and not any(path.samefile(other) for other in seen):
+            seen.append(path)
+            yield path
+
+
+def _same(other: Path, path: Path | None, rig: Rig) -> bool:
+    """Tell whether a file is the rig's own, or says the same."""
+    if path is not None and other.samefile(path):
+        return True
+    try:
+        return Rig.load(other).to_toml() == rig.to_toml()
+    except RigError:
+        return False

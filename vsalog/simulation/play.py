@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from vsalog.core.errors import ExtensionError, SimulationError
+from vsalog.core.progress import counted
 from vsalog.effects.backlash import engaged
 from vsalog.effects.drive import PositionServo, delivered, late_command
 from vsalog.effects.quantisation import rounded
@@ -75,7 +76,7 @@ def play(
     work, room = machine.work()
     states, accelerations = np.empty((time.size, x.size)), np.empty((time.size, machine.freedom))
     edges = sorted({*range(0, time.size, BLOCK_ROWS if control is None else 1), *(restarts or {}), time.size})
-    for first, last in pairwise(edges):
+    for first, last in counted("simulation", pairwise(edges), len(edges) - 1):
         part = slice(first, last)
         if control is not None and first > 0:
             over = slice(first - 1, first)

@@ -15,6 +15,7 @@ from vsalog.core.memory import usable_memory
 from vsalog.core.recording import Recording
 from vsalog.core.toml import parse_toml
 from vsalog.rig import Rig
+from vsalog.rig.find import given_rig
 from vsalog.rig.load import preset_text, presets
 from vsalog.rig.schema import Joint, RigFile, Signal
 from vsalog.simulation.channels import named_signals
@@ -134,7 +135,7 @@ def prepare(source: str, options: Options) -> Job:
     VsalogError
         Something asked for is not there or not possible.
     """
-    rig = Rig.load(Path(source) if Path(source).is_file() else source)
+    rig = given_rig(source)
     text = _text(source, rig)
     rig = rig.with_settings(options.set)
     if not rig.joints:

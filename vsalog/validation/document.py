@@ -170,18 +170,36 @@ class TransmissionReport(_Part, frozen=True):
     errors: tuple[ErrorOver, ...] = ()
 
 
+class StiffnessVerdict(_Part, frozen=True):
+    """Whether the model's stiffness holds, which its torque alone does not tell.
+
+    Attributes
+    ----------
+    verdict : of the transmission whose stiffness is predicted worst
+    reference : what it was judged by: a simulator's truth in the log, else the rig's nominal transmission, which may be wrong
+    reason : the error, in a finding
+    sentence : the same in words
+    """
+
+    verdict: Verdict
+    reference: Reference
+    reason: Finding
+    sentence: str = ""
+
+
 class JointReport(_Part, frozen=True):
     """What was found about a joint of a log.
 
     Attributes
     ----------
     joint : name
-    verdict : whether the model holds
+    verdict : whether the model's torque holds
     reasons : findings that the verdict rests on: why nothing can be judged; else the error, where it is, what it depends on
     findings : what else a person should know
     duration, period : of the log [s]
     transmissions : one by one, then ``total`` where there are two
     sentences : the reasons, in words
+    stiffness : what is said of the stiffness; null where nothing in the log or the rig tells it
     not_independent : that of them, in words, which says why a torque channel is no independent measurement; null where none does
     warnings : the findings, in words
     """
@@ -194,6 +212,7 @@ class JointReport(_Part, frozen=True):
     period: float
     transmissions: tuple[TransmissionReport, ...]
     sentences: tuple[str, ...] = ()
+    stiffness: StiffnessVerdict | None = None
     not_independent: str | None = None
     warnings: tuple[str, ...] = ()
 

@@ -15,6 +15,7 @@ from vsalog.core.dependence import REPORTED_SHARE
 from vsalog.core.finding import Finding
 from vsalog.core.model import JointModel
 from vsalog.core.recording import Channel
+from vsalog.core.region import inside_region
 from vsalog.core.resolution import step_of
 from vsalog.core.signals import JointSignals
 from vsalog.estimation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
@@ -24,7 +25,6 @@ from vsalog.validation import references as ref
 from vsalog.validation.computed_torque import computed_torques
 from vsalog.validation.dependence import dependences, gain_of, thinned
 from vsalog.validation.document import Comparison, Dependence, ErrorOver, Reference, Score, TransmissionReport
-from vsalog.validation.region import inside_region
 from vsalog.validation.scores import LEAST_TORQUE, bins_of, score
 from vsalog.validation.signatures import POSITIONS, loops
 from vsalog.validation.torques import felt, sensor_of
@@ -155,7 +155,7 @@ def _part(
     fitted = next(t for t in model.transmission if t.name == view.name)
     suffix = f"_{view.name}" if isinstance(joint, AntagonisticJoint) else ""
     return _Part(
-        view.name, phi, torque, torque_std, sigma, sigma_std, inside_region(fitted, phi, setpoint),
+        view.name, phi, torque, torque_std, sigma, sigma_std, inside_region(fitted.region, phi, setpoint),
         felt(device, (view,), sensor, s, signals), sensor, residual,
         None if residual is None else ref.behind_the_lag(torque, signals.period),
         ref.nominal(view, s, setpoint), ref.true_stiffness(truth, device.joint, suffix, s),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vsalog.core.errors import VsalogError
+from vsalog.core.progress import counted
 from vsalog.core.recording import Recording
 from vsalog.core.trace import Trace
 from vsalog.estimation.joint import choose, estimate_joint
@@ -22,7 +23,7 @@ def side_by_side(name: str, joint: Joint, recording: Recording) -> dict[str, lis
     Each is judged after the first half of the log, by when its parameters have settled.
     """
     found: dict[str, list[ModalityScore]] = {}
-    for modality in MODALITIES:
+    for modality in counted("modalities", MODALITIES):
         try:
             choice = choose(name, joint, "residual-rls", {"modality": modality})
             estimate = estimate_joint([recording], name, joint, choice)

@@ -25,7 +25,7 @@ from vsalog.estimators.device import Device, device_of
 from vsalog.estimators.needs import require
 from vsalog.readers import open_reader, read
 from vsalog.rig import Rig
-from vsalog.rig.find import find_rig
+from vsalog.rig.find import find_rig, tell_rig
 from vsalog.rig.schema import Joint
 from vsalog.validation.document import VERSION, JointReport, LogReport, Report
 from vsalog.validation.frozen import frozen
@@ -126,6 +126,7 @@ def _rig(file: ModelFile, log: Path, options: Options) -> Rig:
     rig = find_rig(log, text, options.rig)
     if rig is None:
         rig = Rig.from_toml(file.rig, "the rig in the model file")
+        tell_rig(rig, "model", log)
     for key, value in options.set.items():
         rig = rig.with_setting(key, value)
     return rig

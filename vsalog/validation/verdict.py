@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -18,8 +19,10 @@ from vsalog.validation.document import (
     JointReport,
     LogReport,
     ModalityScore,
+    Reference,
     Report,
     Score,
+    StiffnessVerdict,
     Threshold,
     TransmissionReport,
     Verdict,
@@ -29,8 +32,13 @@ from vsalog.validation.references import WINDOW
 
 # A model whose torque is this close to the reference holds [% of the torque's span].
 HOLDING_ERROR = 5.0
-# A torque that is measured by more than this part larger or smaller than predicted is another spring's [1].
+# A torque, or a stiffness, that is by more than this part larger or smaller than predicted is another spring's [1].
 GAIN_ERROR = 0.1
+# By what a stiffness is judged, what is surest first.
+STIFFNESS_CODES: Mapping[Reference, str] = {
+    "truth": "validation.stiffness_by_truth",
+    "nominal": "validation.stiffness_by_nominal",
+}
 # A verdict needs as many of the filter's windows as a bootstrap needs blocks.
 LEAST_SAMPLES = LEAST_BLOCKS * WINDOW
 
@@ -86,7 +94,46 @@ def joint_report(
         duration=len(signals) * signals.period,
         period=signals.period,
         transmissions=parts,
+        stiffness=_stiffness(found, parts),
     )
+
+
+def _stiffness(found: partial[Finding], parts: Sequence[TransmissionReport]) -> StiffnessVerdict | None:
+    """Judge the stiffness by what there is: a torque that holds over a short range says little of its slope.
+
+    A nominal stiffness is as good as the rig: where the model's is another one, either may be wrong.
+    """
+    for reference, code in STIFFNESS_CODES.items():
+        scores = [
+            (c.inside.msrep, t.transmission)
+            for t in parts
+            for c in t.comparisons
+            if c.quantity == "stiffness" and c.reference == reference and c.inside is not None
+        ]
+        known = [(off.value, off, part) for off, part in scores if off.value is not None]
+        if not known:
+            continue
+        _, off, part = max(known, key=lambda one: one[0])
+        value, low, high = (_rms(off.value or 0.0 if end is None else end) for end in (off.value, off.low, off.high))
+        limit = 100.0 * GAIN_ERROR
+        wrong: Verdict = "fails" if reference == "truth" else "undecided"
+        verdict: Verdict = "holds" if high <= limit else wrong if low > limit else "undecided"
+        reason = found(
+            code=code,
+            part=part,
+            severity="info" if verdict == "holds" else "warning",
+            value=value,
+            limit=limit,
+            unit="%",
+            evidence={"low": low, "high": high},
+        )
+        return StiffnessVerdict(verdict=verdict, reference=reference, reason=reason)
+    return None
+
+
+def _rms(msrep: float) -> float:
+    """Return the root of a mean square relative error, both in per cent."""
+    return math.sqrt(100.0 * msrep)
 
 
 def thresholds(logs: Sequence[LogReport], max_nrmse: float | None, max_msrep: float | None) -> tuple[Threshold, ...]:
@@ -109,6 +156,7 @@ class Line:
     judged_on: str | None
     score: Score | None
     inside: float
+    stiffness: Verdict | None = None
 
 
 def overview(report: Report) -> list[Line]:
@@ -119,7 +167,8 @@ def overview(report: Report) -> list[Line]:
             worst = _worst(joint.transmissions)
             judged_on, score = (None, None) if worst is None else (worst.judged_on, _main(worst))
             inside = min((t.inside_share for t in joint.transmissions), default=0.0)
-            lines.append(Line(log.log, joint.joint, joint.verdict, judged_on, score, inside))
+            stiffness = None if joint.stiffness is None else joint.stiffness.verdict
+            lines.append(Line(log.log, joint.joint, joint.verdict, judged_on, score, inside, stiffness))
     return lines
 
 

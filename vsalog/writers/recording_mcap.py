@@ -7,7 +7,9 @@ from pathlib import Path
 
 from mcap.writer import CompressionType, Writer
 
+from vsalog.core.progress import Advanced, tell
 from vsalog.core.recording import Recording
+from vsalog.readers.limits import BLOCK_ROWS
 from vsalog.writers.atomic import atomic_path
 from vsalog.writers.recording_messages import merged_messages, typestore
 from vsalog.writers.recording_topics import Topic, read_back_name, topics_of
@@ -66,7 +68,10 @@ def write_topics_mcap(
             writer.register_channel(topic.name, "cdr", schemas[topic.type], dict((stated or {}).get(topic.name, {})))
             for topic in topics
         ]
-        for stamp, index, sequence, message in merged_messages(topics, cdr=True):
+        total = sum(topic.stamps.size for topic in topics)
+        for count, (stamp, index, sequence, message) in enumerate(merged_messages(topics, cdr=True)):
+            if not count % BLOCK_ROWS:
+                tell(Advanced("writing", count / total))
             # The sequence is a 32-bit number that may wrap around.
             writer.add_message(channels[index], stamp, message, stamp, sequence & 0xFFFFFFFF)
         writer.finish()  # type: ignore[no-untyped-call]

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
-
-from vsalog.core.model import TransmissionModel
-from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+# What is below this share of a torque, a range or the time does not matter [1].
+NEGLIGIBLE_SHARE = 0.01
 
-def inside_region(model: TransmissionModel, phi: Array, setpoint: Array | None) -> Flags:
+
+def inside_region(vertices: Sequence[Sequence[float]], phi: Array, setpoint: Array | None) -> Flags:
     """Tell which samples lie inside, or so near that noise may have put them outside.
 
     Parameters
     ----------
-    model : with its region, vertices (φ, set-point) of a convex hull in order, or the ends (φ,) of an interval
+    vertices : (φ, set-point) of a convex hull in order, or the ends (φ,) of an interval
     phi, setpoint : shape (N,)
     """
-    region = np.array(model.region, dtype=np.float64)
+    region = np.array(vertices, dtype=np.float64)
     if region.size == 0:
         return np.zeros(phi.shape, dtype=np.bool_)
     if region.shape[1] == 1 or setpoint is None:

@@ -1,0 +1,37 @@
+"""Options of every command, before or after its name: how much is said on stderr."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import rich_click as click
+
+from vsalog.report.verbosity import Verbosity, ask
+
+
+def _asked(context: click.Context, parameter: click.Parameter, value: bool) -> None:
+    if value:
+        ask(Verbosity.QUIET if parameter.name == "quiet" else Verbosity.VERBOSE)
+
+
+def message_options() -> list[click.RichOption]:
+    """Return --quiet, --verbose and --debug, which hand on nothing to a command."""
+    said: dict[str, Any] = {"is_flag": True, "expose_value": False}
+    return [
+        click.RichOption(
+            ["-q", "--quiet"], callback=_asked, help="No progress and no notes: warnings and errors only.", **said
+        ),
+        click.RichOption(
+            ["-v", "--verbose"], callback=_asked, help="Say what takes how long, and where the rig was found.", **said
+        ),
+        click.RichOption(["--debug"], help="Show a traceback instead of one line when something goes wrong.", **said),
+    ]
+
+
+class Commands(click.RichGroup):
+    """The group of all commands, each of which takes the options of messages, too."""
+
+    def add_command(self, cmd: click.Command, name: str | None = None, *args: Any, **named: Any) -> None:
+        """Register a command."""
+        cmd.params.extend(message_options())
+        super().add_command(cmd, name, *args, **named)
