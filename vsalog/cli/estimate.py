@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import rich_click as click
@@ -105,10 +106,8 @@ def estimate(
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_out
 
-    preset = {} if preset_tuning is None else {"preset": preset_tuning}
-    options = Options(
-        rig, joints, estimator, preset | tune | ({"causal": "true"} if causal else {}), settings, rate, time, start, end
-    )
+    tune = tuning(preset_tuning, tune, causal)
+    options = Options(rig, joints, estimator, tune, settings, rate, time, start, end)
     if source is not None:
         from vsalog.estimation.repeat import repeated
 
@@ -131,3 +130,9 @@ def estimate(
         with progress.saying_when_compiling():
             estimates = write_estimate(job, outputs, progress=progress.say)
     print_out(estimate_document(job, estimates, outputs), as_json)
+
+
+def tuning(preset: str | None, tune: Mapping[str, str], causal: bool) -> dict[str, str]:
+    """Return --preset-tuning, --tune and --causal as what an estimator is told."""
+    own = {} if preset is None else {"preset": preset}
+    return own | dict(tune) | ({"causal": "true"} if causal else {})
