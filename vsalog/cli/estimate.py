@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import rich_click as click
@@ -101,6 +100,7 @@ def estimate(
     folder. Several logs make one model and one trace, whose column `run` says which log a row is from.
     """
     from vsalog.estimation.job import Options, prepare
+    from vsalog.estimation.joint import tuning
     from vsalog.report.estimate import estimate_document, write_estimate
     from vsalog.report.outputs import Outputs, inputs_of, keep_inputs
     from vsalog.report.progress import Progress
@@ -130,9 +130,3 @@ def estimate(
         with progress.saying_when_compiling():
             estimates = write_estimate(job, outputs, progress=progress.say)
     print_out(estimate_document(job, estimates, outputs), as_json)
-
-
-def tuning(preset: str | None, tune: Mapping[str, str], causal: bool) -> dict[str, str]:
-    """Return --preset-tuning, --tune and --causal as what an estimator is told."""
-    own = {} if preset is None else {"preset": preset}
-    return own | dict(tune) | ({"causal": "true"} if causal else {})

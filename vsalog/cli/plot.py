@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import rich_click as click
 from click.core import ParameterSource
 
-from vsalog.cli.estimate import estimate, tuning
+from vsalog.cli.estimate import estimate
 from vsalog.cli.options import LogPath, reading_options, rig_options
 
 if TYPE_CHECKING:
@@ -88,6 +88,7 @@ def plot(
     but the figures.
     """
     from vsalog.estimation.job import Options
+    from vsalog.estimation.joint import tuning
     from vsalog.figures.paper import SIZES, check_matplotlib
     from vsalog.figures.screen import require_screen, show
     from vsalog.figures.trace_file import TraceFile, is_trace

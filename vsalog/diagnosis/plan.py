@@ -159,12 +159,12 @@ class Outcome:
         return next((j.proposed for j in self.joints if j.proposed is not None), None)
 
 
-def plan(source: str, options: Options, progress: Progress = lambda _: None) -> Outcome:
+def plan(source: Rig | str | Path, options: Options, progress: Progress = lambda _: None) -> Outcome:
     """Plan the experiments of a rig.
 
     Parameters
     ----------
-    source : a rig file or a preset's name
+    source : a rig, its file or a preset's name
     options : what is asked for
     progress : called with the step that begins
 
@@ -173,7 +173,7 @@ def plan(source: str, options: Options, progress: Progress = lambda _: None) -> 
     VsalogError
         The rig or the scenario cannot be used, or nothing can be planned for its only joint.
     """
-    rig = Rig.load(Path(source) if Path(source).is_file() else source).with_settings(options.set)
+    rig = Rig.of(source).with_settings(options.set)
     wanted = pick_joints(rig.joints, options.joints)
     _require_known(wanted, options.sensors)
     scenario = planned(Scenario.find(options.scenario, rig.file), rig, wanted)

@@ -23,20 +23,21 @@ class Drawn:
 
     Attributes
     ----------
-    joint, transmission : names, which may be anything
-    place : numbers of the joint and of the transmission in the trace, from 1 on
     chart : what it shows
+    joint, part, log : names, which may be anything; empty where it is of all. A part is a transmission, a signal or a cause
+    place : numbers of the joint and of the transmission in a trace, from 1 on
     """
 
-    joint: str
-    transmission: str
-    place: tuple[int, int]
     chart: Chart
+    joint: str = ""
+    part: str = ""
+    log: str = ""
+    place: tuple[int, int] = (1, 1)
 
     @property
     def title(self) -> str:
         """What it is, in words."""
-        return printable(f"{self.chart.title}, joint {self.joint}, transmission {self.transmission}")
+        return printable(f"{self.chart.title}, joint {self.joint}, transmission {self.part}")
 
 
 def check_format(output: Path) -> None:
@@ -91,20 +92,26 @@ def _of_kind(
             raise FigureError(
                 f"joint '{joint}' has no transmission '{name}'{did_you_mean(name, charts)}; it has {known}"
             )
-    own = [
-        Drawn(joint, name, (number, i), chart)
+    every = [
+        Drawn(chart, joint, name, place=(number, i))
         for i, (name, parts) in enumerate(charts.items(), 1)
         for chart in parts
-        if chart.name == kind and (not transmissions or name in transmissions)
     ]
+    own = [one for one in every if one.chart.name == kind]
+    own = [one for one in own if one.part in transmissions] if transmissions else whole_first(own)
     if not own:
         there = listed(list(dict.fromkeys(_option(c.name) for parts in charts.values() for c in parts)))
         of = f", transmission {listed(list(transmissions))}" if transmissions else ""
         raise FigureError(
             f"joint '{joint}'{of} has nothing that a figure of the kind {_option(kind)} shows; it has {there}"
         )
-    whole = [one for one in own if one.transmission == list(charts)[-1]]
-    return own if transmissions or not whole else whole
+    return own
+
+
+def whole_first(own: Sequence[Drawn]) -> list[Drawn]:
+    """Return the figures of a kind that are of whole devices; all where there are none."""
+    whole = [one for one in own if one.part == "total"]
+    return whole or list(own)
 
 
 def _option(kind: str) -> str:
@@ -154,7 +161,7 @@ def plots_document(figures: Sequence[Drawn], paths: Sequence[Path]) -> Document:
             "file": str(paths[i]) if paths else None,
             "kind": one.chart.name,
             "joint": one.joint,
-            "transmission": one.transmission,
+            "transmission": one.part,
             "words": one.chart.words,
         }
         for i, one in enumerate(figures)

@@ -64,6 +64,13 @@ class Rig:
         )
 
     @classmethod
+    def of(cls, given: Rig | str | Path) -> Rig:
+        """Return a rig that is loaded, or load it: a file that is there goes before a preset of the same name."""
+        if isinstance(given, Rig):
+            return given
+        return cls.load(Path(given) if Path(given).is_file() else given)
+
+    @classmethod
     def from_toml(cls, text: str, where: str = "rig") -> Rig:
         """Load from TOML text; `where` is what messages call it.
 
