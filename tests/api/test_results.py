@@ -333,9 +333,13 @@ def test_a_log_is_seen_before_anything_is_known_of_it(bench):
     assert (row["role"], row["unit"], row["maximum"]) == ("motor_position", "rad", recorded.max())
 
 
-def test_in_a_notebook_a_figure_is_displayed_once(bench, monkeypatch):
-    """The inline backend displays what pyplot knows, and what a cell returns: it must not be both."""
+def test_in_a_notebook_everything_is_displayed_once(bench, monkeypatch):
+    """The inline backend displays what pyplot has open, and what a cell returns; rich displays what it prints."""
     found = vsalog.inspect("log.csv")
+    text = found.summary()
+    monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
+    assert found.summary() == text
+    assert len(text.splitlines()) > 5
     monkeypatch.setattr(pyplot, "get_backend", lambda: "module://matplotlib_inline.backend_inline")
     found.plot()
     assert pyplot.get_fignums() == []

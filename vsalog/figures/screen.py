@@ -35,17 +35,12 @@ def window(chart: Chart, style: Style) -> Any:
     from matplotlib import pyplot, rc_context
 
     with rc_context(style.settings):
-        # A notebook displays what a cell returns: figures that pyplot knows too would be there twice.
-        inline = "inline" in pyplot.get_backend().lower()
-        figure = _loose() if inline else pyplot.figure()
+        figure = pyplot.figure()
         draw(figure, chart, style)
+    # A notebook displays what a cell returns, and what pyplot has open: it would be there twice.
+    if "inline" in pyplot.get_backend().lower():
+        pyplot.close(figure)
     return figure
-
-
-def _loose() -> Any:
-    from matplotlib.figure import Figure
-
-    return Figure()
 
 
 def show(charts: Sequence[tuple[str, Chart]], style: Style) -> None:

@@ -47,7 +47,10 @@ def print_document(document: Document, console: Console | None = None) -> None:
 def text_of(document: Document) -> str:
     """Return what is printed of a document for people, its findings where they stand in it; no line is broken."""
     text = StringIO()
-    console = Console(file=text, highlight=False, emoji=False, markup=False, width=sys.maxsize, color_system=None)
+    # In a notebook rich would display the text there, and not write it.
+    console = Console(
+        file=text, width=sys.maxsize, color_system=None, force_jupyter=False, highlight=False, emoji=False, markup=False
+    )
     _print(document.items, console, 0, console)
     return text.getvalue()
 
