@@ -1,12 +1,9 @@
 """`vsalog plot` as a user runs it; what figures show is read out of the figures' own data, what a PDF is out of its bytes."""
 
 import json
-import os
 import re
-import subprocess
 import sys
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -14,7 +11,6 @@ import pyarrow.parquet as pq
 import pytest
 from knee import lay
 
-import vsalog
 from vsalog.cli import cli
 from vsalog.cli.plot import KINDS
 from vsalog.core.model import ModelFile
@@ -282,35 +278,10 @@ def test_without_matplotlib_it_says_what_to_install(traces, command, tmp_path, m
     assert "pip install" in err
 
 
-SHOWN = """
-from matplotlib.backends.backend_agg import FigureCanvasAgg, FigureManagerBase
-from pathlib import Path
-
-class FigureManager(FigureManagerBase):
-    def set_window_title(self, title):
-        Path("titles").open("a", encoding="utf-8").write(title + "\\n")
-
-    @classmethod
-    def pyplot_show(cls, *, block=None):
-        from matplotlib import pyplot
-        for number in pyplot.get_fignums():
-            pyplot.figure(number).savefig(f"{number}.png")
-
-class FigureCanvas(FigureCanvasAgg):
-    required_interactive_framework = "headless"
-    manager_class = FigureManager
-"""
-
-
-def test_without_a_file_it_opens_windows(traces, tmp_path):
+def test_without_a_file_it_opens_windows(traces, run, tmp_path, monkeypatch):
     """matplotlib's window is a stand-in, which writes down what it shows."""
-    (tmp_path / "stand_in.py").write_text(SHOWN, encoding="utf-8")
-    code = "import sys; sys.path.insert(0, '.'); sys.argv[0] = 'vsalog'; from vsalog.cli import main; main()"
-    environment = os.environ | {"PYTHONPATH": str(Path(vsalog.__file__).parents[1]), "MPLBACKEND": "module://stand_in"}
-    args = ("plot", str(traces / "sea_exp1.stiffness.parquet"), "--kind", "stiffness", "--kind", "torque")
-    done = subprocess.run(
-        [sys.executable, "-c", code, *args], cwd=tmp_path, env=environment, capture_output=True, text=True
-    )
+    monkeypatch.setenv("MPLBACKEND", "module://window_stand_in")
+    done = run("plot", traces / "sea_exp1.stiffness.parquet", "--kind", "stiffness", "--kind", "torque")
     assert done.returncode == 0, done.stderr
     assert {p.name for p in tmp_path.glob("*.png")} == {"1.png", "2.png"}
     titles = (tmp_path / "titles").read_text(encoding="utf-8").splitlines()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 from vsalog.figures.chart import Chart
@@ -35,12 +36,31 @@ def window(chart: Chart, style: Style) -> Any:
     from matplotlib import pyplot, rc_context
 
     with rc_context(style.settings):
-        figure = pyplot.figure()
+        figure = pyplot.figure(FigureClass=_figure_class(), style=style)
         draw(figure, chart, style)
     # A notebook displays what a cell returns, and what pyplot has open: it would be there twice.
     if "inline" in pyplot.get_backend().lower():
         pyplot.close(figure)
     return figure
+
+
+@cache
+def _figure_class() -> Any:
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    class StyledFigure(Figure):
+        """A figure that is saved as it was drawn: which fonts a PDF embeds is asked for when it is written."""
+
+        def __init__(self, *args: Any, style: Style, **named: Any) -> None:
+            super().__init__(*args, **named)
+            self.style = style
+
+        def savefig(self, *args: Any, **named: Any) -> None:
+            with rc_context(self.style.settings):
+                super().savefig(*args, **named)
+
+    return StyledFigure
 
 
 def show(charts: Sequence[tuple[str, Chart]], style: Style) -> None:
