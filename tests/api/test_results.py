@@ -150,7 +150,8 @@ def test_a_simulation_is_estimated_without_a_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rig = vsalog.Rig.load("sea").with_setting("joint.sea.transmission.cubic", "0.0")
     played = vsalog.simulate(rig, duration="3 s", ideal=True, truth=True, seed=2)
-    assert played.log is None
+    assert (played.log, played.data["log"]) == (None, None)
+    assert "mcap" not in played.summary()
     assert list(tmp_path.iterdir()) == []
     (joint,) = vsalog.estimate(played.recording, estimator="direct")
     excited = joint.trace["total"]["excited"]

@@ -185,6 +185,19 @@ def test_a_model_of_another_run_is_not_drawn(traces, tmp_path):
     assert TraceFile.of(tmp_path / "t.stiffness.parquet").model is None
 
 
+def test_a_band_with_gaps_is_one_thing_in_a_legend(traces, drawn):
+    table = pq.read_table(traces / "sea_exp1.stiffness.parquet")
+    for name in ("stiffness", "stiffness_std"):
+        values = table[name].to_numpy().copy()
+        values[4000:4500] = values[7000:7500] = np.nan
+        table = table.set_column(table.column_names.index(name), name, pa.array(values))
+    pq.write_table(table, traces / "gaps.stiffness.parquet")
+    (axes,) = drawn("gaps", "stiffness").axes
+    assert len([p for p in axes.patches if not isinstance(p, Rectangle)]) == 3
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels == ["not excited so far", "± 2 standard deviations", "stiffness"]
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_nothing_is_cut_and_no_numbers_touch_in_a_column(drawn, kind):
     """Every text lies within the figure, and no number on an axis touches the next one."""

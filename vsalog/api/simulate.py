@@ -132,7 +132,7 @@ def simulate(
     if output is not None:
         job.write(recording)
     log = None if output is None else job.files.log
-    return warned(Simulation(job.with_rig(recording), written_document(job, recording), log))
+    return warned(Simulation(job.with_rig(recording), written_document(job, recording, log is not None), log))
 
 
 def _replay(rig: Rig | str | Path | None, log: Path, options: ReplayOptions) -> Simulation:
@@ -142,7 +142,7 @@ def _replay(rig: Rig | str | Path | None, log: Path, options: ReplayOptions) -> 
     if options.output is not None:
         job.write(recording)
     written = None if options.output is None else job.files.log
-    return warned(Simulation(job.with_rig(recording), replay_document(job, joints), written))
+    return warned(Simulation(job.with_rig(recording), replay_document(job, joints, written is not None), written))
 
 
 def _seconds(value: float | str | None) -> float | None:

@@ -414,7 +414,10 @@ def _curve(axes: Any, curve: Curve) -> Any:
     if curve.kind == "bars":
         return axes.bar(curve.x, curve.y, width=curve.width, color=colour, alpha=0.6, label=label)
     if curve.kind == "area":
-        return axes.fill(*_polygons(curve), color=colour, alpha=0.22, linewidth=0, label=label)
+        areas = axes.fill(*_polygons(curve), color=colour, alpha=0.22, linewidth=0)
+        for area in areas[:1]:  # a band with gaps is one thing in a legend
+            area.set_label(label)
+        return areas
     if curve.kind == "points":
         c = colour if curve.shade is None else curve.shade
         size, edge, marker = (20, 0.8, MARKERS.get(curve.symbol, "o")) if curve.symbol else (3, 0.0, ".")

@@ -28,7 +28,7 @@ def is_trace(path: Path) -> bool:
     """Tell whether a file is a trace that `estimate` wrote, whatever its name."""
     try:
         return path.is_file() and set(OWN) <= set(pq.read_schema(for_arrow(path)).names)
-    except (OSError, pa.ArrowException):
+    except (OSError, UnicodeError, pa.ArrowException):
         return False
 
 
@@ -67,7 +67,7 @@ class TraceFile:
                 joints.setdefault(joint, []).append(transmission)
             text = told.get("vsalog.rig")
             rig = None if text is None else Rig.from_toml(text, f"the rig in {path.name}")
-        except (OSError, pa.ArrowException) as error:
+        except (OSError, UnicodeError, pa.ArrowException) as error:
             raise ReadError(f"cannot be read: {error}", path) from error
         return cls(path, joints, rig, _model(path, told))
 
@@ -89,7 +89,7 @@ class TraceFile:
             rows = pq.read_metadata(for_arrow(self.path)).num_rows
             columns = TraceColumns(self.path, joint, every_nth(rows // max(sum(map(len, self.joints.values())), 1)))
             return joint_evidence(columns, names, model, unit)
-        except (OSError, pa.ArrowException) as error:
+        except (OSError, UnicodeError, pa.ArrowException) as error:
             raise ReadError(f"cannot be read: {error}", self.path) from error
 
 
