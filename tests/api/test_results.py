@@ -279,10 +279,12 @@ def test_warnings_are_seen_where_the_call_stands(bench):
 
 
 def test_what_is_worth_a_note_only_is_no_warning(bench):
+    write_log(bench / "second.csv", rows=2500)
+    found = vsalog.estimate("log.csv", estimator="direct")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = vsalog.estimate("log.csv", estimator="direct")
-    assert all(finding.severity == "info" for finding in found.findings)
+        seen = vsalog.validate(found, ["second.csv", "second.csv"], modalities=False)
+    assert {(finding.code, finding.severity) for finding in seen.findings} == {("validation.same_log", "info")}
 
 
 class Tags(HTMLParser):
