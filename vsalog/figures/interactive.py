@@ -54,7 +54,9 @@ def interactive(chart: Chart) -> Figure:
         if axes.rows:
             named = {"tickvals": [-k for k in range(len(axes.rows))], "ticktext": [label(row) for row in axes.rows]}
             figure.update_yaxes(range=[0.6 - len(axes.rows), 0.6], zeroline=False, **named, **place)
-    return figure.update_layout(title=title, template="simple_white", barmode="overlay")
+    # A legend at the right would lie over the colours' scale.
+    legend = {"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom"}
+    return figure.update_layout(title=title, template="simple_white", barmode="overlay", legend=legend)
 
 
 def _traces(axes: Axes) -> Iterator[Any]:
@@ -81,7 +83,7 @@ def _traces(axes: Axes) -> Iterator[Any]:
 
 
 def _marked(curve: Curve, colour: str, axes: Axes) -> dict[str, Any]:
-    marker: dict[str, Any] = {"size": 4, "color": colour, "opacity": 0.75}
+    marker: dict[str, Any] = {"size": 3, "color": colour, "opacity": 0.6}
     if curve.symbol:
         marker = {"size": 12, "color": colour, "symbol": curve.symbol}
     if curve.shade is None:
