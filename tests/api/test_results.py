@@ -238,6 +238,8 @@ def test_both_engines_draw_the_numbers_of_the_trace(bench):
         assert found.plot(kind, engine="plotly").data
     with pytest.raises(vsalog.VsalogError, match="did you mean"):
         found.plot("stifness")
+    with pytest.raises(vsalog.VsalogError, match="plotly"):
+        found.plot(engine="bokeh")
     with pytest.raises(vsalog.VsalogError, match="column"):
         found.plot(style="colum")
 

@@ -245,6 +245,11 @@ def test_several_figures_have_files_of_their_own_and_none_is_written_over(traces
     assert command(*args, "--force", cwd=tmp_path)[0] == 0
     assert {p.name for p in tmp_path.iterdir()} == names
     assert (tmp_path / "f_part2.png").read_bytes().startswith(b"\x89PNG")
+    # What would not be written is not in the way.
+    (tmp_path / "f.png").write_text("mine")
+    both = ("plot", trace, "-o", "f.png", "--kind", "stiffness", "--kind", "torque")
+    assert command(*both, cwd=tmp_path)[0] == 0
+    assert (tmp_path / "f.png").read_text() == "mine"
     assert command(*args, "--force", "--transmission", "2", cwd=tmp_path)[0] == 0
     assert (tmp_path / "f.png").read_bytes() == (tmp_path / "f_part2.png").read_bytes()
 

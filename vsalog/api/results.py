@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import warnings
 from abc import ABC, abstractmethod
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 Logs = str | Path | Recording | Sequence[str | Path | Recording]
 Paths = str | Path | Sequence[str | Path]
 Found = TypeVar("Found", bound="Results")
-PACKAGE = str(Path(__file__).parent.parent)
+PACKAGE = f"{Path(__file__).parent.parent}{os.sep}"
 
 
 class Results(ABC):
@@ -97,8 +98,7 @@ class Results(ABC):
     ) -> Figure | Interactive:  # fmt: skip
         """Draw one figure.
 
-        A figure of matplotlib is pyplot's: ``matplotlib.pyplot.show()`` opens a window, ``savefig`` writes a file. `vsalog.plot`
-        on the command line draws the same.
+        A figure of matplotlib is pyplot's: ``matplotlib.pyplot.show()`` opens a window, ``savefig`` writes a file.
 
         Parameters
         ----------
@@ -116,6 +116,8 @@ class Results(ABC):
         chart = self._chosen(kind, log, joint, part).chart
         if engine == "plotly":
             return interactive(chart)
+        if engine != "matplotlib":
+            raise VsalogError(f"there is no engine '{engine}': matplotlib or plotly")
         if style not in SIZES:
             raise VsalogError(
                 f"there is no style '{style}'{did_you_mean(style, SIZES) or '.'} There are {', '.join(SIZES)}"

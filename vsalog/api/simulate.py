@@ -54,11 +54,7 @@ class Simulation(Results):
         return self._said
 
     def _figures(self) -> Iterator[Drawn]:
-        streams: dict[str, list[tuple[str, Channel]]] = {}
-        for name, channel in self._recording.channels.items():
-            streams.setdefault(channel.stream.rpartition("/")[0], []).append((name, channel))
-        every = [one for own in streams.values() for one in own]
-        yield Drawn(recorded_chart("As recorded", self._recording, every))
+        yield Drawn(recorded_chart("As recorded", self._recording, list(self._recording.channels.items())))
 
     def to_arrow(self) -> pa.Table:
         """Return the recording: a row per stamp, a column per channel, null where a channel has no sample."""

@@ -20,6 +20,7 @@ KINDS = (
     "stiffness", "torque-over-deflection", "stiffness-surface", "torque", "torque-expanded", "slices", "surface",
     "error-distribution", "error-dependence", "convergence",
 )  # fmt: skip
+ESTIMATE = ("estimator", "preset_tuning", "tune", "causal")
 
 
 @click.command(short_help="Plot the stiffness of a log or a trace: on the screen, or as PDF, SVG or PNG for a paper.")
@@ -103,7 +104,8 @@ def plot(
         check_format(output)
         check_matplotlib("a figure")
         keep_inputs([output], inputs_of(logs, rig))
-        require_new(output, force)
+        if len(kinds) == 1:
+            require_new(output, force)
     size = SIZES[style or ("screen" if output is None else "column")]
     names = [kind.replace("-", "_") for kind in dict.fromkeys(kinds)]
     with TemporaryDirectory(prefix="vsalog-") as folder, Progress() as progress:
@@ -118,6 +120,7 @@ def plot(
         figures = figures_of(trace, names, joints, transmissions)
         if output is not None:
             paths = paths_of(output, figures)
+            keep_inputs(paths, inputs_of(logs, rig))
             for path in paths:
                 require_new(path, force)
             write_plots(paths, figures, size)
@@ -128,15 +131,15 @@ def plot(
 
 
 # A log is estimated as `estimate` does, by its own options.
-plot.params += [option for option in estimate.params if option.name in ("estimator", "preset_tuning", "tune", "causal")]
+plot.params += [option for option in estimate.params if option.name in ESTIMATE]
 
 
 def _refuse_what_a_trace_has(context: click.Context, logs: tuple[Path, ...]) -> None:
     if len(logs) > 1:
         raise click.UsageError("name one TRACE, or LOGs")
     for option in context.command.params:
-        own = option.name in ("logs", "output", "kinds", "style", "transmissions", "force", "joints", "as_json")
-        if not own and context.get_parameter_source(option.name or "") is not ParameterSource.DEFAULT:
+        given = context.get_parameter_source(option.name or "") is not ParameterSource.DEFAULT
+        if option.name in (*ESTIMATE, "rig", "settings", "rate", "time", "start", "end") and given:
             raise click.UsageError(
                 f"{option.opts[-1]} does nothing with a TRACE, which is estimated already; leave it out"
             )
