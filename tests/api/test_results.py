@@ -198,7 +198,7 @@ def test_a_plan_names_what_it_confuses(tmp_path):
     from test_plan import RIG, SMALL
 
     (tmp_path / "rig.toml").write_text(RIG, encoding="utf-8")
-    (tmp_path / "small.toml").write_text(SMALL, encoding="utf-8")
+    (tmp_path / "small.toml").write_text(SMALL.replace("duration = 5.0", "duration = 2.0"), encoding="utf-8")
     found = vsalog.plan(
         tmp_path / "rig.toml", scenario=tmp_path / "small.toml", sensors=["motor_torque"], max_torque="4 N*m",
         max_speed=0.2, max_angle="60 deg",
