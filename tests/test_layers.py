@@ -15,6 +15,7 @@ ENTRIES = ("cli/", "batch/worker.py")
 HEAVY = {
     "h5py",
     "jinja2",
+    "matplotlib",
     "mcap",
     "msgspec",
     "numba",

@@ -198,7 +198,7 @@ def test_a_pressure_that_stands_still_while_its_valve_moves_is_refused(folder):
     with pytest.raises(EstimatorError, match="pressure_1 is 150000 Pa from beginning to end while its valve moves"):
         estimated(joint, off)
     closed = changed(off, channel_of(joint, "valve_1"), np.zeros_like)
-    assert estimated(joint, closed).trace is not None
+    assert estimated(joint, closed).kept is not None
 
 
 def test_a_pressure_at_the_end_of_its_sensors_range_is_told(folder):

@@ -16,7 +16,6 @@ from typing import Self
 import msgspec
 from pebble import CONSTS, ProcessExpired, ProcessPool
 
-import vsalog
 from vsalog.batch.memory import BASE, expected
 from vsalog.batch.records import Answer, Kind, Settings, Task, failed
 from vsalog.batch.worker import check_settings, do_task, prepare
@@ -78,7 +77,7 @@ class Pool:
 
     def _is_compiled(self) -> bool:
         """Tell whether numba has loops of ours in its cache, next to the sources or where its cache was put."""
-        place = Path(os.environ.get("NUMBA_CACHE_DIR") or vsalog.__path__[0])
+        place = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parents[1])
         return any(True for _ in place.rglob("*.nbi"))
 
     def _started(self) -> Worker:

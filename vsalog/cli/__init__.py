@@ -25,6 +25,7 @@ from vsalog.cli.init import init
 from vsalog.cli.inspect import inspect
 from vsalog.cli.messages import Commands, message_options
 from vsalog.cli.plan import plan
+from vsalog.cli.plot import plot
 from vsalog.cli.reproduce import reproduce
 from vsalog.cli.simulate import simulate
 from vsalog.cli.validate import validate
@@ -49,6 +50,7 @@ cli.add_command(identify)
 cli.add_command(init)
 cli.add_command(inspect)
 cli.add_command(plan)
+cli.add_command(plot)
 cli.add_command(reproduce)
 cli.add_command(simulate)
 cli.add_command(validate)

@@ -106,15 +106,14 @@ def estimate(
     Earlier results of the same logs are replaced; other files are written over with --force only.
     """
     from vsalog.estimation.job import Options, prepare
+    from vsalog.estimation.joint import tuning
     from vsalog.report.estimate import estimate_document, write_estimate
     from vsalog.report.outputs import Outputs, inputs_of, keep_inputs, require_new
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_out
 
-    preset = {} if preset_tuning is None else {"preset": preset_tuning}
-    options = Options(
-        rig, joints, estimator, preset | tune | ({"causal": "true"} if causal else {}), settings, rate, time, start, end
-    )
+    tune = tuning(preset_tuning, tune, causal)
+    options = Options(rig, joints, estimator, tune, settings, rate, time, start, end)
     if source is not None:
         from vsalog.estimation.repeat import repeated
 

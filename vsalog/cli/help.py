@@ -64,6 +64,10 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
         "vsalog plan sea --max-speed '90 deg/s' -o next.toml",
         "vsalog simulate sea --scenario next.toml  # play what was proposed",
     ),
+    "plot": (
+        "vsalog plot exp1.mcap -o stiffness.pdf  # estimate, then draw",
+        "vsalog plot exp1.stiffness.parquet --kind torque-over-deflection -o torque.svg",
+    ),
     "reproduce": (
         "vsalog reproduce --list",
         "vsalog reproduce flacco2012-table1 --plots figures/",

@@ -52,44 +52,28 @@ def inspect(
     Of several logs, one that cannot be read is reported on stderr, in JSON under "unreadable"; the others are shown, and
     the exit code is 2.
     """
-    from vsalog.core.errors import VsalogError, words_of
+    from msgspec.structs import replace
+
     from vsalog.core.printable import printable
-    from vsalog.inspection.document import Inspection, LogReport, Unreadable
-    from vsalog.inspection.run import inspect_recording
-    from vsalog.readers import read
-    from vsalog.readers.sampling import read_sample
+    from vsalog.inspection.run import Options
+    from vsalog.inspection.run import inspect as run
     from vsalog.report.inspect import inspection_document, repair_words
     from vsalog.report.terminal import print_out
-    from vsalog.rig.guess import guess_roles
 
     if repaired is not None and len(logs) > 1:
         raise click.UsageError("--repair writes one file: name one LOG")
     if repaired is not None and not (start is None and end is None):
         raise click.UsageError("--repair writes the whole log: leave out --start and --end")
     # All logs are read before anything is printed: an unreadable one takes no place between the others.
-    reports: list[LogReport] = []
-    unreadable: list[Unreadable] = []
-    for log in logs:
-        try:
-            if full or start is not None or end is not None:
-                recording, sample = read(log, None, time, rate, start, end), None
-            else:
-                recording, sample = read_sample(log, time, rate)
-        except (VsalogError, OSError) as error:
-            if len(logs) == 1:
-                raise
-            unreadable.append(Unreadable(str(log), words_of(error)))
-            continue
-        reports.append(inspect_recording(recording, guess_roles(recording), sample, head))
-    written = None
+    found = run(logs, Options(head, full, rate, time, start, end))
     if repaired is not None:
         from vsalog.writers.repair import repair
 
         written = repair(logs[0], repaired, rate)
         click.echo(printable(repair_words(written)), err=True)
-    found = inspection_document(Inspection(tuple(reports), written, tuple(unreadable)))
-    print_out(found, as_json)
-    for one in unreadable:
+        found = replace(found, repaired=written)
+    print_out(inspection_document(found), as_json)
+    for one in found.unreadable:
         click.echo(f"vsalog: {printable(one.error)}", err=True)
-    if unreadable:
+    if found.unreadable:
         raise SystemExit(2)

@@ -18,19 +18,13 @@ def positive(unit: str, kind: str) -> Callable[[click.Context, click.Parameter, 
 
     def read(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:
         from vsalog.core.errors import UnitError
-        from vsalog.core.units import parse_quantity
+        from vsalog.core.units import positive_quantity
 
         if value is None:
             return None
         try:
-            number = float(value)
-        except ValueError:
-            try:
-                number = parse_quantity(value, unit)
-            except UnitError as error:
-                raise click.BadParameter(str(error), context, parameter) from None
-        if not 0.0 < number < float("inf"):
-            raise click.BadParameter(f"'{value}' is not {kind}", context, parameter)
-        return number
+            return positive_quantity(value, unit, kind)
+        except UnitError as error:
+            raise click.BadParameter(str(error), context, parameter) from None
 
     return read

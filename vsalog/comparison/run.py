@@ -228,13 +228,12 @@ def _once(contenders: Iterable[Contender]) -> list[Contender]:
 def _rows(run: Run, estimate: JointEstimate, first: Run, references: References) -> list[Row]:
     reference = next((e for e in first.estimates if e.joint == estimate.joint), None)
     trace = estimate.trace
-    assert trace is not None
     rows = []
     for part in estimate.summary.transmissions:
         mine = _columns(trace, part.transmission)
         whose = estimate.joint, part.transmission, trace
         agrees, difference = None, None
-        if run is not first and reference is not None and reference.trace is not None:
+        if run is not first and reference is not None:
             agrees, difference = _agreement(mine, _columns(reference.trace, part.transmission))
         rows.append(
             Row(

@@ -15,6 +15,10 @@ class VsalogError(Exception):
     """Root of every error that the input or the command line is to blame for."""
 
 
+class VsalogWarning(UserWarning):
+    """A finding of severity warning or invalidates, of a result that Python was given."""
+
+
 class ReadError(VsalogError):
     """A log cannot be read, or not as what it claims to be.
 

@@ -555,7 +555,7 @@ def merged(findings: Iterable[Finding]) -> tuple[tuple[Severity, str], ...]:
         if len({sentence(f, joint=False) for f in alike}) > 1:
             words.append(f"The numbers are those of joint '{first.joint}'.")
         if follow:
-            words.append(f"What else is odd may follow from it: {', '.join(follow)} (docs/findings.md).")
+            words.append(f"What else is odd may follow from it: {', '.join(follow)} (docs/reference/findings/).")
         out[first.severity, " ".join(words)] = None
     return tuple(out)
 

@@ -126,6 +126,29 @@ def parse_quantity(text: str, like: str) -> float:
     return value * si_factor(unit, like)
 
 
+def positive_quantity(value: float | str, like: str, kind: str) -> float:
+    """Return a number, or the quantity in a text, with a unit or in the unit `like`.
+
+    Parameters
+    ----------
+    value : what is asked for
+    like : SI unit of a bare number
+    kind : what it has to be in words, such as "a time longer than zero"
+
+    Raises
+    ------
+    UnitError
+        It is no such quantity, or not above zero.
+    """
+    try:
+        number = float(value)
+    except ValueError:
+        number = parse_quantity(str(value), like)
+    if not 0.0 < number < float("inf"):
+        raise UnitError(f"'{value}' is not {kind}")
+    return number
+
+
 def split_header(text: str) -> tuple[str, str | None]:
     """Split a table's header into name and unit: "theta [deg]" → ("theta", "deg"), "x (filtered)" → (itself, None).
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from dataclasses import replace as changed
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -160,12 +161,12 @@ class Outcome:
         return next((j.proposed for j in self.joints if j.proposed is not None), None)
 
 
-def plan(source: str, options: Options, progress: Progress = lambda _: None) -> Outcome:
+def plan(source: Rig | str | Path, options: Options, progress: Progress = lambda _: None) -> Outcome:
     """Plan the experiments of a rig.
 
     Parameters
     ----------
-    source : a rig file or a preset's name
+    source : a rig, its file or a preset's name
     options : what is asked for
     progress : called with the step that begins
 

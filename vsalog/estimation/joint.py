@@ -81,7 +81,7 @@ class JointEstimate:
     model : the fitted model, frozen at the end of the log
     summary : key figures per transmission
     findings : what a person should know
-    trace : the estimates over time; None where they went to a sink instead
+    kept : the estimates over time, `trace`; None where they went to a sink instead
     """
 
     joint: str
@@ -91,7 +91,20 @@ class JointEstimate:
     model: JointModel
     summary: JointSummary
     findings: tuple[Finding, ...]
-    trace: Trace | None
+    kept: Trace | None
+
+    @property
+    def trace(self) -> Trace:
+        """The estimates over time.
+
+        Raises
+        ------
+        EstimatorError
+            They went to a sink.
+        """
+        if self.kept is None:
+            raise EstimatorError(f"the trace of joint '{self.joint}' was handed on as it was made, and is not kept")
+        return self.kept
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -121,6 +134,12 @@ def choose(name: str, joint: Joint, estimator: str, tuning: Mapping[str, str], r
     found = method(estimator)
     values = read_tuning(found.TUNING, estimator, with_printed(found, device, with_causal(found, tuning)))
     return Choice(estimator, found, values, found.roles(device, offered, values), reason)
+
+
+def tuning(preset: str | None, tune: Mapping[str, str], causal: bool) -> dict[str, str]:
+    """Return --preset-tuning, --tune and --causal as one tuning."""
+    own = {} if preset is None else {PRESET: preset}
+    return own | dict(tune) | ({CAUSAL: "true"} if causal else {})
 
 
 def no_preset(preset: str) -> str:

@@ -7,11 +7,13 @@ from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vsalog.core.memory import AT_ONCE_BYTES
+from vsalog.core.model import JointModel
 from vsalog.core.trace import EXTRA_UNITS
 from vsalog.estimation.evidence import JointEvidence, Parameter, TransmissionEvidence
 from vsalog.estimation.joint import JointEstimate
@@ -23,14 +25,14 @@ Array = NDArray[np.float64]
 MOTOR = ("motor_inertia", "motor_damping")
 
 
-def evidence_of(trace: Path, estimate: JointEstimate, setpoint_unit: str = "rad") -> JointEvidence:
+def evidence_of(trace: Path | pa.Table, estimate: JointEstimate, setpoint_unit: str = "rad") -> JointEvidence:
     """Read what the figures draw back out of a trace's file, column by column: an hour's trace is never held twice.
 
     Of a longer trace only each n-th row is read (`thinned`).
 
     Parameters
     ----------
-    trace : the Parquet file, complete
+    trace : the Parquet file, complete, or the trace as a table
     estimate : of the joint wanted
     setpoint_unit : of the joint: rad, or m where it is a lever arm
 
@@ -40,18 +42,33 @@ def evidence_of(trace: Path, estimate: JointEstimate, setpoint_unit: str = "rad"
     """
     columns = TraceColumns(trace, estimate.joint, thinned(estimate))
     names = [t.transmission for t in distinct(estimate.summary.transmissions)]
+    return joint_evidence(columns, names, estimate.model, setpoint_unit)
+
+
+def joint_evidence(
+    columns: TraceColumns, names: Sequence[str], model: JointModel | None, setpoint_unit: str
+) -> JointEvidence:
+    """Return what the figures draw of a joint's columns.
+
+    Parameters
+    ----------
+    columns : of the joint
+    names : of its transmissions, the device last
+    model : that was fitted; None where it is not at hand
+    setpoint_unit : of the joint: rad, or m where it is a lever arm
+    """
     time = columns.of(names[0], "time")
     setpoint = columns.of(names[0], "setpoint") if "setpoint" in columns.known else None
     if setpoint is not None and not np.isfinite(setpoint).any():
         setpoint = None
-    parts = {n: _part(columns, n, estimate) for n in names}
+    measured_by = "" if model is None else model.modality.lower()
+    parts = {n: _part(columns, n, measured_by) for n in names}
     excited = parts[names[-1]].inside
-    return JointEvidence(
-        estimate.joint, time, setpoint, setpoint_unit, parts, estimate.model, Convergence(columns, estimate), excited
-    )
+    found = Convergence(columns, model)
+    return JointEvidence(columns.joint, time, setpoint, setpoint_unit, parts, model, found, excited)
 
 
-def _part(columns: TraceColumns, n: str, estimate: JointEstimate) -> TransmissionEvidence:
+def _part(columns: TraceColumns, n: str, measured_by: str) -> TransmissionEvidence:
     # A residual is compared with the fit behind the residual's own lag.
     lagged = "residual" in columns.known and bool(np.isfinite(columns.of(n, "residual")).any())
     fed = columns.of(n, "residual" if lagged else "flexibility_torque")
@@ -61,7 +78,7 @@ def _part(columns: TraceColumns, n: str, estimate: JointEstimate) -> Transmissio
         predicted=fit,
         predicted_std=np.full(fit.shape, np.nan),
         measured=fed if np.isfinite(fed).any() else None,
-        measured_by=estimate.model.modality.lower(),
+        measured_by=measured_by,
         stiffness=columns.of(n, "stiffness"),
         stiffness_std=columns.of(n, "stiffness_std"),
         true_stiffness=None,
@@ -71,40 +88,53 @@ def _part(columns: TraceColumns, n: str, estimate: JointEstimate) -> Transmissio
 
 def thinned(estimate: JointEstimate) -> int:
     """Return n where figures show each n-th row of a joint's trace, for its columns to fit in memory; 1 for all rows."""
+    return every_nth(max(t.samples for t in estimate.summary.transmissions))
+
+
+def every_nth(samples: int) -> int:
+    """Return n where figures show each n-th of so many samples, for their columns to fit in memory; 1 for all."""
     row = np.dtype(np.float64).itemsize * len(fields(TransmissionEvidence))
-    return max(1, -(-max(t.samples for t in estimate.summary.transmissions) * row // AT_ONCE_BYTES))
+    return max(1, -(-samples * row // AT_ONCE_BYTES))
 
 
 class TraceColumns:
-    """Columns of one joint in a trace's file, each n-th row, read when asked for."""
+    """Columns of one joint in a trace's file or table, each n-th row, read when asked for."""
 
-    def __init__(self, trace: Path, joint: str, every: int = 1) -> None:
+    def __init__(self, trace: Path | pa.Table, joint: str, every: int = 1) -> None:
         self.trace, self.joint, self.every = trace, joint, every
-        self.known = tuple(pq.read_schema(for_arrow(trace)).names)
+        schema = trace.schema if isinstance(trace, pa.Table) else pq.read_schema(for_arrow(trace))
+        self.known = tuple(schema.names)
 
     def of(self, transmission: str, column: str) -> Array:
         """Return a column of a transmission, shape (N,), NaN where it is null; a part of the file is read after the other."""
-        found, skip = [], 0
-        with pq.ParquetFile(for_arrow(self.trace)) as file:
-            for batch in file.iter_batches(columns=[column, "joint", "transmission"]):
-                own = pc.and_(
-                    pc.equal(batch["joint"].cast("string"), self.joint),
-                    pc.equal(batch["transmission"].cast("string"), transmission),
-                )
-                values = pc.cast(batch[column].filter(own), "float64").to_numpy(zero_copy_only=False)
-                found.append(values[skip :: self.every].copy())
-                skip = (skip - values.size) % self.every
+        found, skip = [np.zeros(0)], 0
+        for batch in _batches(self.trace, [column, "joint", "transmission"]):
+            own = pc.and_(
+                pc.equal(batch["joint"].cast("string"), self.joint),
+                pc.equal(batch["transmission"].cast("string"), transmission),
+            )
+            values = pc.cast(batch[column].filter(own), "float64").to_numpy(zero_copy_only=False)
+            found.append(values[skip :: self.every].copy())
+            skip = (skip - values.size) % self.every
         return np.concatenate(found).astype(np.float64)
+
+
+def _batches(trace: Path | pa.Table, columns: list[str]) -> Iterator[pa.RecordBatch]:
+    if isinstance(trace, pa.Table):
+        yield from trace.select(columns).to_batches()
+        return
+    with pq.ParquetFile(for_arrow(trace), page_checksum_verification=True) as file:
+        yield from file.iter_batches(columns=columns)
 
 
 class Convergence(Mapping[Parameter, Array]):
     """An estimate's parameters over time; each is read when asked for."""
 
-    def __init__(self, columns: TraceColumns, estimate: JointEstimate) -> None:
+    def __init__(self, columns: TraceColumns, model: JointModel | None) -> None:
         self.columns = columns
-        terms = estimate.model.basis.terms
         found: dict[Parameter, str] = {}
-        for transmission in estimate.model.transmission:
+        terms = () if model is None else model.basis.terms
+        for transmission in () if model is None else model.transmission:
             n = transmission.name
             found |= {Parameter(n, term, "N*m"): f"coefficient_{i}" for i, term in enumerate(terms)}
             found |= {Parameter(n, name, EXTRA_UNITS[name]): name for name in MOTOR}

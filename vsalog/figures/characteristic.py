@@ -14,7 +14,7 @@ from vsalog.core.notation import number
 from vsalog.estimation.evidence import JointEvidence, TransmissionEvidence
 from vsalog.figures.chart import TWO_STD, Axes, Chart, Curve, Surface, outline, points, span_words
 from vsalog.figures.decimation import FIGURE_COLUMNS, extent, scattered
-from vsalog.figures.time_series import DEFLECTION, TORQUE, measured_name
+from vsalog.figures.time_series import DEFLECTION, STIFFNESS, TORQUE, measured_name, outside_name
 
 Array = NDArray[np.float64]
 
@@ -35,6 +35,41 @@ def characteristic_charts(joint: JointEvidence, name: str, part: TransmissionEvi
         yield _slices(joint, part, setpoint, fitted)
 
 
+def stiffness_surface_chart(joint: JointEvidence, name: str, part: TransmissionEvidence) -> Chart | None:
+    """Return the stiffness over deflection and set-point, by the model where it was fitted, else as the trace has it.
+
+    None where there is no set-point, or it never moves.
+    """
+    if joint.setpoint is None or _span(joint.setpoint) <= 0.0 or not np.isfinite(part.deflection).any():
+        return None
+    fitted = None if joint.model is None else next((t for t in joint.model.transmission if t.name == name), None)
+    if joint.model is not None and fitted is not None and len(fitted.region) > 2 and len(fitted.region[0]) > 1:
+        P, setpoint, C = _grid(np.array(fitted.region))
+        z, source = joint.model.stiffness(fitted.name, P.ravel(), C.ravel())[0].reshape(P.shape), "by the model"
+    else:
+        P, setpoint, z = _means(joint.setpoint, part)
+        source = "means of the estimates"
+    at = scattered(part.deflection, joint.setpoint)
+    at = at[part.inside[at] & np.isfinite(part.stiffness[at])]
+    data = np.column_stack([part.deflection[at], joint.setpoint[at], part.stiffness[at]])
+    words = f"The stiffness ({source}) over deflection and set-point, {span_words(z.ravel(), 'N·m/rad')}, where it is excited"
+    surface = Surface(P, setpoint, z, data, DEFLECTION, setpoint_label(joint), STIFFNESS, flat=True)
+    return Chart("stiffness_surface", "Characteristic surface: stiffness", f"{words}.", surface=surface)
+
+
+def _means(recorded: Array, part: TransmissionEvidence) -> tuple[Array, Array, Array]:
+    """Return deflection (M, M), set-point (M,) and mean stiffness (M, M) of the excited samples, NaN in cells without one."""
+    known = part.inside & np.isfinite(part.stiffness) & np.isfinite(part.deflection) & np.isfinite(recorded)
+    phi, c = part.deflection[known], recorded[known]
+    # As many cells as leave some samples to each: the histogram's rule of the cube root, in both dimensions.
+    cells = max(2, min(NODES, round(phi.size ** (1 / 3))))
+    count, low, high = np.histogram2d(c, phi, cells) if phi.size else (np.zeros((2, 2)), np.arange(3.0), np.arange(3.0))
+    total = np.histogram2d(c, phi, [low, high], weights=part.stiffness[known])[0]
+    middles = [0.5 * (edges[1:] + edges[:-1]) for edges in (low, high)]
+    z = np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0)
+    return np.tile(middles[1], (len(middles[0]), 1)), middles[0], z
+
+
 def setpoint_label(joint: JointEvidence) -> str:
     """Return the set-point's axis label."""
     unit = joint.setpoint_unit if joint.setpoint_unit in ("m", "rad") else ""
@@ -50,7 +85,10 @@ def _over_deflection(
 ) -> Chart:
     torque, label = _data(part)
     shade = joint.setpoint if moving else None
-    curves = [points(label, part.deflection, torque, shade=shade)]
+    learnt = part.inside if joint.excited is not None else np.ones_like(part.inside)
+    curves = [points(label, part.deflection[learnt], torque[learnt], shade=None if shade is None else shade[learnt])]
+    if np.isfinite(torque[~learnt]).any():
+        curves.insert(0, points(outside_name(joint), part.deflection[~learnt], torque[~learnt], "error"))
     words = f"Torque ({label}) over a deflection from {span_words(part.deflection, 'rad')}"
     if not moving and joint.model is not None and fitted is not None and fitted.region:
         ends = np.array([p[0] for p in fitted.region])
@@ -81,10 +119,7 @@ def _surface(joint: JointEvidence, part: TransmissionEvidence, recorded: Array, 
     assert joint.model is not None
     torque, label = _data(part)
     region = np.array(fitted.region)
-    setpoint = np.linspace(region[:, 1].min(), region[:, 1].max(), NODES)
-    # Each row of the grid reaches from edge to edge of the region, whose outline is smooth that way.
-    P = np.array([np.linspace(*_reach(region, float(c)), NODES) for c in setpoint])
-    C = np.repeat(setpoint[:, None], NODES, axis=1)
+    P, setpoint, C = _grid(region)
     z = joint.model.flexibility_torque(fitted.name, P.ravel(), C.ravel())[0].reshape(P.shape)
     # One sample per cell of (φ, set-point): the data must cover the surface as the log does.
     at = scattered(part.deflection, recorded)
@@ -97,6 +132,14 @@ def _surface(joint: JointEvidence, part: TransmissionEvidence, recorded: Array, 
     )
     surface = Surface(P, setpoint, z, data, DEFLECTION, setpoint_label(joint), TORQUE)
     return Chart("surface", "Characteristic surface", words, surface=surface)
+
+
+def _grid(region: Array) -> tuple[Array, Array, Array]:
+    """Return deflection (M, M), set-point (M,) and set-point (M, M) that fill a region of vertices (φ, set-point)."""
+    setpoint = np.linspace(region[:, 1].min(), region[:, 1].max(), NODES)
+    # Each row of the grid reaches from edge to edge of the region, whose outline is smooth that way.
+    P = np.array([np.linspace(*_reach(region, float(c)), NODES) for c in setpoint])
+    return P, setpoint, np.repeat(setpoint[:, None], NODES, axis=1)
 
 
 def _slices(joint: JointEvidence, part: TransmissionEvidence, setpoint: Array, fitted: TransmissionModel) -> Chart:

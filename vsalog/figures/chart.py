@@ -122,7 +122,10 @@ class Axes:
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """z (m, n) over a grid whose rows have a y each, (m,), and their own x (m, n); and the data on it, (N, 3)."""
+    """z (m, n) over a grid whose rows have a y each, (m,), and their own x (m, n); and the data on it, (N, 3).
+
+    Flat: drawn as a map with contours in files for papers.
+    """
 
     x: Array
     y: Array
@@ -131,6 +134,7 @@ class Surface:
     x_label: str
     y_label: str
     z_label: str
+    flat: bool = False
 
 
 @dataclass(frozen=True, slots=True)

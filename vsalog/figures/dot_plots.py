@@ -8,9 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsalog.core.notation import number, signal_name
+from vsalog.core.notation import number, part_name, percent, signal_name
 from vsalog.diagnosis.document import EquationError, Gain
+from vsalog.diagnosis.plan_document import Cause
 from vsalog.figures.chart import Axes, Chart, Curve, strokes
+from vsalog.identification.document import IdentifiedNumber
 from vsalog.validation.verdict import HOLDING_ERROR, Line
 
 
@@ -84,6 +86,42 @@ def logs_chart(lines: Sequence[Line]) -> Chart:
     each = "; ".join(f"{name} {number(nrmse.value)} %" for name, nrmse in known)
     axes = Axes("NRMSE [%]", "", curves, rows=tuple(name for name, _ in known))
     return Chart("errors", "Error by log", f"Error of the torque, as a share of its span: {each}.", (axes,))
+
+
+def identified_chart(numbers: Sequence[IdentifiedNumber]) -> Chart | None:
+    """Return the numbers of a joint that were identified, relative to the rig's; None where all of the rig's are zero."""
+    known = [n for n in numbers if n.rig != 0.0]
+    if not known:
+        return None
+    x, low, high = np.array([_relative(n) for n in known]).T
+    y = _places(len(known))
+    curves = (
+        _limit("as the rig has it", 1.0, len(known)),
+        Curve("95 % interval", strokes(low, high), np.repeat(y, 3), "model"),
+        Curve("identified", x, y, "model", "points", symbol="circle"),
+    )
+    each = "; ".join(f"{n.key} {number(n.value, 4)} ({number(n.low)} to {number(n.high)})" for n in known)
+    axes = Axes("identified / rig", "", curves, rows=tuple(n.key for n in known))
+    return Chart("numbers", "Numbers identified, relative to the rig's", f"{each}.", (axes,))
+
+
+def _relative(one: IdentifiedNumber) -> tuple[float, float, float]:
+    """Return a number and the ends of its interval, relative to the rig's, which may be negative."""
+    low, high = sorted((one.low / one.rig, one.high / one.rig))
+    return one.value / one.rig, low, high
+
+
+def seen_chart(causes: Sequence[Cause]) -> Chart:
+    """Return the probability that a diagnosis would name each cause, as large as the rig's tolerance of it."""
+    names = [f"{c.cause} ({part_name(c.part)})" if c.part else c.cause for c in causes]
+    x, y = np.array([c.seen for c in causes]), _places(len(causes))
+    curves = (
+        Curve("", strokes(np.zeros_like(x), x), np.repeat(y, 3), "error"),
+        Curve("probability", x, y, "model", "points", symbol="circle"),
+    )
+    each = "; ".join(f"{name} {percent(seen)}" for name, seen in zip(names, x, strict=True))
+    axes = Axes("probability that it is found", "", curves, rows=tuple(names))
+    return Chart("causes", "Causes that would show", f"{each}.", (axes,))
 
 
 def _before_and_after(kind: str, title: str, words: str, label: str, rows: Sequence[Row]) -> Chart | None:

@@ -11,11 +11,12 @@ from dataclasses import replace
 
 from vsalog.core.model import ModelFile
 from vsalog.estimation.evidence import JointEvidence
-from vsalog.figures.characteristic import characteristic_charts
+from vsalog.figures.characteristic import characteristic_charts, stiffness_surface_chart
 from vsalog.figures.chart import Chart
 from vsalog.figures.decimation import FIGURE_COLUMNS, one_after_the_other
 from vsalog.figures.error_statistics import error_charts
-from vsalog.figures.time_series import convergence_charts, expanded_chart, stiffness_chart, torque_chart
+from vsalog.figures.paper import SIZES
+from vsalog.figures.time_series import convergence_charts, expanded_chart, stiffness_chart, torque_chart, with_deviation
 
 
 class Drawings:
@@ -68,3 +69,24 @@ def joint_charts(joint: JointEvidence, columns: int) -> dict[str, Sequence[Chart
             *([] if found else convergence_charts(joint, columns)),
         ]
     return found
+
+
+def plot_charts(joint: JointEvidence) -> dict[str, list[Chart]]:
+    """Return all figures of a joint's transmissions for a file or a screen of their own.
+
+    They are those of reports, and the stiffness over deflection and set-point. Where the stiffness's band is narrower than a
+    line, the standard deviation has axes of its own.
+    """
+    found: dict[str, list[Chart]] = {}
+    for name, charts in joint_charts(joint, FIGURE_COLUMNS).items():
+        part = joint.transmissions[name]
+        surface = stiffness_surface_chart(joint, name, part)
+        # What is plotted most often comes first.
+        found[name] = sorted([*charts, *([] if surface is None else [surface])], key=_rank)
+        found[name][0] = with_deviation(found[name][0], joint, part, SIZES["column"].lines)
+    return found
+
+
+def _rank(chart: Chart) -> int:
+    first = ("stiffness", "torque_over_deflection", "stiffness_surface")
+    return first.index(chart.name) if chart.name in first else len(first)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -25,9 +26,9 @@ PALETTE = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#0
 COLOURS = {"model": "#0072B2", "measured": "#D55E00", "truth": "#009E73", "error": "#5F5F5F"}
 DASHES = ("-", "--", ":", "-.")
 STYLES = ("solid", "dashed", "dotted", "dashdot")
+MARKERS = {"circle": "o", "diamond-open": "D"}
 # Journals want text as text, equal results make equal files, and a name's dollar signs are no formulas.
-STYLE: Any = {
-    "font.size": 8.0,
+BASE: Any = {
     "axes.linewidth": 0.6,
     "lines.linewidth": 1.0,
     "pdf.fonttype": 42,
@@ -37,6 +38,46 @@ STYLE: Any = {
     "grid.alpha": 0.3,
     "grid.linewidth": 0.5,
     "legend.frameon": False,
+    "legend.borderaxespad": 0.2,
+    "legend.handlelength": 1.5,
+    "legend.handletextpad": 0.5,
+    "legend.columnspacing": 1.0,
+}
+STYLE: Any = BASE | {"font.size": 8.0}
+
+
+@dataclass(frozen=True, slots=True)
+class Style:
+    """How large a figure is drawn.
+
+    Attributes
+    ----------
+    width, row : of a figure, and the height of its first pair of axes [in]
+    font : size [pt]
+    """
+
+    width: float
+    row: float
+    font: float
+
+    @property
+    def settings(self) -> Any:
+        """What matplotlib is told."""
+        ticks = {f"{axis}tick.major.{what}": value for axis in "xy" for what, value in (("width", 0.6), ("size", 2.5))}
+        return BASE | ticks | {"font.size": self.font, "legend.fontsize": self.font, "axes.xmargin": 0.02}
+
+    @property
+    def lines(self) -> float:
+        """How many lines fit above one another into the first pair of axes; what is narrower than one cannot be seen."""
+        return 72.0 * self.row / float(BASE["lines.linewidth"])
+
+
+# A column and a page of IEEE's transactions are 3.5 in and 7.16 in wide, with text of 8 to 10 pt in figures (IEEE,
+# "Preparation of Papers for IEEE Transactions and Journals").
+SIZES: Mapping[str, Style] = {
+    "column": Style(3.5, 1.9, 8.0),
+    "page": Style(7.16, 2.3, 9.0),
+    "screen": Style(10.0, 4.2, 11.0),
 }
 METADATA: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
 
@@ -234,16 +275,90 @@ def _drawn(chart: Chart) -> Any:
             _panel(right, axes, panel, last=True)
             axes.locator_params(axis="x", nbins=5)
         return canvas
-    if chart.side_by_side:
-        canvas = Figure(figsize=(7.0, 2.5), layout="constrained")
+    canvas = Figure(figsize=(7.0, 2.5 if chart.side_by_side else 0.9 + 1.3 * sum(_ratios(chart))), layout="constrained")
+    _fill(canvas, chart, chart.side_by_side)
+    return canvas
+
+
+def _ratios(chart: Chart) -> list[float]:
+    """Return the heights of axes below one another: of linked ones the first is the figure's subject."""
+    n = len(chart.axes)
+    return [1.6] + [1.0] * (n - 1) if chart.linked else [1.0] * n
+
+
+def _fill(canvas: Any, chart: Chart, side_by_side: bool) -> None:
+    n = len(chart.axes)
+    if side_by_side:
         grid = canvas.subplots(1, max(n, 1), squeeze=False)[0]
     else:
-        ratios = [1.6] + [1.0] * (n - 1) if chart.linked else [1.0] * n
-        canvas = Figure(figsize=(7.0, 0.9 + 1.3 * sum(ratios)), layout="constrained")
-        grid = canvas.subplots(n, 1, squeeze=False, sharex=chart.linked, height_ratios=ratios)[:, 0]
+        grid = canvas.subplots(n, 1, squeeze=False, sharex=chart.linked, height_ratios=_ratios(chart))[:, 0]
     for i, (axes, panel) in enumerate(zip(grid, chart.axes, strict=False)):
         _panel(canvas, axes, panel, last=not chart.linked or i == n - 1)
-    return canvas
+
+
+def draw(canvas: Any, chart: Chart, style: Style) -> None:
+    """Draw a chart into a figure of matplotlib that is empty, whose size becomes the style's.
+
+    Parameters
+    ----------
+    canvas : `matplotlib.figure.Figure`; of what is made of it later, its caller sets ``style.settings``
+    chart, style : what is drawn, and how large
+    """
+    if chart.surface is not None:
+        flat = chart.surface.flat
+        canvas.set_size_inches(style.width, (0.75 if flat else 0.85) * min(style.width, 7.0))
+        if flat:
+            canvas.set_layout_engine("constrained")
+        (_map if flat else _surface)(canvas, chart.surface)
+        if flat:
+            _few_ticks(canvas.axes[0], style.width, style.font)
+        return
+    # Axes side by side need a page's width.
+    beside = chart.side_by_side and style.width > SIZES["column"].width
+    ratios = [1.0] if beside else _ratios(chart)
+    named = max((len(panel.rows) for panel in chart.axes), default=0)
+    height = style.row * sum(ratios) / ratios[0] + 2.5 * style.font / 72.0 * named
+    canvas.set_size_inches(style.width, height)
+    canvas.set_layout_engine("constrained")
+    _fill(canvas, chart, beside)
+    for axes, panel in zip(canvas.axes, chart.axes, strict=False):
+        if not panel.x_log and not panel.x_ticks:
+            _few_ticks(axes, style.width / (len(chart.axes) if beside else 1), style.font)
+    legends = [axes.get_legend() for axes in canvas.axes if axes.get_legend() is not None]
+    tall = [legend.get_window_extent().height / canvas.dpi for legend in legends] or [0.0]
+    # Three lines below the axes: their numbers, their label, and some room.
+    canvas.set_size_inches(style.width, height + (max(tall) if beside else sum(tall)) + 3.0 * style.font / 72.0)
+    canvas.draw_without_rendering()  # the numbers on axes depend on their size, and it on them
+
+
+def _few_ticks(axes: Any, width: float, font: float) -> None:
+    """Mark as few places of x as leave room between their numbers; width in inches, font in points."""
+    from matplotlib.ticker import MaxNLocator
+
+    # A number such as −0.005 is six letters wide, of 0.6 of the font's size each, with room for four between two.
+    most = max(2, int(72.0 * width / (0.6 * font * 10.0)))
+    axes.xaxis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
+
+
+def write_chart(path: Path, chart: Chart, style: Style) -> None:
+    """Write a chart into a file of the kind that its name ends in, which appears whole or not at all.
+
+    Raises
+    ------
+    FigureError
+        matplotlib is not installed.
+    WriteError
+        The file cannot be written.
+    """
+    check_matplotlib("a figure")
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    kind = path.suffix.lower().removeprefix(".")
+    with rc_context(style.settings), atomic_path(path) as temporary:
+        canvas = Figure()
+        draw(canvas, chart, style)
+        canvas.savefig(temporary, format=kind, dpi=300, metadata=METADATA[kind])
 
 
 def _panel(canvas: Any, axes: Any, panel: Axes, last: bool) -> None:
@@ -266,10 +381,28 @@ def _panel(canvas: Any, axes: Any, panel: Axes, last: bool) -> None:
     if last:
         axes.set_xlabel(printable(panel.x_label))
     axes.set_ylabel(printable(panel.y_label))
+    if panel.rows:
+        axes.set_yticks([-i for i in range(len(panel.rows))], [printable(name) for name in panel.rows])
+        axes.set_ylim(0.6 - len(panel.rows), 0.6)
+    if panel.x_ticks:
+        axes.set_xticks([at for at, _ in panel.x_ticks], [printable(name) for _, name in panel.x_ticks])
+    _legend(canvas, axes)
+
+
+def _legend(canvas: Any, axes: Any) -> None:
+    """Put a legend above the axes, in as many columns as the figure is wide."""
     handles, labels = axes.get_legend_handles_labels()
-    if handles:
-        axes.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2,
-                    handlelength=1.8, columnspacing=1.2)  # fmt: skip
+    if not handles:
+        return
+    place = axes.get_subplotspec().get_position(canvas)
+    for columns in range(min(4, len(handles)), 0, -1):
+        legend = axes.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns)
+        for handle in legend.legend_handles:
+            if hasattr(handle, "set_sizes"):  # points of the size that the figure has would hardly show
+                handle.set_sizes([20])
+        # It ends with the axes, and may begin above their labels.
+        if legend.get_window_extent().width <= 0.97 * canvas.bbox.width * place.x1:
+            return
 
 
 def _curve(axes: Any, curve: Curve) -> Any:
@@ -279,12 +412,15 @@ def _curve(axes: Any, curve: Curve) -> Any:
     if curve.kind == "bars":
         return axes.bar(curve.x, curve.y, width=curve.width, color=colour, alpha=0.6, label=label)
     if curve.kind == "area":
-        return axes.fill(*_polygons(curve), color=colour, alpha=0.22, linewidth=0, label=label)
+        areas = axes.fill(*_polygons(curve), color=colour, alpha=0.22, linewidth=0)
+        for area in areas[:1]:  # a band with gaps is one thing in a legend
+            area.set_label(label)
+        return areas
     if curve.kind == "points":
         c = colour if curve.shade is None else curve.shade
-        # Thousands of points are one picture, also in an SVG.
-        return axes.scatter(curve.x, curve.y, s=4, c=c, marker="x", linewidths=0.5, cmap="viridis" if curve.shade is not None
-                            else None, label=label if curve.shade is None else None, rasterized=True)  # fmt: skip
+        size, edge, marker = (20, 0.8, MARKERS.get(curve.symbol, "o")) if curve.symbol else (3, 0.0, ".")
+        shaded = {"label": label} if curve.shade is None else {"cmap": "viridis"}
+        return axes.scatter(curve.x, curve.y, s=size, c=c, marker=marker, linewidths=edge, **shaded)
     dash = DASHES[int(curve.colour) // len(PALETTE) % len(DASHES)] if one_of_many else "--" if curve.dashed else "-"
     marker = "o" if curve.kind == "marked" else ""
     return axes.plot(curve.x, curve.y, dash, color=colour, marker=marker, markersize=3, label=label)
@@ -299,6 +435,25 @@ def _polygons(curve: Curve) -> list[Any]:
         if inside.size > 2:
             out += [curve.x[inside], curve.y[inside]]
     return out
+
+
+def _map(canvas: Any, surface: Surface) -> None:
+    """Draw a surface as seen from above: z as colour with its contours, and where the data are."""
+    axes = canvas.subplots()
+    y = np.repeat(surface.y[:, None], surface.x.shape[1], axis=1)
+    z = np.ma.masked_invalid(surface.z)
+    if z.count() and np.ptp(z) > 0.0:
+        # The lightest colours are left out, on which white lines would not show.
+        filled = axes.contourf(surface.x, y, z, levels=24, cmap="viridis", vmax=z.max() + 0.2 * np.ptp(z))
+        filled.set_edgecolor("face")  # else viewers show the paper between two levels
+        canvas.colorbar(filled, ax=axes, label=printable(surface.z_label), pad=0.02)
+        lines = axes.contour(surface.x, y, z, levels=6, colors="white", linewidths=0.7)
+        axes.clabel(lines, fmt="%g", fontsize="small")
+    axes.plot(surface.data[:, 0], surface.data[:, 1], ".", color="black", markersize=1, label="samples")
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), markerscale=4)
+    axes.set_xlabel(printable(surface.x_label))
+    axes.set_ylabel(printable(surface.y_label))
+    axes.grid(visible=False)
 
 
 def _surface(canvas: Any, surface: Surface) -> Any:

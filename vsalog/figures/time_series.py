@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vsalog.core.notation import number, term_name, unit_text
 from vsalog.estimation.evidence import JointEvidence, TransmissionEvidence
 from vsalog.figures.chart import TWO_STD, Axes, Chart, Curve, OverTime, span_words
-from vsalog.figures.decimation import around, extent, rms, spans
+from vsalog.figures.decimation import FIGURE_COLUMNS, around, extent, rms, spans
 
 Array = NDArray[np.float64]
 Evidence = TypeVar("Evidence", JointEvidence, TransmissionEvidence)
@@ -108,6 +108,24 @@ def stiffness_chart(joint: JointEvidence, part: TransmissionEvidence, columns: i
     return Chart("stiffness", "Stiffness over time", f"{words}.{_share_words(joint, part)}", (axes,))
 
 
+def with_deviation(chart: Chart, joint: JointEvidence, part: TransmissionEvidence, lines: float) -> Chart:
+    """Return a stiffness's figure with its standard deviation below, where its band is too narrow to be seen.
+
+    Parameters
+    ----------
+    chart : of `stiffness_chart`
+    joint, part : what it draws
+    lines : that fit above one another into the axes
+    """
+    known = np.isfinite(part.stiffness) & np.isfinite(part.stiffness_std)
+    known = known & part.inside if (known & part.inside).any() else known
+    if not known.any() or 4.0 * float(np.median(part.stiffness_std[known])) * lines > np.ptp(part.stiffness[known]):
+        return chart
+    std = np.where(known, part.stiffness_std, np.nan)
+    curve = OverTime(joint.time, FIGURE_COLUMNS).line("standard deviation", std, "error")
+    return replace(chart, axes=(*chart.axes, Axes(TIME, "std [N·m/rad]", (curve,), chart.axes[0].spans)), linked=True)
+
+
 def stiffnesses_chart(title: str, lines: Iterable[tuple[str, str, Array, Array]], columns: int) -> Chart:
     """One stiffness by several estimators.
 
@@ -179,14 +197,15 @@ def _shaded(
 ) -> tuple[tuple[tuple[float, float], ...], str]:
     """Return stretches that excite no estimate, or that the model extrapolates into, and what these are; the unknown are none."""
     out = ~part.inside & np.isfinite(part.stiffness)
-    return tuple(spans(joint.time, out, min(columns, 200))), _shade_words(joint)
+    return tuple(spans(joint.time, out, min(columns, 200))), outside_name(joint)
 
 
-def _shade_words(joint: JointEvidence) -> str:
+def outside_name(joint: JointEvidence) -> str:
+    """Return what samples are called that lie outside of what an estimate was learnt from, or a model was fitted in."""
     return "outside the model's region" if joint.excited is None else "not excited so far"
 
 
 def _share_words(joint: JointEvidence, part: TransmissionEvidence) -> str:
     known = np.isfinite(part.stiffness)
     share = float((~part.inside)[known].mean()) if known.any() else 0.0
-    return f" Shaded: {_shade_words(joint)}, {number(100.0 * share)} % of the time." if share > 0.0 else ""
+    return f" Shaded: {outside_name(joint)}, {number(100.0 * share)} % of the time." if share > 0.0 else ""

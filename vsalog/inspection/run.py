@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding.grid import LONGEST_GAP
+from vsalog.core.errors import VsalogError, words_of
 from vsalog.core.finding import Findings
 from vsalog.core.finding_texts import sentence
 from vsalog.core.recording import Channel, Recording, Stream
@@ -17,16 +19,69 @@ from vsalog.core.resolution import noise_of, step_of
 from vsalog.inspection.document import (
     ChannelReport,
     HeadReport,
+    Inspection,
     JointReport,
     LogReport,
     RoleReport,
     SampleReport,
     StreamReport,
+    Unreadable,
 )
 from vsalog.inspection.joint_faults import joint_faults
+from vsalog.readers import read
+from vsalog.readers.sampling import read_sample
 from vsalog.readers.sampling_pieces import Sample
 from vsalog.rig.checks import RUN
+from vsalog.rig.guess import guess_roles
 from vsalog.rig.guess_types import Guess
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What can be asked of `inspect`; the command line's options of the same names.
+
+    Attributes
+    ----------
+    head : number of first samples of each stream in the report
+    full : read all of a large log; a sample of it when absent
+    rate, time, start, end : as for `vsalog.readers.read`; a part of a log is read whole
+    """
+
+    head: int = 0
+    full: bool = False
+    rate: float | None = None
+    time: str = "auto"
+    start: str | None = None
+    end: str | None = None
+
+
+def inspect(logs: Sequence[Path], options: Options) -> Inspection:
+    """Look at logs. Of several, one that cannot be read is reported, and the others are looked at.
+
+    Raises
+    ------
+    VsalogError
+        The only log cannot be read.
+    """
+    reports: list[LogReport] = []
+    unreadable: list[Unreadable] = []
+    for log in logs:
+        try:
+            recording, sample = looked_at(log, options)
+        except (VsalogError, OSError) as error:
+            if len(logs) == 1:
+                raise
+            unreadable.append(Unreadable(str(log), words_of(error)))
+            continue
+        reports.append(inspect_recording(recording, guess_roles(recording), sample, options.head))
+    return Inspection(tuple(reports), None, tuple(unreadable))
+
+
+def looked_at(log: Path, options: Options) -> tuple[Recording, Sample | None]:
+    """Read what is looked at of a log, and return what part of it that is; None for the whole."""
+    if options.full or options.start is not None or options.end is not None:
+        return read(log, None, options.time, options.rate, options.start, options.end), None
+    return read_sample(log, options.time, options.rate)
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a log may hold any number

@@ -104,7 +104,7 @@ def comparison_charts(joint: str, runs: Sequence[Run], references: References) -
     runs : of the estimators
     references : what they are held against
     """
-    traces = {run.contender.label: e.trace for run in runs for e in run.estimates if e.joint == joint and e.trace}
+    traces = {run.contender.label: e.trace for run in runs for e in run.estimates if e.joint == joint}
     for name in _distinct(name for trace in traces.values() for name in trace.transmissions):
         lines = [
             (label, str(i), one_after_the_other(trace.time), _excited(trace, name))

@@ -52,7 +52,8 @@ def diagnosis_document(
     joints = list(dict.fromkeys(part.joint for part in parts))
     several = len(joints) > 1
     drawn = {
-        joint.joint: _signals(found, joint, columns_for(sum(len(j.signals) for j in evidence))) for joint in evidence
+        joint.joint: simulated_charts(found, joint, columns_for(sum(len(j.signals) for j in evidence)))
+        for joint in evidence
     }
     lead = next((chart for charts in drawn.values() for chart in charts), None)
     items: list[Block] = [
@@ -192,7 +193,8 @@ def extra_paths(folder: Path | None) -> tuple[Path, Path]:
     return where / "extended.rig.toml", where / EXPERIMENT
 
 
-def _signals(found: Diagnosis, joint: JointEvidence, columns: int) -> list[Chart]:
+def simulated_charts(found: Diagnosis, joint: JointEvidence, columns: int) -> list[Chart]:
+    """Return the figures of a joint's signals, measured and simulated."""
     noise = {e.signal: e.noise_floor for e in found.simulation_error if e.joint == joint.joint}
     noise |= {g.signal: g.noise_floor for g in found.gain.signals if g.joint == joint.joint}
     return signal_charts(joint, noise, columns)

@@ -55,7 +55,7 @@ def estimate_document(
         items.append(Facts(tuple(outputs.written.items()), "terminal"))
     if origin is not None:
         items.append(_provenance(estimates, origin))
-    data = None if outputs is None else _data(job, estimates, outputs)
+    data = None if outputs is None else estimate_data(job, estimates, outputs)
     return Document(f"Stiffness of {log}", "Estimate", tuple(items), data)
 
 
@@ -229,15 +229,14 @@ def _provenance(estimates: Sequence[JointEstimate], origin: Mapping[str, str]) -
     return provenance([*pairs, ("vsalog", origin["vsalog.version"])], origin["vsalog.rig"])
 
 
-def _data(job: Job, estimates: Sequence[JointEstimate], outputs: Outputs) -> dict[str, object]:
+def estimate_data(job: Job, estimates: Sequence[JointEstimate], outputs: Outputs | None = None) -> dict[str, object]:
+    """Return what is printed as JSON; without files where none are named."""
+    files = {} if outputs is None else {"trace": outputs.trace, "model": outputs.model, "mcap": outputs.mcap}
+    named = {what: None if path is None else printable(str(path)) for what, path in files.items()}
     return {
         "logs": [printable(str(log)) for log in job.logs],
         "rig": {"name": job.rig.name, "guessed": job.guessed},
-        "outputs": {
-            "trace": printable(str(outputs.trace)),
-            "model": printable(str(outputs.model)),
-            "mcap": None if outputs.mcap is None else printable(str(outputs.mcap)),
-        },
+        **({"outputs": named} if named else {}),
         "joints": [
             {
                 "joint": e.joint,

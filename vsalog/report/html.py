@@ -8,6 +8,8 @@ from __future__ import annotations
 import base64
 import gzip
 import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -18,7 +20,7 @@ from markupsafe import Markup
 from vsalog.core.finding_texts import merged
 from vsalog.core.printable import printable
 from vsalog.figures.chart import chart_data
-from vsalog.report.document import SEVERITIES, Document, charts_in
+from vsalog.report.document import SEVERITIES, Block, Document, Figures, Section, Source, charts_in
 
 
 def page_of(document: Document) -> str:
@@ -29,6 +31,22 @@ def page_of(document: Document) -> str:
     # plotly's surfaces make functions of texts.
     policy = " ".join(f"'sha256-{digest}'" for digest in digests) + (" 'unsafe-eval'" if library[1] else "")
     return _templates().get_template("page.html").render(document=document, library=library[0], scripts=Markup(policy))
+
+
+def fragment_of(document: Document) -> str:
+    """Return a document's sentences and tables as HTML for a page that is there, as a notebook; every text is escaped."""
+    return _templates().get_template("fragment.html").render(document=document, items=_plain(document.items))
+
+
+def _plain(items: Sequence[Block]) -> tuple[Block, ...]:
+    """Leave out figures, sources, and what a page alone says of itself."""
+    kept: list[Block] = []
+    for item in items:
+        if isinstance(item, Section) and item.where != "page":
+            kept.append(replace(item, items=_plain(item.items)))
+        elif not isinstance(item, Figures | Source | Section):
+            kept.append(item)
+    return tuple(kept)
 
 
 @cache

@@ -24,6 +24,9 @@ KINDS: Mapping[document.Kind, str] = {
     "richer": "one can do all that another does",
 }
 
+# Who proposed the motion, and what its swings are compared with.
+MOTION_OF = ("vsalog plan", "in the motion that was judged")
+
 
 def write_plan(
     source: str, options: Options, output: Path | None, page: Path | None, progress: Callable[[str], None] = lambda _: None
@@ -53,7 +56,7 @@ def write_plan(
     found, files, proposed = planned(outcome), dict[str, str](), outcome.proposed
     with together():
         if output is not None and proposed is not None:
-            write_text(output, scenario_text(proposed, "vsalog plan", "in the motion that was judged"))
+            write_text(output, scenario_text(proposed, *MOTION_OF))
             files["motion"] = str(output)
         if page is not None:
             write_text(page, page_of(plan_document(found)))

@@ -12,6 +12,7 @@ from vsalog.simulation.replay_job import JointReplay, ReplayJob, position_of, un
 from vsalog.simulation.run import Job
 from vsalog.simulation.scenario import built_in
 from vsalog.simulation.scenario_generic import GENERIC
+from vsalog.writers.recording_files import LogFiles
 
 
 def scenarios_document() -> Document:
@@ -25,18 +26,15 @@ def scenarios_document() -> Document:
     return Document("Scenarios", "What can be simulated", tuple(sections))
 
 
-def written_document(job: Job, recording: Recording) -> Document:
-    """Return what was written, and what to do with it."""
+def written_document(job: Job, recording: Recording, written: bool = True) -> Document:
+    """Return what was simulated, and where it was written, if it was."""
     file = job.scenario.file
-    rig = "" if job.files.rig is None else f"; its rig: {shown(str(job.files.rig))}"
+    begin, end = _where(job.files, written)
     words = (
-        f"{shown(str(job.files.log))}: {file.duration:g} s at {1.0 / file.period:g} Hz, {len(recording.channels)} channels of"
-        f" {', '.join(map(shown, job.rig.joints))}; {job.scenario.where}, seed {job.options.seed}{rig}"
+        f"{begin}{file.duration:g} s at {1.0 / file.period:g} Hz, {len(recording.channels)} channels of"
+        f" {', '.join(map(shown, job.rig.joints))}; {job.scenario.where}, seed {job.options.seed}{end}"
     )
-    data = {
-        "log": str(job.files.log),
-        "format": job.files.format,
-        "rig_file": None if job.files.rig is None else str(job.files.rig),
+    data = _file_data(job.files, written) | {
         "rig": job.rig.name,
         "scenario": file.name,
         "duration": file.duration,
@@ -53,20 +51,31 @@ def written_document(job: Job, recording: Recording) -> Document:
     return Document("Simulation", "", (Words(words),), data)
 
 
-def replay_document(job: ReplayJob, joints: Mapping[str, JointReplay]) -> Document:
-    """Return what was written of a replay, what drove it, and how far it is off."""
-    rig = "" if job.files.rig is None else f"; its rig: {shown(str(job.files.rig))}"
-    told = [Words(f"{shown(str(job.files.log))}: {shown(job.log.name)} replayed{rig}")]
+def _where(files: LogFiles, written: bool) -> tuple[str, str]:
+    """Return what a line begins and ends with that says where a log and its rig were written; nothing where they were not."""
+    rig = "" if files.rig is None else f"; its rig: {shown(str(files.rig))}"
+    return (f"{shown(str(files.log))}: ", rig) if written else ("", "")
+
+
+def _file_data(files: LogFiles, written: bool) -> dict[str, object]:
+    return {
+        "log": str(files.log) if written else None,
+        "format": files.format if written else None,
+        "rig_file": None if files.rig is None or not written else str(files.rig),
+    }
+
+
+def replay_document(job: ReplayJob, joints: Mapping[str, JointReplay], written: bool = True) -> Document:
+    """Return what was replayed, what drove it, how far it is off, and where it was written, if it was."""
+    begin, end = _where(job.files, written)
+    told = [Words(f"{begin}{shown(job.log.name)} replayed{end}")]
     for name, joint in joints.items():
         drives = ", ".join(_drive(role, how) for role, how in joint.driven.items()) or "nothing"
         begun = "once" if joint.restarts == 1 else f"{joint.restarts} times"
         told.append(Words(f"  {shown(name)}: driven by {drives}; begun {begun} from the measured state"))
         told += [Words(f"    {role}: {_off(joint, role)}") for role in joint.compared()]
     told += [Words(f"  {shown(name)}: left out: it {why}") for name, why in job.left_out.items()]
-    data = {
-        "log": str(job.files.log),
-        "format": job.files.format,
-        "rig_file": None if job.files.rig is None else str(job.files.rig),
+    data = _file_data(job.files, written) | {
         "rig": job.rig.name,
         "replayed": str(job.log),
         "window": job.options.window,

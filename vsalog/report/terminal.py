@@ -7,6 +7,7 @@ import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from io import StringIO
 
 from rich.console import Console
 from rich.measure import Measurement
@@ -48,15 +49,26 @@ def print_document(document: Document, console: Console | None = None) -> None:
     _print(document.items, console or console_for(), 0)
 
 
+def text_of(document: Document) -> str:
+    """Return what is printed of a document for people, its findings where they stand in it; no line is broken."""
+    text = StringIO()
+    # In a notebook rich would display the text there, and not write it.
+    console = Console(
+        file=text, width=sys.maxsize, color_system=None, force_jupyter=False, highlight=False, emoji=False, markup=False
+    )
+    _print(document.items, console, 0, console)
+    return text.getvalue()
+
+
 def print_data(document: Document) -> None:
     """Print a document's data as JSON."""
     sys.stdout.buffer.write(document_text(document.data).encode())
     sys.stdout.buffer.flush()
 
 
-def print_findings(findings: Iterable[Finding]) -> None:
+def print_findings(findings: Iterable[Finding], errors: Console | None = None) -> None:
     """Print findings on stderr after their severity: one line for what has one cause, unless all is asked for."""
-    errors = Console(stderr=True, highlight=False, emoji=False)
+    errors = errors or Console(stderr=True, highlight=False, emoji=False)
     for severity, sentence in (by_severity if verbosity() == Verbosity.VERBOSE else merged)(findings):
         if severity == "info" and verbosity() == Verbosity.QUIET:
             continue
@@ -64,7 +76,7 @@ def print_findings(findings: Iterable[Finding]) -> None:
         errors.print(line, soft_wrap=True)
 
 
-def _print(items: Sequence[Block], console: Console, depth: int) -> None:
+def _print(items: Sequence[Block], console: Console, depth: int, errors: Console | None = None) -> None:
     for i, item in enumerate(items):
         if item.where == "page":
             continue
@@ -75,13 +87,13 @@ def _print(items: Sequence[Block], console: Console, depth: int) -> None:
                 if i or depth:
                     console.print()
                 _line(console, item.title, "", "bold")
-            _print(item.items, console, depth + 1)
+            _print(item.items, console, depth + 1, errors)
         elif isinstance(item, Verdict):
             _verdict(item, console)
         elif isinstance(item, Words):
             _line(console, item.text, "  " if depth else "")
         elif isinstance(item, Notes):
-            print_findings(item.findings)
+            print_findings(item.findings, errors)
         elif isinstance(item, Facts):
             for key, value in item.pairs:
                 console.print(Text(printable(f"{key}: {value}")), soft_wrap=True)

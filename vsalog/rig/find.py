@@ -51,10 +51,7 @@ def find_rig(log: Path, rig_text: str | None, given: Rig | str | Path | None = N
         The rig that was found cannot be used.
     """
     if given is not None:
-        if not isinstance(given, Rig):
-            return given_rig(given, log)
-        tell_rig(given, "given", log)
-        return given
+        return given_rig(given, log)
     if rig_text is not None:
         rig = Rig.from_toml(rig_text, f"rig in {log.name}")
         tell_rig(rig, "log", log)
@@ -67,16 +64,16 @@ def find_rig(log: Path, rig_text: str | None, given: Rig | str | Path | None = N
     return rig
 
 
-def given_rig(source: str | Path, log: Path | None = None) -> Rig:
-    """Load the rig that was asked for: a file, else a preset or TOML text.
+def given_rig(source: Rig | str | Path, log: Path | None = None) -> Rig:
+    """Return the rig that was asked for: one that is loaded, a file, else a preset or TOML text.
 
     Raises
     ------
     RigError
         There is no such file or preset, or what it says is not possible.
     """
-    path = _file(source)
-    rig = Rig.load(source if path is None else path)
+    path = None if isinstance(source, Rig) else _file(source)
+    rig = source if isinstance(source, Rig) else Rig.load(source if path is None else path)
     tell_rig(rig, "given", log, path)
     return rig
 

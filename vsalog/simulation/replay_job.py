@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import msgspec
@@ -158,6 +158,10 @@ class ReplayJob:
         streams = {c.stream: Stream(c.stream, c.type, int(c.stamps.size), "log") for c in channels.values()}
         return Recording(path=self.files.log, format="simulation", channels=channels, streams=streams)
 
+    def with_rig(self, recording: Recording) -> Recording:
+        """Return a recording that carries its rig, as the log that is written of it does."""
+        return replace(recording, rig_text=self.rig_text())
+
     def write(self, recording: Recording) -> None:
         """Write the log, and the rig next to it where the format has no place for it.
 
@@ -189,12 +193,12 @@ class ReplayJob:
         return f"{prefix}{role}" if len(self.signals) == 1 else f"{prefix}{topic_parts(self.signals)[joint]}/{role}"
 
 
-def prepare_replay(source: str | None, log: Path, options: ReplayOptions) -> ReplayJob:
+def prepare_replay(source: Rig | str | Path | None, log: Path, options: ReplayOptions) -> ReplayJob:
     """Load the rig, read the log, and see that they fit, and that the new log can be written.
 
     Parameters
     ----------
-    source : a rig file or a preset's name; the rig in or next to the log when absent
+    source : a rig, its file or a preset's name; the rig in or next to the log when absent
     log : to replay
     options : what is asked for
 
@@ -212,7 +216,7 @@ def prepare_replay(source: str | None, log: Path, options: ReplayOptions) -> Rep
     believed = believed.with_settings(options.set)
     actual = believed.with_settings(options.actual, "--actual")
     files = LogFiles.named(options.output if options.output is not None else f"{file_name(log.stem)}-replay.mcap")
-    check_inputs([log, Path(source or "")], files)
+    check_inputs([log, *([] if source is None or isinstance(source, Rig) else [Path(source)])], files)
     left_out = {name: why for name, joint in believed.joints.items() if (why := _why_not(joint))}
     movable = {name: joint for name, joint in believed.joints.items() if name not in left_out}
     if not movable:

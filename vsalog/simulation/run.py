@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import msgspec
@@ -111,6 +111,10 @@ class Job:
         )
         return experiment.recording(truth=self.options.truth)
 
+    def with_rig(self, recording: Recording) -> Recording:
+        """Return a recording that carries its rig, as the log that is written of it does."""
+        return replace(recording, rig_text=_as_recorded(self.rig_text, recording))
+
     def write(self, recording: Recording) -> None:
         """Write the log, and the rig next to it where the format has no place for it.
 
@@ -122,12 +126,12 @@ class Job:
         write_log(recording, self.files, _as_recorded(self.rig_text, recording))
 
 
-def prepare(source: str, options: Options) -> Job:
+def prepare(source: Rig | str | Path, options: Options) -> Job:
     """Load rig and scenario and see that they fit, and that the log can be written.
 
     Parameters
     ----------
-    source : a rig file or a preset's name
+    source : a rig, its file or a preset's name
     options : what is asked for
 
     Raises
@@ -136,18 +140,20 @@ def prepare(source: str, options: Options) -> Job:
         Something asked for is not there or not possible.
     """
     rig = given_rig(source)
-    text = _text(source, rig)
+    text = rig.to_toml() if isinstance(source, Rig) else _text(str(source), rig)
     rig = rig.with_settings(options.set)
     if not rig.joints:
         raise SimulationError(f"{rig.where}: has no joint to simulate")
     period = None if options.rate is None else _period(options.rate)
     scenario = Scenario.find(options.scenario, rig.file, period).lasting(options.duration, period)
-    files = LogFiles.named(options.output if options.output is not None else f"{_name(source, scenario)}.mcap")
+    name = _name(rig.name if isinstance(source, Rig) else str(source), scenario)
+    files = LogFiles.named(options.output if options.output is not None else f"{name}.mcap")
     named = _as_written(_with_channels(rig), files.format)
     if options.set or named is not rig:
         text = named.to_toml()
     actual = named.with_settings(options.actual, "--actual")
-    check_inputs([Path(source), Path(options.scenario or ""), *scenario.files()], files)
+    given = [] if isinstance(source, Rig) else [Path(source)]
+    check_inputs([*given, Path(options.scenario or ""), *scenario.files()], files)
     samples = _samples(scenario, len(rig.joints))
     controllers = scenario.controllers(named.file)
     return Job(actual, text, scenario, scenario.inputs(actual.file), controllers, named.file, files, samples, options)

@@ -29,8 +29,6 @@ def side_by_side(name: str, joint: Joint, recording: Recording) -> dict[str, lis
             estimate = estimate_joint([recording], name, joint, choice)
         except VsalogError:
             continue  # a role or a parameter is missing: the report says which modalities there are
-        if estimate.trace is None:
-            continue
         for transmission in estimate.trace.transmissions:
             row = _score(modality, name, joint, transmission, estimate.trace, recording)
             found.setdefault(transmission, []).append(row)

@@ -1,0 +1,1 @@
+"""What `import vsalog` offers: a function per command, and what each returns."""
