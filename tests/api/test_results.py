@@ -237,11 +237,11 @@ def test_both_engines_draw_the_numbers_of_the_trace(bench):
     for kind in found.kinds:
         assert found.plot(kind, engine="plotly").data
     with pytest.raises(vsalog.VsalogError, match="did you mean"):
-        found.plot("stifness")
+        found.plot("stifness")  # codespell:ignore
     with pytest.raises(vsalog.VsalogError, match="plotly"):
         found.plot(engine="bokeh")
     with pytest.raises(vsalog.VsalogError, match="column"):
-        found.plot(style="colum")
+        found.plot(style="colum")  # codespell:ignore
 
 
 def test_a_characteristic_surface_is_drawn_by_both_engines(samples):
