@@ -15,7 +15,7 @@ import snippets  # noqa: E402
 def main() -> None:
     """Run the pages that have pictures, and copy these."""
     os.environ["MPLBACKEND"] = "agg"
-    for page in map(snippets.read, sorted(HERE.rglob("*.md"))):
+    for page in map(snippets.read, (HERE.parent / "README.md", *sorted(HERE.rglob("*.md")))):
         if page.images:
             with tempfile.TemporaryDirectory() as folder:
                 os.chdir(folder)

@@ -1,6 +1,6 @@
-"""The catalogue of findings: what each code says, and what to do about it. docs/reference/findings is made of it.
+"""The catalogue of findings: the text of each code, and what to do about it. docs/reference/findings is made of it.
 
-Texts of codes that a check alone gives stand in its file.
+Texts of codes that only one check gives are in its file.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from vsalog.core.finding_texts_log import LOG_TEXTS
 from vsalog.core.printable import plural
 from vsalog.core.significance import FALSE_ALARM
 
-# Texts name what an error depends on; which parameter of the rig makes it, a simulation of the rig tells.
-DIAGNOSE = "'vsalog diagnose LOG' looks for the cause and extends the rig by it."
+# Texts name what an error depends on; which parameter of the rig causes it, a simulation of the rig shows.
+DIAGNOSE = "'vsalog diagnose LOG' searches for the cause and extends the rig by it."
 
 TEXTS: dict[str, Text] = {
     **LOG_TEXTS,
-    "encoder.other_turn": Text("{part} was on another turn than link_position.", "It is turned to it."),
+    "encoder.other_turn": Text("{part} was on another turn than link_position.", "Whole turns are added to it."),
     "torque.drive_model": Text(
-        "{part} is the drive model of the rig's motor: what was recorded, {made}.",
-        "Change the motor in the rig if it does not.",
+        "{part} is the recorded torque as the drive model of the rig's motor changes it: {made}.",
+        "Correct the drive model in the rig if the recorded torque is the motor's own.",
     ),
     "torque.computed": Text(
         "{part} is exactly {factor:.6g} times {source}: it was computed from it, not measured.",
-        "The stiffness is the constant someone put into that computation; it validates nothing.",
+        "The stiffness is then a constant of that computation, and the torque cannot validate a model.",
     ),
     "torque.offset_as_ramp": Text(
         "transmission {part}: the motor's torque seems to be off by {value:+.3g} N·m all along, which an integrated"
@@ -50,7 +50,8 @@ TEXTS: dict[str, Text] = {
         "The estimated torque is noise.",
     ),
     "estimate.torn": Text(
-        "transmission {part}: samples are missing so often that the filters' windows are whole for {value:.0%} of the time only.",
+        "transmission {part}: samples are missing so often that the filters' windows are whole for {value:.0%} of the time"
+        " only.",
         "Shorten the windows (--tune window=SECONDS), or repair the log.",
     ),
     "estimate.never_excited": Text(
@@ -86,10 +87,10 @@ TEXTS: dict[str, Text] = {
         "The stiffness may be further off than its standard deviation says.",
     ),
     "prior.holds_back": Text(
-        "transmission {part}: in {value:.0%} of what the fit is sure of, the prior holds the stiffness back where the log"
-        " would determine it: with a weaker prior it differs by {stiffness_change:.0%} (rms), which its standard deviation"
-        " includes.",
-        "Springs are seldom so: check that the signs, units and zeros of the positions, and of the set-point where there is"
+        "transmission {part}: in {value:.0%} of the excited samples the prior biases a stiffness that the log alone would"
+        " determine: with a weaker prior it differs by {stiffness_change:.0%} (rms), which its standard deviation includes.",
+        "Few springs are far from the prior: check that the signs, units and zeros of the positions, and of the set-point"
+        " where there is"
         " one, are what the rig says; if they are, --tune p0={p0:.2g} lets the log decide.",
     ),
     "stiffness.drifts": Text(
@@ -101,7 +102,8 @@ TEXTS: dict[str, Text] = {
     "spring.loop": Text(
         "transmission {part}: its torque has a loop of ±{value:.3g} N·m: loading and unloading differ. The stiffness is that of"
         " the middle of the loop.",
-        "Set slip elements of the transmission in the rig, or branches = true under [joint.{joint}.basis] for a stiffness of each"
+        "Set slip elements of the transmission in the rig, or branches = true under [joint.{joint}.basis] for a stiffness of"
+        " each"
         " branch; 'vsalog diagnose' separates hysteresis from friction.",
         false_alarm=FALSE_ALARM,
     ),
@@ -113,7 +115,7 @@ TEXTS: dict[str, Text] = {
     "stiffness.changed": Text(
         "transmission {part}: the stiffness changes by {value:+.1%} from the log's beginning to its end, with"
         " {jumps:n sudden change}; the estimate follows it.",
-        "A change larger or more frequent than a spring's has another cause, which 'vsalog diagnose' looks for.",
+        "A change larger or more frequent than a spring's has another cause, which 'vsalog diagnose' searches for.",
         false_alarm=FALSE_ALARM,
     ),
     "filter.smooths_motion": Text(
@@ -151,17 +153,17 @@ TEXTS: dict[str, Text] = {
     ),
     "setpoint.constant": Text(
         "the set-point never changes in this log.",
-        "If the machine's did, that may be the reason of what else is reported.",
+        "If it changed on the machine, this may explain the other findings.",
     ),
     "friction.unknown_direction": Text(
         "transmission {part}: for {value:.0%} of the time the torque of friction or hysteresis that the rig has is not"
         " known, because the motor stands or is slower than its encoder resolves, or the deflection has not yet moved"
         " through its loop.",
-        "Nothing is learnt there.",
+        "The fit does not use these samples.",
     ),
     "transmission.effects_left_in": Text(
-        "transmission {part}: {estimator} does not take off the damping and the hysteresis that the rig has.",
-        "They go into the stiffness.",
+        "transmission {part}: {estimator} does not compensate the damping and the hysteresis of the rig.",
+        "They bias the stiffness.",
     ),
     "motor.inertia_differs": Text(
         "transmission {part}: the motor's inertia is estimated as {inertia:.3g} kg·m², {ratio:.3g} times the rig's {rig:.3g}.",
@@ -169,15 +171,15 @@ TEXTS: dict[str, Text] = {
         " would be as far off; or the rig has another motor's inertia.",
     ),
     "sensor.dead": Text(
-        "{part} is {value:.6g} {unit} from beginning to end, as a sensor says that is off or not connected; the joint was"
-        " estimated without.",
-        "Put the right channel into the rig ('vsalog inspect' shows what each says), or leave the role out.",
+        "{part} is {value:.6g} {unit} from beginning to end, like the output of a sensor that is off or not connected; the"
+        " joint was estimated without it.",
+        "Put the right channel into the rig ('vsalog inspect' shows the values of each), or leave the role out.",
     ),
     "torque.gain_differs": Text(
-        "transmission {part}: the gain of {signal} is {value:.3g} times what the joint's other equations say; the estimate is"
-        " corrected by that.",
-        "Calibrate it, and set its gain in the rig. A motor's inertia, damping or friction that the rig does not"
-        " have may look alike.",
+        "transmission {part}: the gain of {signal} is {value:.3g} times the one that the joint's other equations give; the"
+        " estimate is corrected by that.",
+        "Calibrate it, and set its gain in the rig. A motor's inertia, damping or friction that the rig"
+        " lacks may have the same effect.",
     ),
     "link.inertia_not_estimated": Text(
         "there is no link_position, so the link's inertia and damping are not estimated.",
@@ -190,13 +192,13 @@ TEXTS: dict[str, Text] = {
     ),
     "link.other_torque": Text(
         "the link moves as if dry friction of {friction:.2g} N·m and a constant torque of {torque:.2g} N·m acted on it too,"
-        " of which neither rig nor torque sensor says anything; with these its inertia would change by"
+        " which neither the rig nor the torque sensor shows; with these its inertia would change by"
         " {inertia_change:.0%}, its damping by {damping_change:.0%}.",
         "So much is added to their standard deviations, and what changes by a fifth is left out.",
     ),
     "link.not_explained": Text(
         "the link does not move as an inertia and a damping under the measured torque would: innovations are {value:.2g}"
-        " times as large as noise makes them.",
+        " times as large as noise explains.",
         "Weight, friction or a push may be missing in the rig, encoder and torque sensor may disagree in sign, or samples"
         " may be too few for the motion; inertia and damping are left out where that is so.",
     ),
@@ -213,37 +215,39 @@ TEXTS: dict[str, Text] = {
         "Push the link harder and at more frequencies, or measure the joint's torque (--estimator impedance).",
     ),
     "link.friction_left_in": Text(
-        "the link's dry friction is not taken off.",
-        "It goes into the stiffness.",
+        "the link's dry friction is not compensated.",
+        "It biases the stiffness.",
     ),
     "external_torque.missing": Text(
-        "there is no external_torque, and the link is taken to be driven by its transmission alone.",
-        "Whoever pushes it biases the stiffness.",
+        "there is no external_torque, so the transmission alone is assumed to drive the link.",
+        "Any external push biases the stiffness.",
     ),
     "accelerometer.off": Text(
-        "{part} is {value:.3g} {unit} (rms) away from what the motors' motion and gravity make there, where the link has"
+        "{part} is {value:.3g} {unit} (rms) away from the acceleration that the motors' motion and gravity give it, where the"
+        " link has"
         " {expected:.3g} {unit}.",
         "The sensor may be upside down, turned, in another unit (g instead of m/s²), or mounted elsewhere than the rig"
-        " says; the estimate is as wrong.",
+        " says; the estimate has an error of that size.",
     ),
     "accelerometer.scale": Text(
-        "{part} is {value:.3g} {unit} (rms) away from what the motors' motion and gravity make there, where the link has"
+        "{part} is {value:.3g} {unit} (rms) away from the acceleration that the motors' motion and gravity give it, where the"
+        " link has"
         " {expected:.3g} {unit}: it is {factor:.3g} times what it should be.",
         "The sensor may be upside down, turned, in another unit (g instead of m/s²), or mounted elsewhere than the rig"
-        " says; the estimate is as wrong.",
+        " says; the estimate has an error of that size.",
     ),
     "acceleration.masked": Text(
         "for {value:.1%} of the time nothing is estimated: samples are missing, or the accelerometers lie within {reach:g}"
-        " m of the joint's axis, or in line with those of others, and see next to nothing of its acceleration.",
+        " m of the joint's axis, or in line with those of others, and measure almost none of its acceleration.",
         "Set that distance with --tune reach=METRES.",
     ),
     "observer.diverged": Text(
-        "the observers diverged {value:.0f} times, to deflections that no torque of the motors makes, and began again:"
+        "the observers diverged {value:.0f} times, to deflections that no motor torque explains, and restarted:"
         " positions that the accelerometers do not determine for long make all accelerations wrong.",
         "Mount an accelerometer on every link.",
     ),
     "pressure.below_outside": Text(
-        "{part} falls to {value:.4g} kPa, below the {outside:.4g} kPa outside, which no valve brings about.",
+        "{part} falls to {value:.4g} kPa, below the {outside:.4g} kPa outside, which no valve can cause.",
         "Check that it is absolute, and that the rig's outside_pressure is that of the day.",
     ),
     "pressure.angle_unknown": Text(
@@ -252,7 +256,7 @@ TEXTS: dict[str, Text] = {
         "Fill both.",
     ),
     "pressure.not_explained": Text(
-        "for {value:.1%} of the time the pressures are not those that the rig's valves and muscles would make, and nothing"
+        "for {value:.1%} of the time the pressures are not those that the rig's valves and muscles would produce, and nothing"
         " is estimated there.",
         "The valves may be swapped, a pressure may not be absolute, or the rig is another machine's.",
     ),
@@ -263,27 +267,28 @@ TEXTS: dict[str, Text] = {
     ),
     "validation.gain_off": Text(
         "the torque of transmission {part} is measured {value:.4g} times as large as predicted.",
-        "However small that is against the torque's span, it is another spring, or another gain of the sensor.",
+        "Even if that is small relative to the torque's span, the spring or the sensor's gain has changed.",
     ),
     "validation.stiffness_by_truth": Text(
         "the stiffness of transmission {part} is {value:.3g} % (rms, 95 %: {low:.3g} to {high:.3g} %) off the log's true one.",
         "Up to {limit:g} % it holds.",
     ),
     "validation.stiffness_by_nominal": Text(
-        "the stiffness of transmission {part} is {value:.3g} % (rms, 95 %: {low:.3g} to {high:.3g} %) off the rig's nominal one.",
-        "Up to {limit:g} % they agree; beyond, the spring or the rig is another one, and this does not tell which.",
+        "the stiffness of transmission {part} is {value:.3g} % (rms, 95 %: {low:.3g} to {high:.3g} %) off the rig's nominal"
+        " one.",
+        "Up to {limit:g} % they agree; beyond that the spring or the rig is wrong, and this test cannot separate the two.",
     ),
     "validation.inside_region": Text(
         "{value:.2%} of the log lies in the region that the model was fitted in, and no sample that can be judged lies outside."
     ),
     "validation.outside_region": Text(
         "{value:.2%} of the log lies outside the region that the model was fitted in.",
-        "What lies there is extrapolation and judged apart: the table of samples outside shows how far it is off.",
+        "It is extrapolation there and judged separately: the table of samples outside shows its error.",
     ),
     "validation.own_log": Text(
-        "this is the log that the model was learnt from, and no second experiment: judged by the {reference}, the model fits it"
+        "the model was fitted to this log, so it is no second experiment: judged by the {reference}, the model fits it"
         " with an error of {value:.3g} % of the torque's span.",
-        "How well it predicts, only another experiment tells.",
+        "Only another experiment shows how well it predicts.",
     ),
     "validation.same_log": Text("{log} is the same log as {same_as}, given before."),
     "validation.compared_only": Text(
@@ -296,9 +301,9 @@ TEXTS: dict[str, Text] = {
         "Fit the model on an experiment that covers these deflections and set-points.",
     ),
     "validation.reference_constant": Text(
-        "the {reference} of transmission {part} never changes, so that an error has no span to be measured by, as of a sensor"
-        " that is stuck or unplugged.",
-        "See whether the rig names the right channel.",
+        "the {reference} of transmission {part} never changes, so an error has no span to be compared with: the sensor may be"
+        " stuck or unplugged.",
+        "Check whether the rig names the right channel.",
     ),
     "validation.too_few_samples": Text(
         "{value:.0f} samples or fewer of transmission {part} can be judged and lie in the region that the model was fitted in;"
@@ -311,51 +316,52 @@ TEXTS: dict[str, Text] = {
         "Record longer, or without the gaps.",
     ),
     "validation.all_outside_region": Text(
-        "no sample of this log lies in the region that the model was fitted in, and everything it says here is extrapolation.",
+        "no sample of this log lies in the region that the model was fitted in, so all its predictions here are extrapolation.",
         "Fit the model on an experiment that covers these deflections and set-points; if it should, a position's sign, unit,"
         " zero or gear ratio is wrong in the rig.",
     ),
     "validation.no_reference": Text(
-        "the log has neither a torque sensor nor motor positions and torques with a known inertia, and what the model is"
-        " compared with is no measurement.",
+        "the log has neither a torque sensor nor motor positions and torques with a known inertia, so the model is"
+        " compared with a computed torque, not with a measurement.",
         "Name a torque_sensor, or motor_position and motor_torque, in the rig.",
     ),
     "validation.judged_by_residual": Text(
-        "there is no torque sensor that measures for itself, and transmission {part} is judged by the residual, which the rig's"
-        " own motor parameters make.",
+        "there is no independent torque sensor, so transmission {part} is judged by the residual, which depends on the rig's"
+        " motor parameters.",
         "A wrong inertia, damping, torque constant or sign of the motor shows here too.",
     ),
     "validation.sum_only": Text(
-        "one torque sensor feels the sum of the transmissions, and the verdict rests on that.",
+        "one torque sensor measures the sum of the transmissions, and the verdict is about that sum.",
         "{part} alone may be off where their errors cancel.",
     ),
     "validation.few_independent_samples": Text(
-        "the error stays alike for so long that {samples} samples are worth {value:.2g} independent ones.",
-        "A longer experiment makes the interval surer.",
+        "the error is correlated for so long that {samples} samples count as {value:.2g} independent ones.",
+        "A longer experiment makes the interval more certain.",
     ),
     "validation.whole_cycles_only": Text(
-        "the model tells loading from unloading; the loop between them is that of whole cycles.",
-        "What happens inside it, where a cycle turns early, was not learnt.",
+        "the model separates loading from unloading by the loop of whole cycles.",
+        "It does not describe partial cycles inside that loop.",
     ),
     "validation.modalities_skipped": Text(
         "the log is long ({value:.0f} samples): its modalities are not compared.", "--modalities asks for it."
     ),
-    "error.independent": Text("the error shows no dependence worth a cause."),
+    "error.independent": Text("the error shows no dependence that points to a cause."),
     "error.noise": Text(
-        "the error depends on none of the signals there are and is white, as noise of the {reference} is, which hides the"
-        " model's.",
-        "A sensor with less noise would say more.",
+        "the error depends on none of the recorded signals and is white: noise of the {reference}, which hides the model's"
+        " error.",
+        "A sensor with less noise would show more.",
     ),
     "error.not_white": Text(
-        "the error is not white: it stays alike for about {samples_alike:.0f} samples, so something is missing in the model, not"
+        "the error is not white: it is correlated over about {samples_alike:.0f} samples, so something is missing in the"
+        " model, not"
         " only noise.",
         DIAGNOSE,
     ),
     "error.ambiguous": Text("the error is as well explained by: {others}.", DIAGNOSE),
     "error.resolution": Text(
-        "the torque sensor's steps of {step:.3g} N·m alone make an error of this size, so that nothing smaller can be detected by"
-        " it.",
-        "A finer sensor would say more.",
+        "the torque sensor's resolution of {step:.3g} N·m alone explains an error of this size, so no smaller error can be"
+        " detected.",
+        "A sensor with a finer resolution would show more.",
     ),
     "error.sensor_stuck": Text(
         "the torque sensor stays at one value while the torque goes on, first at {first:.4g} s and for {stuck_share:.3%} of the"
@@ -367,7 +373,8 @@ TEXTS: dict[str, Text] = {
         DIAGNOSE,
     ),
     "error.gain": Text(
-        "the error grows with the torque: what is measured is {gain:.4g} times what is predicted. The spring is stiffer (above 1)"
+        "the error grows with the torque: what is measured is {gain:.4g} times what is predicted. The spring is stiffer (above"
+        " 1)"
         " or softer (below 1) than in the model, a gear ratio or a unit is wrong, or the torque sensor's gain is.",
         DIAGNOSE,
     ),
@@ -420,61 +427,62 @@ TEXTS: dict[str, Text] = {
         DIAGNOSE,
     ),
     "channel.missing": Text(
-        "there is no channel '{channel}', which the rig names for {part}, and the joint was looked at without."
+        "there is no channel '{channel}', which the rig names for {part}; the joint was evaluated without it."
     ),
     "channel.misnamed": Text(
-        "there is no channel '{channel}', which the rig names for {part}, and the joint was looked at without.",
+        "there is no channel '{channel}', which the rig names for {part}; the joint was evaluated without it.",
         "Did you mean {near}?",
     ),
     "channel.empty": Text(
-        "channel '{channel}', which the rig names for {part}, has no row, and the joint was looked at without."
+        "channel '{channel}', which the rig names for {part}, has no row; the joint was evaluated without it."
     ),
     "rig.sign": Text(
-        "with the sign of {part} put right the equations would close some {value:.0f} times better.",
-        "Look at that in the rig first; nothing else was looked for.",
+        "with the sign of {part} reversed the equations would close some {value:.0f} times better.",
+        "Check that in the rig first; no cause was searched for.",
     ),
     "rig.unit": Text(
-        "with the unit of {part} put right, which is recorded {factor:.4g} times too large, the equations would close some"
+        "with the unit of {part} corrected, which is recorded {factor:.4g} times too large, the equations would close some"
         " {value:.0f} times better; degrees are 57.3 times as large as radians.",
-        "Look at that in the rig first; nothing else was looked for.",
+        "Check that in the rig first; no cause was searched for.",
     ),
     "rig.exchanged": Text(
         "with {part} exchanged the equations would close some {value:.0f} times better.",
-        "Look at that in the rig first; nothing else was looked for.",
+        "Check that in the rig first; no cause was searched for.",
     ),
     "diagnosis.joint_left_out": Text("left out: {reason}."),
     "diagnosis.nothing_measured": Text(
-        "without a torque that was measured no equation can be checked.", "Nothing else was looked for."
+        "without a torque that was measured no equation can be checked.", "No cause was searched for."
     ),
     "diagnosis.link_of_chain": Text(
-        "what its link does depends on the others of the chain, so it was not judged, and taken as it was measured."
+        "the motion of its link depends on the other joints of the chain: it was not judged, and the measured motion was used."
     ),
     "diagnosis.spring_fitted": Text(
-        "the rig does not say what its spring is, so a smooth one was fitted to the log together with the causes, and the torque"
-        " at zero deflection was taken for an offset of {part}, {value:.3g} {unit}.",
-        "Reported is what no smooth spring explains; stiffness itself, its asymmetry, encoders' gains and offsets were not"
+        "the rig does not state the type of its spring, so a smooth one was fitted to the log together with the causes, and the"
+        " torque at zero deflection was attributed to an offset of {part}, {value:.3g} {unit}.",
+        "The diagnosis reports what no smooth spring explains; stiffness itself, its asymmetry, encoders' gains and offsets"
+        " were not"
         " judged, nor the torque sensor's offset.",
     ),
     "diagnosis.equation_unchecked": Text(
         "the equation '{part}' can be formed nowhere in this log, and was not checked."
     ),
     "diagnosis.search_unsettled": Text(
-        "begun from the causes that are reported the search finds others, about as probable.",
+        "started from the reported causes, the search finds others that are about as probable.",
         "Record a longer log or a richer motion.",
     ),
     "diagnosis.simulation_off": Text(
         "though the equations close, the simulation of {part} is off by {value:.3g} times its noise.",
-        "Something moves the joint that the rig does not have, or its inputs are not the whole of what drives it.",
+        "Something that the rig lacks moves the joint, or the recorded inputs are incomplete.",
     ),
     "diagnosis.holdout_contradicts": Text(
-        "with what was found the log itself is simulated within its noise and the held-out log is not.",
-        "It is of another machine, or the machine was changed, or one log moves it as the other never does.",
+        "with the causes found the simulation matches the log within its noise, but not the held-out log.",
+        "That log is of another machine, the machine was changed, or one log has motions that the other lacks.",
     ),
-    "diagnosis.not_simulated": Text("it could not be simulated, so nothing was measured of the gain: {reason}."),
+    "diagnosis.not_simulated": Text("it could not be simulated, so the gain was not measured: {reason}."),
     "identification.worse_elsewhere": Text(
         "with the identified numbers {part} is simulated worse on data that were not fitted, {where}, than with the rig's:"
         " its RMS error is {value:.3g} {unit}, that of the rig {limit:.3g} {unit}.",
-        "The fit made up for something that the rig does not have: 'vsalog diagnose LOG' looks for it.",
+        "The fit compensates an effect that the rig lacks: 'vsalog diagnose LOG' searches for it.",
     ),
     "diagnosis.no_experiment": Text("no experiment is proposed: {reason}."),
 }
@@ -536,26 +544,26 @@ def by_severity(findings: Iterable[Finding]) -> tuple[tuple[Severity, str], ...]
 def merged(findings: Iterable[Finding]) -> tuple[tuple[Severity, str], ...]:
     """Return sentences for people, each with its severity: one for all that has one cause.
 
-    What a finding explains of the same joint is named behind it, but for what invalidates; what several joints have alike but
-    for its numbers is told of all of them with the numbers of the first.
+    What a finding explains of the same joint is named behind it, but for what invalidates; what several joints have in
+    common but for its numbers is reported once, with the numbers of the first.
     """
     every = list(findings)
-    told, seen = dict[tuple[object, ...], list[Finding]](), Counter[tuple[object, ...]]()
+    groups, seen = dict[tuple[object, ...], list[Finding]](), Counter[tuple[object, ...]]()
     for finding in every:
         if not any(_may_follow(finding, cause) for cause in every):
             about = (finding.severity, finding.code, finding.log, finding.part)
             # A second one of the same joint is another one.
             seen[about, finding.joint] += 1
-            told.setdefault((*about, bool(finding.joint), seen[about, finding.joint]), []).append(finding)
+            groups.setdefault((*about, bool(finding.joint), seen[about, finding.joint]), []).append(finding)
     out = dict[tuple[Severity, str], None]()
-    for alike in told.values():
+    for alike in groups.values():
         first = alike[0]
         follow = {f.code: None for one in alike for f in every if _may_follow(f, one)}
         words = [_of_joints(dict.fromkeys(f.joint for f in alike if f.joint), sentence(first, joint=False))]
         if len({sentence(f, joint=False) for f in alike}) > 1:
             words.append(f"The numbers are those of joint '{first.joint}'.")
         if follow:
-            words.append(f"What else is odd may follow from it: {', '.join(follow)} (docs/reference/findings/).")
+            words.append(f"Other findings may follow from it: {', '.join(follow)} (docs/reference/findings/).")
         out[first.severity, " ".join(words)] = None
     return tuple(out)
 
