@@ -40,9 +40,12 @@ ESTIMATE = ("estimator", "preset_tuning", "tune", "causal")
     type=click.Choice(KINDS),
     default=KINDS[:1],
     show_default=True,
+    metavar="KIND",
     help="What is drawn; may be given again. stiffness: over time, with its band; torque-over-deflection: data and"
-    " characteristic; stiffness-surface: over deflection and set-point, where there is one; the others: as on the page of"
-    " 'estimate --report'.",
+    " characteristic; stiffness-surface: over deflection and set-point, where there is one; as on the page of"
+    " 'estimate --report': "
+    + ", ".join(KINDS[3:])
+    + ".",
 )
 @click.option(
     "--style",

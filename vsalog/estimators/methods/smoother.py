@@ -476,7 +476,8 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
         fold = collected(replace(basis, setpoint_knots=borders))
         if needed(fold, best):
             best, basis = fold, fold.device.basis
-    spline = replace(basis, knots=max(basis.knots, SHAPE.knots))
+    # Runs with a set-point each say little of how a piece depends on it.
+    spline = basis if plain.solver.constant else replace(basis, knots=max(basis.knots, SHAPE.knots))
     for own, elements in ((spline, ()), (basis, slips), (spline, slips)):
         # Branches are a loop already.
         if (own == basis and not elements) or (basis.branches and elements):
