@@ -438,7 +438,8 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
     Of a long log stretches are looked at: they show a shape as well.
     """
     basis, signals = plain.device.basis, spread_over(signals, LONGEST_RUN)
-    spline = replace(basis, knots=max(basis.knots, SHAPE.knots))
+    # Runs with a set-point each say little of how a piece depends on it.
+    spline = basis if plain.solver.constant else replace(basis, knots=max(basis.knots, SHAPE.knots))
     slips = tuple(basis.deflection_scale * part for part in SHAPE.parts)
     states: dict[SmootherFold, list[SmootherState]] = {}
 
