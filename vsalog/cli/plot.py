@@ -43,9 +43,7 @@ ESTIMATE = ("estimator", "preset_tuning", "tune", "causal")
     metavar="KIND",
     help="What is drawn; may be given again. stiffness: over time, with its band; torque-over-deflection: data and"
     " characteristic; stiffness-surface: over deflection and set-point, where there is one; as on the page of"
-    " 'estimate --report': "
-    + ", ".join(KINDS[3:])
-    + ".",
+    " 'estimate --report': " + ", ".join(KINDS[3:]) + ".",
 )
 @click.option(
     "--style",
