@@ -110,7 +110,7 @@ def plot(
     size = SIZES[style or ("screen" if output is None else "column")]
     names = [kind.replace("-", "_") for kind in dict.fromkeys(kinds)]
     with TemporaryDirectory(prefix="vsalog-") as folder, Progress() as progress:
-        if is_trace(logs[0]):
+        if any(map(is_trace, logs)):
             _refuse_what_a_trace_has(context, logs)
             trace = TraceFile.of(logs[0])
         else:
