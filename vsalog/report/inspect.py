@@ -13,8 +13,7 @@ from vsalog.core.notation import between, number, percent
 from vsalog.core.printable import plural, printable, size_text
 from vsalog.inspection.document import ChannelReport, HeadReport, Inspection, LogReport, StreamReport
 from vsalog.readers.base import DOUBTFUL
-from vsalog.report.document import SEVERITIES, Block, Cell, Document, Section, Table, Tone, Verdict, Words
-from vsalog.report.verbosity import told
+from vsalog.report.document import SEVERITIES, Block, Cell, Document, Section, Table, Tone, Verdict, Words, told
 from vsalog.rig.guess_gaps import Answers, Command, Gap, command_for, gaps_of, waits_for
 from vsalog.rig.guess_types import Guess, JointGuess
 from vsalog.rig.template import named_joints, toml_key

@@ -17,8 +17,21 @@ from rich.text import Text
 from vsalog.core.documents import document_text
 from vsalog.core.finding import Finding, Severity
 from vsalog.core.printable import printable
-from vsalog.report.document import SEVERITIES, Block, Cell, Document, Facts, Notes, Section, Table, Tone, Verdict, Words
-from vsalog.report.verbosity import Verbosity, told, verbosity
+from vsalog.report.document import (
+    SEVERITIES,
+    Block,
+    Cell,
+    Document,
+    Facts,
+    Notes,
+    Section,
+    Table,
+    Tone,
+    Verdict,
+    Words,
+    told,
+)
+from vsalog.report.verbosity import Verbosity, verbosity
 
 STYLES: dict[Severity, str] = {"info": "cyan", "warning": "yellow", "invalidates": "bold red"}
 STYLES_OF_TONES: dict[Tone, str] = {"": "", "good": "green", "open": "yellow", "bad": "bold red"}

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from enum import IntEnum
-
-from vsalog.core.finding import Finding, Severity
-from vsalog.core.finding_texts import by_severity, merged
 
 
 class Verbosity(IntEnum):
@@ -36,8 +32,3 @@ def ask(level: Verbosity) -> None:
 def verbosity() -> Verbosity:
     """Return the verbosity of this process."""
     return _Asked.level
-
-
-def told(findings: Iterable[Finding]) -> tuple[tuple[Severity, str], ...]:
-    """Return sentences, each with its severity: one for what has one cause, unless all is asked for."""
-    return (by_severity if verbosity() == Verbosity.VERBOSE else merged)(findings)
