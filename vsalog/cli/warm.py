@@ -31,7 +31,7 @@ def warm(commands: tuple[str, ...], presets: tuple[str, ...]) -> None:
     """Compile what COMMANDs need, all of them when none is named, so that their first run is as fast as any other.
 
     Numerical loops are compiled for the processor that runs them, once, and kept in a cache; after an update those that changed
-    are compiled again. This runs the commands on short simulated logs in a temporary folder. It takes about a minute.
+    are compiled again. This runs the commands on short simulated logs in a temporary folder. It takes one to two minutes.
     """
     from tempfile import TemporaryDirectory
 
