@@ -102,6 +102,9 @@ def test_an_estimate_is_what_the_command_writes_and_says(bench, printed):
     sigma = joint.trace["total"]["stiffness"][joint.trace["total"]["excited"]]
     np.testing.assert_allclose(sigma, 20.0, rtol=0.05)
     assert (len(found), found[0], list(found)) == (1, joint, [joint])
+    assert found[joint.joint] is joint
+    with pytest.raises(KeyError):
+        found["elbow"]
     assert repr(found) == "<vsalog Estimate: Stiffness of log.csv>"
 
 

@@ -1,4 +1,4 @@
-"""From logs as labs have them to numbers: `inspect`, `init`, a few edits of the rig, and the command that `init` names.
+"""From logs as labs have them to a figure: `inspect`, `init`, a few edits of the rig, the command that `init` names, and a PDF.
 
 Each machine lists all its edits; three at most. The logs are made by equations, of a spring of known stiffness; the last one is
 that of real servos, which have none.
@@ -183,16 +183,37 @@ def edited(rig, edits):
     rig.write_text(text, encoding="utf-8")
 
 
+def drawn(case, log, folder):
+    """Return the PDF files of a machine: its stiffness, joint by joint, or the numbers of a rig that has none over time."""
+    if case.command == "estimate":
+        plotted = vsalog_run("plot", f"{log.stem}.stiffness.parquet", "-o", "stiffness.pdf", "--json", cwd=folder)
+        assert plotted.returncode == 0, plotted.stderr
+        figures = [folder / one["file"] for one in json.loads(plotted.stdout)["figures"]]
+    else:
+        figures = sorted((folder / "figures").glob("*.pdf"))
+    assert figures
+    return figures
+
+
+def pages(figure):
+    """Return how many pages a PDF file of matplotlib's has; it writes their objects as they are."""
+    content = figure.read_bytes()
+    assert content.startswith(b"%PDF-")
+    return len(re.findall(rb"/Type /Page\b", content))
+
+
 def drive(case, log, folder):
-    """Go from a log to numbers, as its owner would; return the joints that `inspect` found."""
+    """Go from a log to numbers and a figure, as its owner would; return the joints that `inspect` found."""
     looked = vsalog_run("inspect", log, "--json", cwd=folder)
     assert looked.returncode == 0, looked.stderr
     made = vsalog_run("init", log, "-o", "my.toml", cwd=folder)
     assert made.returncode == 0, made.stderr
     assert f"'vsalog {case.command} " in made.stderr
     edited(folder / "my.toml", case.edits)
-    done = vsalog_run(case.command, log, "--rig", "my.toml", *case.more, cwd=folder)
+    more = (*case.more, "--figures", "figures") if case.command == "identify" else case.more
+    done = vsalog_run(case.command, log, "--rig", "my.toml", *more, cwd=folder)
     assert done.returncode == 0, done.stderr
+    assert all(pages(figure) == 1 for figure in drawn(case, log, folder))
     return [joint["name"] for joint in json.loads(looked.stdout)["logs"][0]["joints"]]
 
 

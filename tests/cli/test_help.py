@@ -105,6 +105,7 @@ def completed(command, monkeypatch, tmp_path):
         ("vsalog estimate log.csv --joint k", "knee"),
         ("vsalog plan vsa2-2r --joint e", "elbow"),
         ("vsalog estimate log.csv --rig awas --joint a", "awas"),
+        ("vsalog init log.csv --preset aw", "awas"),
     ],
 )
 def test_values_are_completed(completed, bench, line, offered):
@@ -128,11 +129,13 @@ def test_shells_get_their_scripts(tmp_path, monkeypatch):
 
 
 def test_loops_can_be_compiled_ahead(command, tmp_path):
-    code, out, err = command("warm", "simulate", cwd=tmp_path)
+    code, out, err = command("warm", "simulate", "--preset", "pam", cwd=tmp_path)
     assert (code, out) == (0, ""), err
     assert "loop" in err
     assert list(tmp_path.iterdir()) == []
     assert command("warm", "inspect", cwd=tmp_path)[0] == 2
+    # Joints with muscles have no diagnosis ahead.
+    assert command("warm", "diagnose", "--preset", "pam", cwd=tmp_path)[0] == 2
 
 
 def test_help_imports_nothing_heavy(tmp_path):

@@ -6,15 +6,23 @@ import gzip
 import json
 import re
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from msgspec import structs
 
 from vsalog.cli import cli
+from vsalog.core.finding import Finding
+from vsalog.core.progress import Advanced, watched
+from vsalog.inspection.run import Options
+from vsalog.inspection.run import inspect as run
 from vsalog.readers import sampling
 from vsalog.readers.tables.reader import TableReader
-from vsalog.report.inspect import seconds
+from vsalog.report.document import Verdict
+from vsalog.report.inspect import inspection_document, seconds
+from vsalog.report.verbosity import Verbosity, ask
 
 ROWS = 12_000
 
@@ -190,3 +198,37 @@ def test_dates_of_a_large_log_are_told_from_the_sample(tmp_path, monkeypatch):
     assert log["sample"]["stretches"] == 8
     assert log["duration"] == pytest.approx(120 * (ROWS - 1))
     assert log["streams"][0]["start"] == int(begin.replace(tzinfo=UTC).timestamp()) * 10**9
+
+
+def test_reading_tells_how_far_it_is():
+    """What a bar shows."""
+    path = Path(__file__).parents[2] / "sample_logs" / "vsa2_exp2.mcap"
+    heard = []
+    with watched(heard.append):
+        inspect(path)
+    shares = [event.share for event in heard if isinstance(event, Advanced) and event.step == "reading"]
+    assert len(shares) > 1
+    assert shares[-1] == 1.0
+
+
+def test_what_several_joints_have_alike_is_said_once(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("time [s],x\n0,1\n1,2\n2,3\n")
+    found = tuple(
+        Finding(code="signal.sign", joint=joint, part="torque_sensor", evidence={"left": left})
+        for joint, left in (("hip", 0.01), ("knee", 0.02))
+    )
+    look = run([path], Options())
+    look = structs.replace(look, logs=(structs.replace(look.logs[0], findings=found),))
+
+    def verdicts():
+        (section,) = inspection_document(look).items
+        return [item for item in section.items if isinstance(item, Verdict)]
+
+    (folded,) = verdicts()
+    assert all(f"'{finding.joint}'" in folded.word for finding in found)
+    ask(Verbosity.VERBOSE)
+    try:
+        assert len(verdicts()) == 2
+    finally:
+        ask(Verbosity.NORMAL)

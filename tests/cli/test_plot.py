@@ -170,7 +170,8 @@ def test_without_its_model_a_trace_is_drawn_all_the_same(traces, drawn, tmp_path
     model = ModelFile.load(traces / "awas_exp2.model.toml").joint["awas"]
     at = np.isfinite(chart.surface.z)
     c = np.repeat(chart.surface.y[:, None], chart.surface.x.shape[1], axis=1)
-    np.testing.assert_allclose(chart.surface.z[at], model.stiffness("1", chart.surface.x[at], c[at])[0], rtol=0.05)
+    expected, _ = model.stiffness("1", chart.surface.x[at], c[at], extrapolate=True)
+    np.testing.assert_allclose(chart.surface.z[at], expected, rtol=0.05)
     assert whole.axes[0].get_ylabel() == "set-point [m]"
     assert whole.axes[1].get_ylabel() == "stiffness [N·m/rad]"
 
@@ -307,3 +308,12 @@ def test_without_a_file_it_opens_windows(traces, run, tmp_path, monkeypatch):
     assert [title for title in titles if "joint sea" in title] == [
         "Stiffness over time, joint sea, transmission 1", "Torque over time, joint sea, transmission 1",
     ]  # fmt: skip
+
+
+def test_a_trace_among_logs_is_refused_as_one(traces, command, tmp_path):
+    trace = traces / "sea_exp1.stiffness.parquet"
+    for both in ((trace, "log.csv"), ("log.csv", trace)):
+        (tmp_path / "log.csv").write_text("time,x\n0,1\n1,2\n")
+        code, _, err = command("plot", *both, "-o", "fig.pdf", cwd=tmp_path)
+        assert code == 2
+        assert "TRACE" in err

@@ -127,25 +127,47 @@ def test_a_spring_that_is_no_polynomial_is_followed_by_a_spline(shape):
     assert np.median(plain) > 2.0 * np.median(relative)
 
 
-def test_a_knee_is_followed_where_a_setpoint_scales_the_spring():
+def with_setpoint(softer, spring):
+    """Return times, signals, true stiffness and joint of a spring that a moving set-point makes softer."""
+
     def setpoint(at):
         return np.sin(2.0 * np.pi * 0.23 * at + 0.4)
 
-    t, signals, truth = machine(lambda at: -0.3 * setpoint(at) - 0.2 * setpoint(at) ** 2, spring=SHAPES["knee"])
+    t, signals, truth = machine(lambda at: softer(setpoint(at)), spring=spring)
     own = SEA.joint["sea"]
     basis = msgspec.structs.replace(own.basis, setpoint_order=3)
     roles = {
         name: getattr(own.signals, name)
         for name in ("motor_position", "motor_torque", "link_position", "torque_sensor")
     }
-    joint = SerialJoint(
-        motor=own.motor, link=own.link, basis=basis, signals=SerialSignals(setpoint=own.signals.link_position, **roles)
-    )
-    columns, fold, _ = estimated(t, {**signals, "setpoint": setpoint(t)}, joint)
+    signals_of = SerialSignals(setpoint=own.signals.link_position, **roles)
+    joint = SerialJoint(motor=own.motor, link=own.link, basis=basis, signals=signals_of)
+    return t, {**signals, "setpoint": setpoint(t)}, truth, joint
+
+
+def test_a_knee_is_followed_where_a_setpoint_scales_the_spring():
+    t, signals, truth, joint = with_setpoint(lambda c: -0.3 * c - 0.2 * c**2, SHAPES["knee"])
+    columns, fold, _ = estimated(t, signals, joint)
     relative, deviations = errors(columns, truth)
     assert fold.device.basis.knots == smoother.SHAPE.knots
+    assert not fold.device.basis.setpoint_knots
     assert np.median(relative) < 0.004
     assert np.mean(deviations < 1.96) > 0.9
+
+
+def test_a_torque_that_is_no_polynomial_of_the_setpoint_is_followed():
+    t, signals, truth, joint = with_setpoint(lambda c: -0.4 * np.tanh(4.0 * c), cubic)
+    columns, fold, state = estimated(t, signals, joint)
+    relative, _ = errors(columns, truth)
+    (found,) = (one for one in fold.findings(state) if one.code == "spring.setpoint_not_polynomial")
+    assert found.evidence["pieces"] == len(fold.device.basis.setpoint_knots) - 1
+    assert np.median(relative) < 0.002
+    assert np.median(errors(estimated(t, signals, joint, basis="rig")[0], truth)[0]) > 0.02
+    # Other estimators have the same functions by the rig.
+    other = msgspec.structs.replace(
+        joint, basis=msgspec.structs.replace(joint.basis, setpoint_knots=found.evidence["pieces"])
+    )
+    assert np.nanmedian(errors(estimated(t, signals, other, name="direct")[0], truth)[0]) < 0.01
 
 
 def test_a_loop_is_found_and_the_stiffness_is_that_of_its_middle():

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import BSpline
 from scipy.signal import bilinear, lfilter
 
 from vsalog.core.basis import PolynomialBasis
@@ -122,6 +123,23 @@ def test_blocks_give_the_same_bits_as_the_whole(size):
             part.append(value)
     for part, expected in zip(parts, whole, strict=True):
         np.testing.assert_array_equal(np.concatenate(part), expected)
+
+
+def test_splines_along_the_setpoint_are_those_of_scipy():
+    borders = np.linspace(-0.3, 0.5, 5)
+    basis = PolynomialBasis.make(2, setpoint_order=2, deflection_scale=0.2, setpoint_knots=tuple(borders))
+    rng = np.random.default_rng(3)
+    phi, c = rng.uniform(-0.2, 0.2, 50), rng.uniform(-0.3, 0.5, 50)
+    width = borders[1] - borders[0]
+    knots = borders[0] + width * np.arange(-2, 7)
+    splines = BSpline.design_matrix(c, knots, 2).toarray()
+    u = phi / 0.2
+    wanted = [u, u * c, u**3, u**3 * c, *(u[:, None] * splines).T, *(u[:, None] ** 3 * splines).T]
+    rows = basis.rows(phi, c, derivatives=1)
+    assert rows.shape[2] == basis.size == len(basis.terms) == len(basis.pieces) == len(basis.powers_of_terms)
+    np.testing.assert_allclose(rows[:, 0], np.column_stack(wanted), atol=1e-14)
+    np.testing.assert_allclose(rows[:, 1, 4:10], splines / 0.2, atol=1e-13)
+    assert np.isnan(basis.rows(phi[:1], np.array([np.nan]))[0, 0, -6:]).all()
 
 
 def test_pieces_that_begin_at_knots_are_parabolas_beyond_them():

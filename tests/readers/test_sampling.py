@@ -129,7 +129,7 @@ def test_what_cannot_be_read_from_the_middle_is_read_from_its_beginning(tmp_path
     rows = plain.read_text()
     zipped, no_time, wide = tmp_path / "zipped", tmp_path / "no_time", tmp_path / "wide"
     zipped.write_bytes(gzip.compress(rows.encode(), 1))
-    no_time.write_text(rows.replace("time [s]", "number"))
+    no_time.write_text("\n".join(row.partition(",")[2] for row in rows.splitlines()))
     wide.write_bytes(rows.encode("utf-16"))
     for path in (zipped, no_time, wide):
         part, sample = sampling.read_sample(path)

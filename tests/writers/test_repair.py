@@ -234,3 +234,18 @@ def test_the_command_says_what_it_wrote(original, tmp_path):
     assert part.exit_code == 2
     assert "writes the whole log" in part.output
     assert not (tmp_path / "part.mcap").exists()
+
+
+def test_a_file_that_is_there_stays_unless_it_is_forced(original, tmp_path):
+    target = tmp_path / "new.mcap"
+    target.write_text("mine")
+    line = ["inspect", str(original), "--repair", str(target)]
+    assert isinstance(CliRunner().invoke(cli, line).exception, WriteError)
+    assert target.read_text() == "mine"
+    done = CliRunner().invoke(cli, [*line, "--force"])
+    assert done.exit_code == 0, done.output
+    assert content(target) == content(original)
+    # The log itself is never replaced, and the error does not offer it.
+    itself = CliRunner().invoke(cli, ["inspect", str(target), "--repair", str(target), "--force"])
+    assert isinstance(itself.exception, WriteError)
+    assert content(target) == content(original)

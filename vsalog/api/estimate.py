@@ -24,18 +24,20 @@ from vsalog.rig import Rig
 
 
 class Estimate(Results, Sequence[JointEstimate]):
-    """The stiffness of joints over time, with their fitted models; a sequence of `JointEstimate`, one per joint."""
+    """The stiffness of joints over time, with their fitted models; a `JointEstimate` per joint, by number or name."""
 
     def __init__(self, job: Job, estimates: Sequence[JointEstimate]) -> None:
         self._job, self._estimates = job, tuple(estimates)
 
     @overload
-    def __getitem__(self, at: int) -> JointEstimate: ...
+    def __getitem__(self, at: int | str) -> JointEstimate: ...
 
     @overload
     def __getitem__(self, at: slice) -> tuple[JointEstimate, ...]: ...
 
-    def __getitem__(self, at: int | slice) -> JointEstimate | tuple[JointEstimate, ...]:
+    def __getitem__(self, at: int | str | slice) -> JointEstimate | tuple[JointEstimate, ...]:
+        if isinstance(at, str):
+            return {e.joint: e for e in self._estimates}[at]
         return self._estimates[at]
 
     def __len__(self) -> int:

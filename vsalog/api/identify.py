@@ -9,12 +9,11 @@ from msgspec.structs import asdict
 
 from vsalog.api.results import Listed, Paths, columns, names, paths, texts, warned
 from vsalog.core.finding import Finding
-from vsalog.figures.dot_plots import identified_chart
 from vsalog.identification import document
 from vsalog.identification.run import Options
 from vsalog.identification.run import identify as run
 from vsalog.report.document import Document
-from vsalog.report.identify import identification_document
+from vsalog.report.identify import identification_charts, identification_document
 from vsalog.report.plot import Drawn
 from vsalog.rig import Rig
 
@@ -49,10 +48,7 @@ class Identification(Listed):
         return identification_document(self._found)
 
     def _figures(self) -> Iterator[Drawn]:
-        for joint in dict.fromkeys(n.joint for n in self.numbers):
-            chart = identified_chart([n for n in self.numbers if n.joint == joint])
-            if chart is not None:
-                yield Drawn(chart, joint)
+        yield from (Drawn(chart, joint) for joint, chart in identification_charts(self._found).items())
 
     _columns = columns(
         joint=str, key=str, unit=str, rig=float, value=float, low=float, high=float, determined=str, correlated_with=str,

@@ -215,7 +215,8 @@ def _measured(signals: JointSignals, fault: Fault) -> tuple[float | None, float 
 # What an estimate looks like of channels that do not fit together.
 SYMPTOMS = (
     "estimate.partly_excited", "filter.noisy_rate", "motor.inertia_differs", "residual.follows_motion", "residual.not_noise",
-    "sampling.too_slow", "sampling.too_slow_for_total", "spring.loop", "spring.not_polynomial", "stiffness.changed",
+    "sampling.too_slow", "sampling.too_slow_for_total", "spring.loop", "spring.not_polynomial",
+    "spring.setpoint_not_polynomial", "stiffness.changed",
     "stiffness.drifts", "stiffness.negative", "stiffness.scale", "torque.gain_differs",
 )  # fmt: skip
 

@@ -255,7 +255,7 @@ class ResidualShapes:
 def basis_rows(basis: PolynomialBasis, columns: Mapping[str, NDArray[np.generic]], part: slice) -> Array:
     """Return a basis' functions at some rows of a trace's columns, shape (N, n)."""
     phi = np.asarray(columns["deflection"], float)[part]
-    setpoint = np.asarray(columns["setpoint"], float)[part] if basis.setpoint_order > 1 else None
+    setpoint = np.asarray(columns["setpoint"], float)[part] if basis.has_setpoint else None
     # Loaded or unloaded: of a basis with a branch for each.
     loading = np.gradient(phi) * phi > 0.0 if basis.branches and phi.size > 1 else None
     return basis.rows(phi, setpoint, 0, loading)[:, 0]

@@ -46,6 +46,12 @@ from vsalog.cli.options import LogPath, force_option, reading_options, rig_optio
 @rig_options("Identify")
 @reading_options
 @click.option("--report", type=click.Path(path_type=Path), metavar="FILE", help="Write a page, which opens offline.")
+@click.option(
+    "--figures",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Draw the numbers with their intervals, as SVG, PNG and PDF.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print what was found as one JSON document on stdout.")
 def identify(
     log: Path,
@@ -62,6 +68,7 @@ def identify(
     start: str | None,
     end: str | None,
     report: Path | None,
+    figures: Path | None,
     as_json: bool,
 ) -> None:
     """Fit the rig's own numbers, such as inertias, damping, friction, springs and a drive's gains, to LOG by simulation.
@@ -71,10 +78,11 @@ def identify(
     may be off by ten times what is usual for their kind. Writes the rig with what was identified: after `vsalog identify
     exp1.mcap`, `vsalog diagnose exp2.mcap --rig identified.rig.toml` asks for causes.
     """
+    from vsalog.figures.paper import check_matplotlib, write_figures
     from vsalog.identification.run import Options
     from vsalog.identification.run import identify as run
     from vsalog.report.html import page_of
-    from vsalog.report.identify import identification_document
+    from vsalog.report.identify import identification_charts, identification_document
     from vsalog.report.outputs import inputs_of, keep_inputs, require_new, sealed
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_out
@@ -84,7 +92,9 @@ def identify(
     keep_inputs(written, inputs_of([log, *holdouts], rig))
     for path in written:
         check_path(path)
-    replaced = require_new(written, force, [log])
+    replaced = require_new([*written, figures], force, [log])
+    if figures is not None:
+        check_matplotlib()
     options = Options(rig, joints, settings, rate, time, start, end, free, fixed)
     with Progress(replaced) as progress, progress.saying_when_compiling():
         found, identified = run(log, holdouts, options, progress.say)
@@ -93,4 +103,7 @@ def identify(
         write_text(output, sealed(identified.to_toml(), [found.log_sha256]))
         if report is not None:
             write_text(report, page_of(document))
+        if figures is not None:
+            drawn = {joint: {"": [chart]} for joint, chart in identification_charts(found).items()}
+            write_figures(figures, [drawn])
     print_out(document, as_json)

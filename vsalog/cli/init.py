@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import rich_click as click
 
+from vsalog.cli import complete
 from vsalog.cli.options import LogPath, reading_options
 
 if TYPE_CHECKING:
@@ -28,7 +29,12 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Ask on the terminal for what no log tells: counts per turn, gear ratio, torque constant.",
 )
-@click.option("--preset", metavar="NAME", help="Start from this preset and take only the channels from the log.")
+@click.option(
+    "--preset",
+    metavar="NAME",
+    help="Start from this preset and take only the channels from the log.",
+    shell_complete=complete.names(complete.presets),
+)
 @reading_options
 def init(
     log: Path,

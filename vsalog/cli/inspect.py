@@ -6,7 +6,7 @@ from pathlib import Path
 
 import rich_click as click
 
-from vsalog.cli.options import LogPath, reading_options
+from vsalog.cli.options import LogPath, force_option, reading_options
 
 
 @click.command(short_help="Show what is in a log, what is wrong with it, and which signal is probably what.")
@@ -25,10 +25,10 @@ from vsalog.cli.options import LogPath, reading_options
     "repaired",
     type=click.Path(path_type=Path),
     metavar="OUT.mcap",
-    help="Write what can be read of LOG into this file, which is replaced if it is there, never LOG itself: a sound MCAP file"
-    " with index and checksums. Messages, definitions and times are kept bit for bit, of MCAP files metadata and attachments"
-    " too; columns of a table become topics.",
+    help="Write what can be read of LOG into this file, never LOG itself: a sound MCAP file with index and checksums. Messages,"
+    " definitions and times are kept bit for bit, of MCAP files metadata and attachments too; columns of a table become topics.",
 )
+@force_option
 @reading_options
 def inspect(
     logs: tuple[Path, ...],
@@ -36,6 +36,7 @@ def inspect(
     head: int,
     full: bool,
     repaired: Path | None,
+    force: bool,
     rate: float | None,
     time: str,
     start: str | None,
@@ -58,20 +59,28 @@ def inspect(
     from vsalog.inspection.run import Options
     from vsalog.inspection.run import inspect as run
     from vsalog.report.inspect import inspection_document, repair_words
+    from vsalog.report.outputs import inputs_of, keep_inputs, require_new
+    from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_out
 
     if repaired is not None and len(logs) > 1:
         raise click.UsageError("--repair writes one file: name one LOG")
     if repaired is not None and not (start is None and end is None):
         raise click.UsageError("--repair writes the whole log: leave out --start and --end")
-    # All logs are read before anything is printed: an unreadable one takes no place between the others.
-    found = run(logs, Options(head, full, rate, time, start, end))
     if repaired is not None:
-        from vsalog.writers.repair import repair
+        keep_inputs([repaired], inputs_of(logs))
+    replaced = require_new(repaired, force)
+    # All logs are read before anything is printed: an unreadable one takes no place between the others.
+    with Progress(replaced) as progress:
+        found = run(logs, Options(head, full, rate, time, start, end), progress.say)
+        if repaired is not None:
+            from vsalog.writers.repair import repair
 
-        written = repair(logs[0], repaired, rate)
-        click.echo(printable(repair_words(written)), err=True)
-        found = replace(found, repaired=written)
+            progress.say(f"writing {repaired.name}")
+            written = repair(logs[0], repaired, rate)
+            found = replace(found, repaired=written)
+    if found.repaired is not None:
+        click.echo(printable(repair_words(found.repaired)), err=True)
     print_out(inspection_document(found), as_json)
     for one in found.unreadable:
         click.echo(f"vsalog: {printable(one.error)}", err=True)

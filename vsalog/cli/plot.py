@@ -38,11 +38,12 @@ ESTIMATE = ("estimator", "preset_tuning", "tune", "causal")
     "kinds",
     multiple=True,
     type=click.Choice(KINDS),
+    metavar="KIND",
     default=KINDS[:1],
     show_default=True,
     help="What is drawn; may be given again. stiffness: over time, with its band; torque-over-deflection: data and"
-    " characteristic; stiffness-surface: over deflection and set-point, where there is one; the others: as on the page of"
-    " 'estimate --report'.",
+    " characteristic; stiffness-surface: over deflection and set-point, where there is one; as on the page of"
+    f" 'estimate --report': {', '.join(KINDS[3:])}.",
 )
 @click.option(
     "--style",
@@ -109,7 +110,7 @@ def plot(
     size = SIZES[style or ("screen" if output is None else "column")]
     names = [kind.replace("-", "_") for kind in dict.fromkeys(kinds)]
     with TemporaryDirectory(prefix="vsalog-") as folder, Progress() as progress:
-        if is_trace(logs[0]):
+        if any(map(is_trace, logs)):
             _refuse_what_a_trace_has(context, logs)
             trace = TraceFile.of(logs[0])
         else:

@@ -14,16 +14,24 @@ COMMANDS = ("simulate", "estimate", "validate", "diagnose", "compare")
 """Commands that have loops of their own; a log and a model of it come from the first two."""
 
 # Joints with springs of any kind have the same loops; muscles have more.
-RIGS = {"vsa2": COMMANDS, "pam": ("simulate", "estimate", "compare")}
+RIGS = {"sea": COMMANDS, "pam": ("simulate", "estimate", "compare")}
 
 
 @click.command(short_help="Compile the numerical loops ahead of the first run.")
 @click.argument("commands", nargs=-1, type=click.Choice(COMMANDS), metavar="[COMMAND]...")
-def warm(commands: tuple[str, ...]) -> None:
+@click.option(
+    "--preset",
+    "presets",
+    multiple=True,
+    type=click.Choice(list(RIGS)),
+    help="Compile what joints like this preset's need: with springs, or with pneumatic muscles; may be given again. Both when"
+    " absent.",
+)
+def warm(commands: tuple[str, ...], presets: tuple[str, ...]) -> None:
     """Compile what COMMANDs need, all of them when none is named, so that their first run is as fast as any other.
 
     Numerical loops are compiled for the processor that runs them, once, and kept in a cache; after an update those that changed
-    are compiled again. This runs the commands on short simulated logs in a temporary folder. It takes about a minute.
+    are compiled again. This runs the commands on short simulated logs in a temporary folder. It takes one to two minutes.
     """
     from tempfile import TemporaryDirectory
 
@@ -32,6 +40,10 @@ def warm(commands: tuple[str, ...]) -> None:
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import console_for
 
+    rigs = {rig: own for rig, own in RIGS.items() if rig in presets or not presets}
+    for command in commands:
+        if not any(command in own for own in rigs.values()):
+            raise click.UsageError(f"nothing is compiled ahead for '{command}' of joints like {', '.join(rigs)}")
     # What comes after needs a log, and what it is validated with a model.
     needed = {"simulate": ("simulate",), "validate": COMMANDS[:2]}
     asked = {name for command in commands or COMMANDS for name in (command, *needed.get(command, COMMANDS[:1]))}
@@ -40,7 +52,7 @@ def warm(commands: tuple[str, ...]) -> None:
         TemporaryDirectory(prefix="vsalog-") as folder,
         progress.saying_when_compiling(),
     ):
-        steps = [(rig, name) for rig, own in RIGS.items() for name in own if name in asked]
+        steps = [(rig, name) for rig, own in rigs.items() for name in own if name in asked]
         runs = {rig: _Runs(rig, Path(folder)) for rig in RIGS}
         for rig, name in counted("warm", steps):
             progress.say(f"{name}: a short log of the preset {rig}")

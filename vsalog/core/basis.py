@@ -3,7 +3,8 @@
 Flacco 2012 eq. 25–29 and 35–37: products of powers of the deflection φ and of the set-point (θ_c or r). Powers are taken of
 φ / deflection_scale and set-point / setpoint_scale; with both 1 the coefficients are the papers'. A spring with a corner or a
 knee is no polynomial: knots add pieces of parabolas, a quadratic spline in the form of truncated powers (Ruppert, Wand, Carroll,
-*Semiparametric Regression*, 2003, §3.6), whose stiffness is a line from knot to knot.
+*Semiparametric Regression*, 2003, §3.6), whose stiffness is a line from knot to knot. A torque that is no polynomial of the
+set-point gets quadratic B-splines of it.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ class PolynomialBasis:
     """Products of powers of deflection and set-point, in the order φ-term by φ-term, set-point powers rising within.
 
     After the powers come the pieces that begin at knots u₀ = 0, 1/K … (K − 1)/K of the deflection scale: (u − u₀)² beyond each
-    knot on the positive side, then −(−u − u₀)² on the negative one.
+    knot on the positive side, then −(−u − u₀)² on the negative one. Last are the powers of the deflection, each times the
+    uniform quadratic B-splines of the set-point (de Boor, *A Practical Guide to Splines*, 2001, ch. IX).
 
     Attributes
     ----------
@@ -35,6 +37,7 @@ class PolynomialBasis:
     setpoint_scale : [rad or m]
     branches : the functions are there twice, first for loading, then for unloading
     knots : K, on either side of zero
+    setpoint_knots : evenly ascending borders of the B-splines' pieces, two at least [rad or m]; none for no B-splines
     """
 
     powers: tuple[int, ...]
@@ -43,6 +46,7 @@ class PolynomialBasis:
     setpoint_scale: float = 1.0
     branches: bool = False
     knots: int = 0
+    setpoint_knots: tuple[float, ...] = ()
 
     @classmethod
     def make(
@@ -55,15 +59,26 @@ class PolynomialBasis:
         setpoint_scale: float = 1.0,
         branches: bool = False,
         knots: int = 0,
+        setpoint_knots: tuple[float, ...] = (),
     ) -> PolynomialBasis:
         """Build the odd basis φ, φ³, …, φ^(2n−1) (eq. 26, 35) or the full one φ⁰, …, φ^(n−1) (eq. 29)."""
         powers = tuple(2 * h + 1 if odd else h for h in range(order))
-        return cls(powers, setpoint_order, deflection_scale, setpoint_scale, branches, knots)
+        return cls(powers, setpoint_order, deflection_scale, setpoint_scale, branches, knots, setpoint_knots)
 
     @property
     def size(self) -> int:
-        """Number of functions: (n + 2 K)·m, twice that with branches."""
-        return self.shapes * self.setpoint_order * (2 if self.branches else 1)
+        """Number of functions: (n + 2 K)·m and n times the B-splines, twice that with branches."""
+        return (self.shapes * self.setpoint_order + len(self.powers) * self.bumps) * (2 if self.branches else 1)
+
+    @property
+    def has_setpoint(self) -> bool:
+        """Whether functions depend on the set-point."""
+        return self.setpoint_order > 1 or bool(self.setpoint_knots)
+
+    @property
+    def bumps(self) -> int:
+        """Number of B-splines of the set-point: one more at either end than there are pieces."""
+        return len(self.setpoint_knots) + 1 if self.setpoint_knots else 0
 
     @property
     def shapes(self) -> int:
@@ -74,7 +89,15 @@ class PolynomialBasis:
     def powers_of_terms(self) -> tuple[int, ...]:
         """The power of the deflection in each function; −1 of a piece that begins at a knot."""
         own = (*self.powers, *[-1] * (2 * self.knots))
-        return tuple(i for i in own for _ in range(self.setpoint_order)) * (2 if self.branches else 1)
+        bumps = (i for i in self.powers for _ in range(self.bumps))
+        return (*(i for i in own for _ in range(self.setpoint_order)), *bumps) * (2 if self.branches else 1)
+
+    @property
+    def pieces(self) -> tuple[bool, ...]:
+        """Which functions are of a part of the deflection's or the set-point's range."""
+        powers, bumps = len(self.powers), len(self.powers) * self.bumps
+        own = [False] * powers + [True] * (2 * self.knots)
+        return (*(i for i in own for _ in range(self.setpoint_order)), *[True] * bumps) * (2 if self.branches else 1)
 
     @property
     def terms(self) -> list[str]:
@@ -85,7 +108,7 @@ class PolynomialBasis:
             "*".join(part for part in (shape, f"c^{j}" if j else "") if part) or "1"
             for shape in shapes
             for j in range(self.setpoint_order)
-        ]
+        ] + [f"{shape}*b{k}(c)".lstrip("*") for shape in shapes[: len(self.powers)] for k in range(self.bumps)]
         return [f"{b}:{t}" for b in ("loading", "unloading") for t in plain] if self.branches else plain
 
     def rows(
@@ -104,7 +127,8 @@ class PolynomialBasis:
         -------
         shape (n, derivatives + 1, size): [:, 0] are F, [:, 1] ∂F/∂φ, … (eq. 26–28); all NaN where φ is
         """
-        plain = np.empty((phi.shape[0], derivatives + 1, self.shapes * self.setpoint_order))
+        products = self.shapes * self.setpoint_order
+        plain = np.empty((phi.shape[0], derivatives + 1, products))
         c = phi if setpoint is None else setpoint
         _rows(
             np.ascontiguousarray(phi),
@@ -116,10 +140,23 @@ class PolynomialBasis:
             self.setpoint_scale,
             plain,
         )
+        if self.bumps:
+            powers = plain[:, :, : len(self.powers) * self.setpoint_order : self.setpoint_order]
+            bumped = powers[..., None] * _b_splines(c, self.setpoint_knots)[:, None, None, :]
+            plain = np.concatenate((plain, bumped.reshape(*plain.shape[:2], -1)), axis=2)
         if not self.branches:
             return plain
         on = (np.ones(phi.shape[0], dtype=np.bool_) if loading is None else loading)[:, None, None]
         return np.concatenate((np.where(on, plain, 0.0), np.where(on, 0.0, plain)), axis=2)
+
+
+def _b_splines(c: Array, borders: tuple[float, ...]) -> Array:
+    """Return the uniform quadratic B-splines on evenly ascending borders, shape (n, pieces + 2); NaN where c is."""
+    pieces = len(borders) - 1
+    place = (c - borders[0]) * (pieces / (borders[-1] - borders[0]))
+    off = np.abs(place[:, None] - (np.arange(pieces + 2) - 0.5))
+    tails = 0.5 * np.square(np.maximum(1.5 - off, 0.0))
+    return np.asarray(np.where(off < 0.5, 0.75 - off**2, tails))
 
 
 @compiled

@@ -112,6 +112,11 @@ TEXTS: dict[str, Text] = {
         "Set knots = {knots} under [joint.{joint}.basis] for other estimators.",
         false_alarm=FALSE_ALARM,
     ),
+    "spring.setpoint_not_polynomial": Text(
+        "the torque is no polynomial of the set-point of the rig's order: the estimate follows the set-point by a spline.",
+        "Set setpoint_knots = {pieces} under [joint.{joint}.basis] for other estimators.",
+        false_alarm=FALSE_ALARM,
+    ),
     "stiffness.changed": Text(
         "transmission {part}: the stiffness changes by {value:+.1%} from the log's beginning to its end, with"
         " {jumps:n sudden change}; the estimate follows it.",

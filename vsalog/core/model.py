@@ -32,7 +32,7 @@ class _Base(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 class BasisSpec(_Base, frozen=True):
     """The functions: products of (φ / deflection_scale)^power and (set-point / setpoint_scale)^0…(setpoint_order − 1).
 
-    With `knots`, and pieces that begin at these: see `PolynomialBasis`.
+    With `knots` and `setpoint_knots`, and pieces between these: see `PolynomialBasis`.
     """
 
     powers: tuple[int, ...]
@@ -41,13 +41,20 @@ class BasisSpec(_Base, frozen=True):
     setpoint_scale: float = 1.0
     branches: bool = False
     knots: int = 0
+    setpoint_knots: tuple[float, ...] = ()
     terms: tuple[str, ...] = ()
+
+    @property
+    def has_setpoint(self) -> bool:
+        """Whether functions depend on the set-point."""
+        return self.basis().has_setpoint
 
     def basis(self) -> PolynomialBasis:
         """Return the basis these values describe."""
         return PolynomialBasis(
-            self.powers, self.setpoint_order, self.deflection_scale, self.setpoint_scale, self.branches, self.knots
-        )
+            self.powers, self.setpoint_order, self.deflection_scale, self.setpoint_scale, self.branches, self.knots,
+            self.setpoint_knots,
+        )  # fmt: skip
 
 
 class TransmissionModel(_Base, frozen=True):
@@ -150,7 +157,7 @@ class JointModel(_Base, frozen=True):
         if part is None:
             known = ", ".join(f"'{t.name}'" for t in self.transmission)
             raise EstimatorError(f"the model has no transmission '{name}'; it has {known}")
-        if self.basis.setpoint_order > 1 and setpoint is None:
+        if self.basis.has_setpoint and setpoint is None:
             raise EstimatorError("the model depends on the set-point: say at which one to evaluate it (setpoint=…)")
         try:
             at, c, on = np.broadcast_arrays(
@@ -220,6 +227,7 @@ def basis_spec(basis: PolynomialBasis) -> BasisSpec:
         setpoint_scale=basis.setpoint_scale,
         branches=basis.branches,
         knots=basis.knots,
+        setpoint_knots=basis.setpoint_knots,
         terms=tuple(basis.terms),
     )
 

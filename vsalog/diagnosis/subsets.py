@@ -235,8 +235,9 @@ def _evidence(A: Array, b: Array, low: Array, high: Array) -> tuple[float, Array
     L, x, precision, cost = np.empty((k, k)), np.empty(k), np.ones(k), np.zeros(k)
     for again in range(2):
         total, far = 0.0, False
-        L[:] = A
         for i in range(k):
+            for j in range(k):
+                L[i, j] = A[i, j]
             L[i, i] += precision[i]
         if not _factored(L, k, precision):
             return np.inf, precision, L, x, cost
@@ -476,7 +477,7 @@ def _descend(
                             move[0], move[1], move[2] = g, g2, h
             if now + gained < least:
                 doubtful = True
-                trial[:] = chosen
+                _copy(trial, chosen)
                 g, g2, h = int(move[0]), int(move[1]), int(move[2])
                 if g >= 0:
                     trial[g] = False
@@ -489,13 +490,13 @@ def _descend(
                 s = _score(trial, A, b, first, price, low, high)
                 if s < least:
                     least, better = s, True
-                    best[:] = trial
+                    _copy(best, trial)
             if better:
                 break
         for h in range(count if doubtful and not better else 0):
             if pinned[h] or (barred[h] and not chosen[h]):
                 continue
-            trial[:] = chosen
+            _copy(trial, chosen)
             blocked = False
             if not chosen[h]:
                 for o in range(count):
@@ -508,10 +509,17 @@ def _descend(
             s = _score(trial, A, b, first, price, low, high)
             if s < least:
                 least, better = s, True
-                best[:] = trial
+                _copy(best, trial)
         if not better:
             return now
-        chosen[:] = best
+        _copy(chosen, best)
+
+
+@njit(cache=True, error_model="numpy", fastmath=SUMS)
+def _copy(to: Flags, chosen: Flags) -> None:
+    """Write a set into another's place; numba takes two seconds to compile how NumPy does that."""
+    for g in range(chosen.size):
+        to[g] = chosen[g]
 
 
 @njit(cache=True, error_model="numpy", fastmath=SUMS)

@@ -114,6 +114,7 @@ def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None,
         setpoint_scale=joint.basis.setpoint_scale or largest(*setpoints),
         branches=joint.basis.branches,
         knots=joint.basis.knots,
+        setpoint_knots=setpoint_borders(setpoints[0], joint.basis.setpoint_knots) if setpoints else (),
     )
     return Device(name, views, basis, serial, link=joint.link, rig=rig)
 
@@ -128,6 +129,14 @@ def deflection_of(values: Mapping[str, Array], view: TransmissionView) -> Array:
     if view.deflection in values:
         return values[view.deflection]
     return values["link_position"] - values[view.motor_position]
+
+
+def setpoint_borders(setpoint: Array, pieces: int) -> tuple[float, ...]:
+    """Return the borders of even pieces of a set-point's range [rad or m]; none where it stands still."""
+    finite = setpoint[np.isfinite(setpoint)]
+    if not pieces or not finite.size or not np.ptp(finite):
+        return ()
+    return tuple(float(x) for x in np.linspace(finite.min(), finite.max(), pieces + 1))
 
 
 def largest(*signals: Array) -> float:

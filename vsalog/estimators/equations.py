@@ -23,7 +23,7 @@ Flags = NDArray[np.bool_]
 
 def regressors(basis: PolynomialBasis, block: Conditioned, view: TransmissionView) -> Array:
     """Return the functions of the basis at each sample of a block, shape (N, n)."""
-    c = block.fit.get("setpoint") if basis.setpoint_order > 1 else None
+    c = block.fit.get("setpoint") if basis.has_setpoint else None
     return basis.rows(deflection_of(block.fit, view), c, 0, block.loading_fit.get(view.name))[:, 0]
 
 

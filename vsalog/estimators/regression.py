@@ -246,7 +246,7 @@ class RegressionFold:
             first = equation.leading + i * basis.size
             part = slice(first, first + basis.size)
             loading = block.loading_now.get(view.name)
-            E[:, 4 * i : 4 * i + 4, part] = basis.rows(phi, c if basis.setpoint_order > 1 else None, 3, loading)
+            E[:, 4 * i : 4 * i + 4, part] = basis.rows(phi, c if basis.has_setpoint else None, 3, loading)
             spread[4 * i + 1] = True
             if count > 1:
                 E[:, 4 * count, part] = E[:, 4 * i + 1, part]

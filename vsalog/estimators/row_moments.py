@@ -133,9 +133,12 @@ def _run(
             counts[Count.BLOCK] += 1
         if counts[Count.BLOCK] == moments.shape[0]:
             half = moments.shape[0] // 2
-            for b in range(half):
-                moments[b] = moments[2 * b] + moments[2 * b + 1]
-            moments[half:] = 0.0
+            # Entry by entry: numba takes two seconds to compile how one array is written into another.
+            for b in range(moments.shape[0]):
+                for i in range(m):
+                    for j in range(m):
+                        both = moments[2 * b, i, j] + moments[2 * b + 1, i, j] if b < half else 0.0
+                        moments[b, i, j] = both
             counts[Count.BLOCK] = half
             counts[Count.PER_BLOCK] *= 2
 

@@ -201,7 +201,8 @@ class SmootherSolver:
 
     Attributes
     ----------
-    powers : of the deflection that each coefficient multiplies, of all transmissions
+    powers : of the deflection that each coefficient multiplies, of all transmissions; −1 for a piece that reaches one at most
+    pieces : which coefficients are of a part of the deflection's or the set-point's range
     transmissions : how many they are of
     unknowns : of each equation, names of its own
     required : of each equation, names of those that are always unknown; the others only where the log shows it
@@ -216,6 +217,7 @@ class SmootherSolver:
     """
 
     powers: tuple[int, ...]
+    pieces: tuple[bool, ...]
     transmissions: int
     unknowns: tuple[tuple[str, ...], ...]
     required: tuple[frozenset[str], ...]
@@ -354,7 +356,7 @@ class Smoother:
         self.powers = np.zeros(self.size)
         self.powers[:n] = np.maximum(np.array(solver.powers) - 1.0, 0.0)
         self.knots = np.zeros(self.size, dtype=np.bool_)
-        self.knots[:n] = np.array(solver.powers) < 0
+        self.knots[:n] = solver.pieces
         self.knots[n : n + solver.shared] = True
         self.scale = self._scale()
         # A torque is what the unknowns add up to and what the rig has of the motor.
@@ -372,7 +374,7 @@ class Smoother:
             with np.errstate(divide="ignore", invalid="ignore"):
                 own = np.where(rms[:-1] > 0.0, rms[-1] / rms[:-1], 0.0)
             # The function of a knot reaches one at most: its coefficient is in the torque's unit, wherever the knot is.
-            own[: self.solver.coefficients][self.knots[: self.solver.coefficients]] = rms[-1]
+            own[: self.solver.coefficients][np.array(self.solver.powers) < 0] = rms[-1]
             scale[columns] = np.maximum(scale[columns], own)
         scale = LIMITS.prior * np.where(scale > 0.0, scale, 1.0)
         for i, known in enumerate(self.solver.gains):
@@ -703,7 +705,7 @@ def _smoothness(measurements: Array, powers: Array, knots: Flags) -> Array:
     n = measurements.shape[2] - 1
     R = _triangle(measurements.reshape(-1, n + 1))[:n]
     bends = LIMITS.bends if knots.any() else np.ones(1)
-    priors = np.stack([np.where(knots, bend, ratio**powers) for ratio in LIMITS.ratios for bend in bends])
+    priors = np.stack([np.where(knots, bend, 1.0) * ratio**powers for ratio in LIMITS.ratios for bend in bends])
     evidence = []
     for prior in priors:
         # In units of the prior, so that none is divided by.

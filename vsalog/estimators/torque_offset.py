@@ -66,7 +66,7 @@ def torque_offsets(
 def _slopes(device: Device, equation: IntegratedMotorEquation, block: Conditioned) -> Array:
     """Return ∂f/∂φ, shape (N, functions)."""
     phi = deflection_of(block.fit, equation.view)
-    c = block.fit.get("setpoint") if device.basis.setpoint_order > 1 else None
+    c = block.fit.get("setpoint") if device.basis.has_setpoint else None
     return device.basis.rows(phi, c, 1, block.loading_fit.get(equation.view.name))[:, 1]
 
 

@@ -105,7 +105,7 @@ def _over_deflection(
 
 def _model_curves(model: JointModel, name: str, phi: Array, setpoint: Array | None) -> list[Curve]:
     """The model with its band, once per branch where loading and unloading differ."""
-    at = setpoint if model.basis.setpoint_order > 1 else None
+    at = setpoint if model.basis.has_setpoint else None
     curves = []
     branches = ((True, "model, loading"), (False, "model, unloading")) if model.basis.branches else ((True, "model"),)
     for i, (loading, label) in enumerate(branches):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,8 +55,14 @@ class Options:
     end: str | None = None
 
 
-def inspect(logs: Sequence[Path], options: Options) -> Inspection:
+def inspect(logs: Sequence[Path], options: Options, progress: Callable[[str], None] = lambda _: None) -> Inspection:
     """Look at logs. Of several, one that cannot be read is reported, and the others are looked at.
+
+    Parameters
+    ----------
+    logs : paths
+    options : of the command
+    progress : called with what is being done
 
     Raises
     ------
@@ -66,6 +72,7 @@ def inspect(logs: Sequence[Path], options: Options) -> Inspection:
     reports: list[LogReport] = []
     unreadable: list[Unreadable] = []
     for log in logs:
+        progress(f"reading {log.name}")
         try:
             recording, sample = looked_at(log, options)
         except (VsalogError, OSError) as error:
@@ -73,6 +80,7 @@ def inspect(logs: Sequence[Path], options: Options) -> Inspection:
                 raise
             unreadable.append(Unreadable(str(log), words_of(error)))
             continue
+        progress(f"looking at {log.name}")
         reports.append(inspect_recording(recording, guess_roles(recording), sample, options.head))
     return Inspection(tuple(reports), None, tuple(unreadable))
 

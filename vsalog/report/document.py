@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 from vsalog.core.finding import Finding, Severity
+from vsalog.core.finding_texts import by_severity, merged
 from vsalog.core.notation import transmission_title
 from vsalog.figures.chart import Chart, Charts
+from vsalog.report.verbosity import Verbosity, verbosity
 
 Tone = Literal["", "good", "open", "bad"]
 """How a verdict is coloured; its word says the same."""
@@ -225,3 +227,8 @@ def led(
 def provenance(pairs: Sequence[tuple[str, str]], rig: str) -> Section:
     """Return where it all comes from: keys and values, and the rig as TOML."""
     return Section("Provenance", (Facts(tuple(pairs)), Source("The rig, as TOML", rig, folded=True)), where="page")
+
+
+def told(findings: Iterable[Finding]) -> tuple[tuple[Severity, str], ...]:
+    """Return sentences, each with its severity: one for what has one cause, unless all is asked for."""
+    return (by_severity if verbosity() == Verbosity.VERBOSE else merged)(findings)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from vsalog.core.notation import number, signal_name, unit_of
+from vsalog.figures.chart import Chart
+from vsalog.figures.dot_plots import identified_chart
 from vsalog.identification.document import Combination, Determined, Identification, IdentifiedNumber, SimulationError
 from vsalog.report.document import Block, Cell, Document, Facts, Notes, Section, Table, Words, provenance
 
@@ -41,6 +43,16 @@ def identification_document(found: Identification, files: Mapping[str, str] = {}
     pairs = [("log", f"{found.log}, SHA-256 {found.log_sha256}"), ("vsalog", found.vsalog), *found.settings.items()]
     items.append(provenance(pairs, found.rig))
     return Document(f"Identification of {found.log}", "The rig's numbers, fitted to a log", tuple(items), found)
+
+
+def identification_charts(found: Identification) -> dict[str, Chart]:
+    """Return per joint the figure of its numbers with their intervals, where it has one."""
+    charts = {}
+    for joint in dict.fromkeys(n.joint for n in found.numbers):
+        chart = identified_chart([n for n in found.numbers if n.joint == joint])
+        if chart is not None:
+            charts[joint] = chart
+    return charts
 
 
 def _numbers(joint: str, numbers: list[IdentifiedNumber]) -> Table:

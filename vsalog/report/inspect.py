@@ -13,7 +13,7 @@ from vsalog.core.notation import between, number, percent
 from vsalog.core.printable import plural, printable, size_text
 from vsalog.inspection.document import ChannelReport, HeadReport, Inspection, LogReport, StreamReport
 from vsalog.readers.base import DOUBTFUL
-from vsalog.report.document import SEVERITIES, Block, Cell, Document, Section, Table, Tone, Verdict, Words
+from vsalog.report.document import SEVERITIES, Block, Cell, Document, Section, Table, Tone, Verdict, Words, told
 from vsalog.rig.guess_gaps import Answers, Command, Gap, command_for, gaps_of, waits_for
 from vsalog.rig.guess_types import Guess, JointGuess
 from vsalog.rig.template import named_joints, toml_key
@@ -39,7 +39,7 @@ def repair_words(repaired: Repaired) -> str:
 def _log(report: LogReport) -> Iterator[Block]:
     doubts = [one for one in report.findings if one.code in DOUBTFUL]
     yield from _sample(report)
-    yield from map(_finding, doubts)
+    yield from _findings(doubts)
     for stream in report.streams:
         yield Section(_stream_line(stream, bool(doubts)), (*_trouble(stream), *_channels(stream)))
     begin = min((s.start for s in report.streams if s.start is not None), default=0)
@@ -49,11 +49,12 @@ def _log(report: LogReport) -> Iterator[Block]:
     yield from _joints(report)
     for why, names in _by_words(report.unread.items()).items():
         yield Words(f"not read: {', '.join(names)}: {why}")
-    yield from (_finding(finding) for finding in report.findings if finding not in doubts)
+    yield from _findings(finding for finding in report.findings if finding not in doubts)
 
 
-def _finding(finding: Finding) -> Verdict:
-    return Verdict(SEVERITIES[finding.severity], sentence(finding), TONES[finding.severity])
+def _findings(findings: Iterable[Finding]) -> Iterator[Verdict]:
+    for severity, words in told(findings):
+        yield Verdict(SEVERITIES[severity], words, TONES[severity])
 
 
 def _title(report: LogReport) -> str:
@@ -178,7 +179,7 @@ def guessed_joints(joints: Iterable[JointGuess]) -> Iterator[Section]:
         first, names = same[0], ", ".join(joint.name for joint in same)
         head = f"{'joint' if len(same) == 1 else 'joints'} {names}"
         title = f"{head}  {first.kind} ({round(100 * first.confidence)} %): {first.reason}"
-        yield Section(title, (*map(Words, _reasons(first)), *map(_finding, first.findings)))
+        yield Section(title, (*map(Words, _reasons(first)), *_findings(first.findings)))
 
 
 def init_document(
@@ -198,7 +199,7 @@ def init_document(
     answers : per joint, what somebody knew of its gaps
     preset : whose numbers the rig has, so that it has no gaps
     """
-    items: list[Block] = [*guessed_joints(guess.joints), *map(_finding, guess.findings)]
+    items: list[Block] = [*guessed_joints(guess.joints), *_findings(guess.findings)]
     file = "RIG" if written is None else printable(str(written))
     if preset is None:
         items += _uses(guess, printable(log), file, answers)

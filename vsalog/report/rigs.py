@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from vsalog.core.units import shown
+from vsalog.core.printable import printable
 from vsalog.rig.find import RigFound
 
 
 def rig_words(found: RigFound, verbose: bool = False) -> str:
     """Say which rig is used, and where it is from; with its whole path where that is asked for."""
-    path = "" if found.path is None else shown(str(found.path.resolve() if verbose else found.path))
+    path = "" if found.path is None else printable(str(found.path.resolve() if verbose else found.path))
     if found.place == "given":
         # Who asked for a rig knows of the others.
         also = f"; {_named(found)} not used" if found.others else ""
@@ -26,10 +26,10 @@ def unused_rigs_words(found: RigFound) -> str:
     """Say loudly that another rig lies there than the one that was found; "" where none does."""
     if not found.others or found.place == "given":
         return ""
-    first = shown(str(found.others[0]))
+    first = printable(str(found.others[0]))
     return f"{_named(found)} there but not used, and another rig than the one used; --rig {first} uses it"
 
 
 def _named(found: RigFound) -> str:
-    names = " and ".join(shown(str(path)) for path in found.others)
+    names = " and ".join(printable(str(path)) for path in found.others)
     return f"{names} {'is' if len(found.others) == 1 else 'are'}"

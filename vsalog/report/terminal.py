@@ -16,9 +16,21 @@ from rich.text import Text
 
 from vsalog.core.documents import document_text
 from vsalog.core.finding import Finding, Severity
-from vsalog.core.finding_texts import by_severity, merged
 from vsalog.core.printable import printable
-from vsalog.report.document import SEVERITIES, Block, Cell, Document, Facts, Notes, Section, Table, Tone, Verdict, Words
+from vsalog.report.document import (
+    SEVERITIES,
+    Block,
+    Cell,
+    Document,
+    Facts,
+    Notes,
+    Section,
+    Table,
+    Tone,
+    Verdict,
+    Words,
+    told,
+)
 from vsalog.report.verbosity import Verbosity, verbosity
 
 STYLES: dict[Severity, str] = {"info": "cyan", "warning": "yellow", "invalidates": "bold red"}
@@ -69,7 +81,7 @@ def print_data(document: Document) -> None:
 def print_findings(findings: Iterable[Finding], errors: Console | None = None) -> None:
     """Print findings on stderr after their severity: one line for what has one cause, unless all is asked for."""
     errors = errors or Console(stderr=True, highlight=False, emoji=False)
-    for severity, sentence in (by_severity if verbosity() == Verbosity.VERBOSE else merged)(findings):
+    for severity, sentence in told(findings):
         if severity == "info" and verbosity() == Verbosity.QUIET:
             continue
         line = Text.assemble((f"{SEVERITIES[severity]}:", STYLES[severity]), f" {printable(sentence)}")

@@ -125,6 +125,8 @@ class Basis(Base, frozen=True):
     setpoint_scale : the set-point is divided by this [rad or m]; the log's largest when absent
     branches : fit loading (|φ| grows) and unloading apart, for a transmission with hysteresis
     knots : of a quadratic spline on either side of zero, for a spring with a corner or a knee; none when 0
+    setpoint_knots : pieces of a quadratic spline along the log's range of the set-point, for a torque that is no polynomial of
+        it; none when 0
     """
 
     order: Annotated[int, Meta(description="number of terms in the deflection", ge=1, le=20)] = 4
@@ -134,6 +136,7 @@ class Basis(Base, frozen=True):
     setpoint_scale: SetpointScale | None = None
     branches: bool = False
     knots: Annotated[int, Meta(description="knots on either side of zero", ge=0, le=20)] = 0
+    setpoint_knots: Annotated[int, Meta(description="pieces of a spline along the set-point", ge=0, le=20)] = 0
 
 
 class RigidJoint(Base, frozen=True, tag="rigid", tag_field="kind"):

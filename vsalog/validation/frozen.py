@@ -55,6 +55,11 @@ def _basis_fault(joint: JointModel) -> str | None:
         return f"knots has to be between 0 and {HIGHEST_POWER}, not {basis.knots}"
     if not 1 <= basis.setpoint_order <= HIGHEST_POWER:
         return f"setpoint_order has to be between 1 and {HIGHEST_POWER}, not {basis.setpoint_order}"
+    borders = np.array(basis.setpoint_knots)
+    if borders.size and not (
+        1 < borders.size <= HIGHEST_POWER + 1 and _usable(borders) and (np.diff(borders) > 0.0).all()
+    ):
+        return f"setpoint_knots have to be from two to {HIGHEST_POWER + 1} ascending numbers"
     for key in ("deflection_scale", "setpoint_scale"):
         if not ROUNDING <= getattr(basis, key) <= LARGEST:
             return f"{key} has to be a positive number, not {getattr(basis, key):g}"

@@ -108,7 +108,7 @@ def prediction(
     phi, loading = deflection_of(s.roles, view), None
     if model.basis.branches:
         loading = loading_block(direction_start(), phi, NEGLIGIBLE_SHARE * model.basis.deflection_scale)[1]
-    c = setpoint if model.basis.setpoint_order > 1 else None
+    c = setpoint if model.basis.has_setpoint else None
     torque, sigma = np.empty(phi.size), np.empty(phi.size)
     std, sigma_std = np.empty(phi.size, dtype=np.float32), np.empty(phi.size, dtype=np.float32)
     for begin in range(0, phi.size, PART):

@@ -204,7 +204,7 @@ def _check_fit(model: JointModel, device: Device, rig: Rig) -> None:
             f"{rig.where}: joint '{device.joint}' has {len(ours)} transmission{'s' if len(ours) > 1 else ''}, but the model was"
             f" learnt on a joint with {len(theirs)}"
         )
-    if model.basis.setpoint_order > 1 and not device.has_setpoint:
+    if model.basis.has_setpoint and not device.has_setpoint:
         raise RigError(
             f"{rig.where}: the model of joint '{device.joint}' depends on a set-point, which this rig's joint has not"
         )

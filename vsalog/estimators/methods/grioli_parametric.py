@@ -127,7 +127,7 @@ class BasisFunctions:
 
     def step(self, state: None, block: JointSignals) -> tuple[None, list[JointSignals]]:
         """Take a block; give it with the functions beside it."""
-        c = block.roles["setpoint"] if self.device.basis.setpoint_order > 1 else None
+        c = block.roles["setpoint"] if self.device.basis.has_setpoint else None
         columns = [self.device.basis.rows(deflection_of(block.roles, v), c, 0)[:, 0] for v in self.device.transmissions]
         values = dict(zip(self.roles, np.hstack(columns).T, strict=True))
         return None, [replace(block, roles={**block.roles, **values})]

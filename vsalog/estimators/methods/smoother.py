@@ -25,7 +25,7 @@ from vsalog.core.signals import JointSignals
 from vsalog.core.significance import DETECTED, FALSE_ALARM
 from vsalog.estimators.box_rows import BOXES
 from vsalog.estimators.combined_equation import UNKNOWN_MOTOR, CombinedEquation
-from vsalog.estimators.device import Device
+from vsalog.estimators.device import Device, setpoint_borders
 from vsalog.estimators.equation import GAIN, REPORTED_CHANGE, REPORTED_MISFIT, Equation, EquationRows
 from vsalog.estimators.equations import TorqueEquation
 from vsalog.estimators.fold_state import FoldState
@@ -85,11 +85,13 @@ class Shape(NamedTuple):
     Attributes
     ----------
     knots : on either side of zero [1]: corners in between cost half a percent
+    setpoint_knots : pieces of the range of the set-point [1]: a change within half of one looks sudden
     intervals : between which a spring may change while shapes are compared [1]: not at all, slowly, at once
     slips : friction elements [1], which slip after a half of the largest deflection … a thirty-second: shorter ones noise hides
     """
 
     knots: int = 16
+    setpoint_knots: int = 8
     slips: int = 9
     intervals: tuple[int, ...] = (1, 32, LIMITS.intervals)
 
@@ -170,7 +172,9 @@ class SmootherFold(RegressionFold):
         fold.equations = tuple(
             replace(own.with_basis(basis), slips=slips, smooth=smooth, wait=wait) for own in self.equations
         )
-        fold.solver = replace(self.solver, powers=basis.powers_of_terms * count, slips=slips * count)
+        fold.solver = replace(
+            self.solver, powers=basis.powers_of_terms * count, pieces=basis.pieces * count, slips=slips * count
+        )
         return fold
 
     def start(self) -> FoldState:
@@ -219,6 +223,13 @@ class SmootherFold(RegressionFold):
                     evidence={"knots": basis.knots},
                 )
             )
+        if basis.bumps > self.rig_basis.bumps:
+            pieces = len(basis.setpoint_knots) - 1
+            found.append(
+                Finding(
+                    code="spring.setpoint_not_polynomial", joint=self.device.joint, severity="info", evidence={"pieces": pieces},
+                )
+            )  # fmt: skip
         for equation, own in zip(self.equations, state.solvers, strict=True):
             if own.trajectory is None or not equation.slips:
                 continue
@@ -356,6 +367,7 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     box = max(conditioner.window // BOXES.per_window, BOX)
     solver = SmootherSolver(
         device.basis.powers_of_terms * count,
+        device.basis.pieces * count,
         count,
         first.unknowns,
         tuple(_required(torque, known, device) for torque, _ in first.parts),
@@ -437,8 +449,8 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
 
     Of a long log stretches are looked at: they show a shape as well.
     """
-    basis, signals = plain.device.basis, spread_over(signals, LONGEST_RUN)
-    spline = replace(basis, knots=max(basis.knots, SHAPE.knots))
+    basis, setpoint = plain.device.basis, signals.roles.get("setpoint", np.zeros(0))
+    signals = spread_over(signals, LONGEST_RUN)
     slips = tuple(basis.deflection_scale * part for part in SHAPE.parts)
     states: dict[SmootherFold, list[SmootherState]] = {}
 
@@ -457,6 +469,15 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
         return fold
 
     best = collected(basis)
+    borders = (
+        () if plain.solver.constant or basis.setpoint_order == 1 else setpoint_borders(setpoint, SHAPE.setpoint_knots)
+    )
+    if borders and not basis.setpoint_knots:
+        fold = collected(replace(basis, setpoint_knots=borders))
+        if needed(fold, best):
+            best, basis = fold, fold.device.basis
+    # Runs with a set-point each say little of how a piece depends on it.
+    spline = basis if plain.solver.constant else replace(basis, knots=max(basis.knots, SHAPE.knots))
     for own, elements in ((spline, ()), (basis, slips), (spline, slips)):
         # Branches are a loop already.
         if (own == basis and not elements) or (basis.branches and elements):
