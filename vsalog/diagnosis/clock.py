@@ -66,7 +66,7 @@ def read_apart(
 ) -> float:
     """Return how much later channels are read with one fit than with another whose torques are held [s].
 
-    Of the channels, the one is meant that halves the noise: a median that is weighted with it.
+    The time is that of the channel that halves the noise: a median that is weighted with it.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def _so_late(fit: Placed, sites: Iterable[Site], late: Array) -> tuple[tuple[Sit
 
 
 def all_late(fit: Placed, sites: Iterable[Site]) -> bool:
-    """Tell whether a fit has every channel late: then all may be so by any time, and no log says by which."""
+    """Return whether a fit has every channel late: then all may be late by any time, and no log determines which."""
     late = _lateness(fit, _channels(sites))
     return bool(late.size and late.all())
 
@@ -107,7 +107,7 @@ def _value(site: Site, late: float) -> Array:
 
 
 def _within(single: Sequence[Site], late: Array) -> bool:
-    """Tell whether channels may be so late."""
+    """Return whether channels may be so late."""
     values = [(s.parameters[0], float(_value(s, d)[0])) for s, d in zip(single, late, strict=True)]
     return all(p.low <= v <= p.high for p, v in values)
 

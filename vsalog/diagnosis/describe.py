@@ -1,4 +1,4 @@
-"""A joint's diagnosis as the document says it, and as the figures draw it."""
+"""A joint's diagnosis for the document and for the figures."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def unit_of(role: str) -> str:
 def causes_of(
     found: JointDiagnosis, stiffness_changes: Sequence[float | None], logs: Sequence[str]
 ) -> list[FoundCause]:
-    """Return the causes as the document says them.
+    """Return the causes for the document.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def causes_of(
         others = tuple(dict.fromkeys((*cause.site.doubles, *rivals)))
         known, absent = cause.determined(), {n: a for n, (a, _) in cause.absent().items()}
         numbers = {
-            # A number that is the same without the cause is a shape, which the rig does not have.
+            # A number that is the same without the cause is a shape: the rig has none.
             n: Number(value=v, std=s, unit=u, determined=known[n], rig=None if absent[n] in (v, np.inf) else absent[n])
             for n, (v, s, u) in cause.numbers().items()
         }
@@ -105,20 +105,20 @@ def _computed(found: JointDiagnosis, role: str, why: Finding) -> FoundCause:
 
 
 def signal_errors(found: JointDiagnosis) -> list[SignalError]:
-    """Return the simulation errors of the rig as it stands, on the log that is diagnosed."""
-    stands, out = found.standing, []
-    for role in stands.windows.roles if stands is not None else ():
-        assert stands is not None
-        rmse, span = stands.rmse(role), span_of(stands.windows.channels.raw[role])
+    """Return the simulation errors of the rig as given, on the log that is diagnosed."""
+    given, out = found.standing, []
+    for role in given.windows.roles if given is not None else ():
+        assert given is not None
+        rmse, span = given.rmse(role), span_of(given.windows.channels.raw[role])
         out.append(
             SignalError(
                 joint=found.name,
                 signal=role,
                 unit=unit_of(role),
                 rmse=rmse,
-                noise_floor=stands.floor[role],
+                noise_floor=given.floor[role],
                 nrmse=100.0 * rmse / span if span else 0.0,
-                rmse_whole_log=stands.through.get(role),
+                rmse_whole_log=given.through.get(role),
             )
         )
     return out

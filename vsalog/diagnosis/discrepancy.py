@@ -40,7 +40,7 @@ class Weights:
     def deviance(self, formed: Array) -> float:
         """Return Σ rᵀ C⁻¹ r of a joint's equations, with the noise as that joint has it; see `linear.formed_of`.
 
-        What noise makes of an equation depends on the numbers in it, and a fit must not gain by making it small (the sensors'
+        The noise of an equation depends on the numbers in it, and a fit must not gain by making it small (the sensors'
         true values are profiled out: Fuller 1987, §3.2).
         """
         system, rows = self.system, formed[0]

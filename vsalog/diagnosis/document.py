@@ -26,7 +26,7 @@ class Number(_Part, frozen=True):
     ----------
     value, std : with its standard deviation
     unit : SI
-    determined : whether its 95 % interval excludes the rig's own value and zero; where it does not the value says little
+    determined : whether its 95 % interval excludes the rig's own value and zero; where it does not, the value means little
     rig : the rig's own value; null where it has none
     """
 
@@ -46,7 +46,7 @@ class SignalError(_Part, frozen=True):
     signal : role
     unit : SI
     rmse : of windows of the log, each begun with the state that fits it best
-    noise_floor : what noise of this sensor, and of the recorded inputs, would make of it if the rig were right
+    noise_floor : its value from the noise of this sensor and of the recorded inputs alone, if the rig were right
     nrmse : rmse / (greatest − least recorded) [%]
     rmse_whole_log : of the simulation that runs through from the log's first state; null where it does not get through
     """
@@ -69,8 +69,8 @@ class EquationError(_Part, frozen=True):
     equation : motor, motor_1, secondary_motor, transmission, link, deflection, …
     side : of the joint it is about
     unit : SI
-    rms_before, rms_after : of its averages over a short bell, with the rig as it stands and with the causes found
-    noise : what noise alone would leave
+    rms_before, rms_after : of its averages over a short bell, with the rig as given and with the causes found
+    noise : the same of noise alone
     """
 
     joint: str
@@ -107,7 +107,7 @@ class FoundCause(_Part, frozen=True):
         can be estimated
     why : the evidence in words
     how_to_confirm : an experiment
-    tell_apart : which experiment would tell it from the others; empty where there are none
+    tell_apart : which experiment would separate it from the others; empty where there are none
     reference : where the effect is described
     log : of several logs, the one in which it was found, where it may differ from log to log; else null
     """
@@ -140,8 +140,8 @@ class Gain(_Part, frozen=True):
     joint : name
     signal : role, or ``stiffness`` of a transmission
     unit : SI
-    rmse_before, rmse_after : with the rig as it stands, and extended
-    noise_floor : what noise would make of it if the rig were right
+    rmse_before, rmse_after : with the rig as given, and extended
+    noise_floor : its value from noise alone, if the rig were right
     reduction : 1 − rmse_after / rmse_before
     ci95 : interval of the reduction, from a bootstrap over windows
     """
@@ -172,7 +172,7 @@ class LogError(_Part, frozen=True):
     log : its name
     begin : when it begins, ISO 8601; null where that is not known
     joint, signal, unit : as of `SignalError`
-    rmse_before, rmse_after : with the rig as it stands, and extended
+    rmse_before, rmse_after : with the rig as given, and extended
     """
 
     log: str
@@ -250,7 +250,7 @@ class Unexplained(_Part, frozen=True):
 
     @property
     def loop(self) -> bool:
-        """Whether it is a loop that the log passes once, so that time tells as much as the direction does."""
+        """Whether it is a loop that the log passes once, so that time predicts as much as the direction does."""
         return bool(self.curve_back) and self.depends_on[-1] == "time"
 
 
@@ -263,20 +263,20 @@ class Diagnosis(_Part, frozen=True):
     vsalog : version that wrote it
     log, log_sha256 : what was diagnosed
     holdout, holdout_sha256 : the other log; null where there is none
-    rig : as it stands, TOML
+    rig : as given, TOML
     settings : of this run
     verdict : in a word
     sentences : what was found, in plain sentences; what makes a search of causes pointless first
     p_values : joint → probability of a log whose equations contradict the rig at least as much, were the rig right
-    simulation_error : of the rig as it stands, on the log
+    simulation_error : of the rig as given, on the log
     equations : the residual of each
     causes : found, the weightiest first
     gain : of the extended rig
-    unexplained : what is left
-    next_experiment : what would tell more; empty where nothing is open
+    unexplained : what no cause explains
+    next_experiment : that would separate more; empty where nothing is open
     logs : of several logs, how far simulations are from each; empty for one
     trends : of causes that may differ from log to log
-    findings : what a person should know
+    findings : what the user should know
     warnings : the findings, in words
     """
 

@@ -19,7 +19,7 @@ class SignalEvidence:
     ----------
     unit : SI
     measured : as recorded
-    before, after : as the rig simulates it, as it stands and extended; None where it cannot be simulated
+    before, after : as the rig simulates it, as given and extended; None where it cannot be simulated
     """
 
     unit: str
@@ -35,7 +35,7 @@ class EquationEvidence:
     Attributes
     ----------
     side, unit : of the equation
-    before, after : with the rig as it stands, and extended
+    before, after : with the rig as given, and extended
     noise : standard deviation that noise gives these averages
     """
 
@@ -56,7 +56,7 @@ class CauseEvidence:
     equation : in which it shows most, key of the joint's equations
     variable : name of the signal that reveals it, key of the joint's variables
     without : the residual of that equation with all causes but this one, shape (R,)
-    shape : what this cause makes of that equation, shape (R,); `without` less this is what is left with it
+    shape : what this cause makes of that equation, shape (R,); `without` less this is the residual with it
     """
 
     cause: str

@@ -1,4 +1,4 @@
-"""Causes that were found, with their numbers and what each takes away of what was wrong."""
+"""Causes that were found, with their numbers and the part of the error that each removes."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Found:
         It matters where it changes an equation by as much as noise and model error together do, beyond what the other causes
         could take up: that is the unit of its size.
         """
-        # Of what nothing tells, as a part of a sample, no other cause can be told either.
+        # Where no log determines the cause, as a delay by a part of a sample, no other one can be determined either.
         blurred = any(p.blur for p in self.site.parameters)
         known = any(self.determined().values()) or self._together() or (bool(self.choice.rivals) and not blurred)
         return self.choice.size >= 1.0 and known
@@ -79,28 +79,28 @@ class Found:
         return float((1.0 - IMITATED_SHARE) * erf(self.choice.over_model_error / 2.0**0.5))
 
     def numbers(self) -> dict[str, tuple[float, float, str]]:
-        """Return name → value, standard deviation, unit, as people are told."""
-        told, slopes = self.site.reported(self.values.tolist()), self.slopes()
+        """Return name → value, standard deviation, unit, as reported."""
+        here, slopes = self.site.reported(self.values.tolist()), self.slopes()
         variance = np.maximum(np.diag(slopes @ self.covariance @ slopes.T), 0.0)
         exact = catalogue()[self.site.cause].exact
-        variance += [(exact * value) ** 2 + self.blur(name) ** 2 for name, (value, _) in told.items()]
+        variance += [(exact * value) ** 2 + self.blur(name) ** 2 for name, (value, _) in here.items()]
         spread = np.sqrt(variance)
-        return {name: (value, float(s), unit) for (name, (value, unit)), s in zip(told.items(), spread, strict=True)}
+        return {name: (value, float(s), unit) for (name, (value, unit)), s in zip(here.items(), spread, strict=True)}
 
     def slopes(self) -> Array:
-        """Return how the numbers that people are told change with those that are fitted, shape (numbers, parameters)."""
-        told = self.site.reported(self.values.tolist())
-        slopes = np.zeros((len(told), self.values.size))
+        """Return how the reported numbers change with those that are fitted, shape (numbers, parameters)."""
+        here = self.site.reported(self.values.tolist())
+        slopes = np.zeros((len(here), self.values.size))
         for i, parameter in enumerate(self.site.parameters):
             step = 1e-3 * max(abs(parameter.step), 1e-12)
             moved = self.values.copy()
             moved[i] += step
             there = self.site.reported(moved.tolist())
-            slopes[:, i] = [(there[name][0] - value) / step for name, (value, _) in told.items()]
+            slopes[:, i] = [(there[name][0] - value) / step for name, (value, _) in here.items()]
         return slopes
 
     def blur(self, name: str) -> float:
-        """Return what of a number nothing tells, one standard deviation."""
+        """Return the part of a number that no log determines, one standard deviation."""
         return next((p.blur for p in self.site.parameters if p.name == name), 0.0)
 
     def absent(self) -> dict[str, tuple[float, str]]:
@@ -113,14 +113,14 @@ class Found:
 
         Of a shape that is a size, as a speed or a width, the interval has to exclude zero, too.
         """
-        absent, told = self.absent(), self.numbers()
-        clear = {n: min(abs(v - absent[n][0]), abs(v)) > INTERVAL * std for n, (v, std, _) in told.items()}
+        absent, here = self.absent(), self.numbers()
+        clear = {n: min(abs(v - absent[n][0]), abs(v)) > INTERVAL * std for n, (v, std, _) in here.items()}
         places = {p.name for p in self.site.parameters if p.low <= 0.0}
-        sized = {n: n in places or abs(v) > INTERVAL * std for n, (v, std, _) in told.items()}
-        return {n: any(clear.values()) and sized[n] if v == absent[n][0] else clear[n] for n, (v, _, _) in told.items()}
+        sized = {n: n in places or abs(v) > INTERVAL * std for n, (v, std, _) in here.items()}
+        return {n: any(clear.values()) and sized[n] if v == absent[n][0] else clear[n] for n, (v, _, _) in here.items()}
 
     def _together(self) -> bool:
-        """Tell whether several strengths that may stand for one another are determined together, with the same probability."""
+        """Return whether several strengths that may replace one another are determined together, with the same probability."""
         own = [i for i, p in enumerate(self.site.parameters) if not p.shape]
         if len(own) < 2:
             return False
@@ -203,7 +203,7 @@ def undetermined(selection: Selection) -> Array:
 def _hidden_by_logs(selection: Selection) -> set[tuple[str, str]]:
     """Return the shared causes that those found in every log could hide: with them the set is about as probable.
 
-    Payloads in all logs are known less well than the link: what of its inertia is wrong may be part of each of them.
+    Payloads in all logs are known less well than the link: an error of its inertia may be part of each of them.
     """
     logs = [site for site, _ in selection.posterior.fit if site.log is not None]
     everywhere = any(sum(s.cause == o.cause and s.part == o.part for o in logs) == s.log[1] for s in logs if s.log)
@@ -235,7 +235,7 @@ def loss_of(system: System, joint: Any) -> float:
 
 
 def _removed(system: System, joint: Any, fit: Placed) -> Sequence[float]:
-    """Return the part of what was wrong that each cause takes away.
+    """Return the part of the error that each cause removes.
 
     What two causes take away together is more, or less, than what each does alone: a cause's part is the mean of what it takes
     away as the first one and as the last one, and the parts add up to what all do.

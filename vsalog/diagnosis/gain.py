@@ -30,7 +30,7 @@ from vsalog.uncertainty.long_run import ENOUGH_BATCHES
 
 Array = NDArray[np.float64]
 
-# Parts of a log that tell as much as the whole [1]: windows that are fitted, or simulated where that takes long, and blocks.
+# Parts of a log that determine as much as the whole [1]: windows that are fitted, or simulated where that takes long, and blocks.
 PARTS = 20
 # Integration steps per sample up to which all windows are simulated [1]; and how many of these a stiff one takes as long as.
 AFFORDABLE_STEPS, COST_OF_STIFF_STEP = 16, 12
@@ -52,13 +52,13 @@ def reduction_of(before: Array, after: Array) -> tuple[float, tuple[float, float
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """A rig as it stands and extended, on the same windows.
+    """A rig as given and extended, on the same windows.
 
     Attributes
     ----------
     windows : of the log
     before, after : simulations; `after` is `before` where nothing was found
-    floor : role → error that noise alone would make
+    floor : role → error from noise alone
     """
 
     windows: Windows
@@ -80,12 +80,12 @@ class Compared:
         return reduction_of(self.squares(self.before, role), self.squares(self.after, role))
 
     def within(self, shot: Shot) -> bool:
-        """Tell whether every signal is within its noise."""
+        """Return whether every signal is within its noise."""
         return all(self.rmse(shot, role) <= WITHIN * noise for role, noise in self.floor.items() if noise > 0.0)
 
     @property
     def helps(self) -> bool:
-        """Whether the extended rig is better on these windows: beside the noise of all roles together, and on their average."""
+        """Whether the extended rig is better on these windows: against the noise of all roles together, and on their average."""
         pairs = [(self.rmse(self.before, role), self.rmse(self.after, role)) for role in self.floor]
         changes = [np.log(after / before) for before, after in pairs if before > 0.0 and after > 0.0]
         return self.whole(self.after) < self.whole(self.before) and float(np.sum(changes)) <= 0.0
@@ -103,7 +103,7 @@ class Share:
     ----------
     log : its number
     role : of the signal
-    before, after : root mean square error with the rig as it stands, and extended
+    before, after : root mean square error with the rig as given, and extended
     """
 
     log: int
@@ -113,7 +113,7 @@ class Share:
 
 
 def shares_of(gain: Compared) -> tuple[Share, ...]:
-    """Return what each log's windows say of the rig as it stands, and extended."""
+    """Return the errors on each log's windows of the rig as given, and extended."""
     windows = gain.windows
     log = windows.channels.log
     assert log is not None
@@ -132,13 +132,13 @@ def shares_of(gain: Compared) -> tuple[Share, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """How far the rig as it stands is from the log that is diagnosed.
+    """How far the rig as given is from the log that is diagnosed.
 
     Attributes
     ----------
     windows : of the log
     shot : their simulation, from the states that fit them best
-    floor : role → error that noise alone would make
+    floor : role → error from noise alone
     through : role → root mean square error of one simulation from the first window's beginning to the end of its run; empty
         where it does not get through
     """
@@ -154,7 +154,7 @@ class Standing:
 
 
 def standing(joint: Any, windows: Windows, known: Compared | None = None) -> Standing:
-    """Simulate a log with the rig as it stands, in windows and as a whole.
+    """Simulate a log with the rig as given, in windows and as a whole.
 
     Parameters
     ----------
@@ -187,13 +187,13 @@ def compared(before: Any, after: Any, windows: Windows) -> Compared:
 
     Parameters
     ----------
-    before, after : the rig as it stands, and extended
+    before, after : the rig as given, and extended
     windows : of the log
 
     Raises
     ------
     SimulationError
-        The rig as it stands cannot be simulated there.
+        The rig as given cannot be simulated there.
     """
     windows = weighed(after, _affordable(after, windows))
     one = begun(before, windows)
@@ -205,9 +205,9 @@ def compared(before: Any, after: Any, windows: Windows) -> Compared:
 
 
 def weighed(joint: Any, windows: Windows) -> Windows:
-    """Return windows whose errors are weighed by what noise makes of them, told from a few of them.
+    """Return windows whose errors are weighted by their noise, measured on a few of them.
 
-    A fine encoder on a motor whose recorded torque is coarse is followed no better than that torque allows; weighed by the
+    A fine encoder on a motor whose recorded torque is coarse is followed no better than that torque allows; weighted by the
     encoder's noise alone, everything else would be biased to follow it.
     """
     if windows.scale is not None:
@@ -236,7 +236,7 @@ def _affordable(joint: Any, windows: Windows) -> Windows:
 def floors(
     joint: Any, windows: Windows, shot: Shot, typical: Callable[..., Any] = np.mean, draws: int = 1
 ) -> dict[str, float]:
-    """Return the error of each role that noise alone makes: its sensor's, and what noise in the recorded torques moves.
+    """Return the error of each role from noise alone: its sensor's, and what noise in the recorded torques moves.
 
     The second is measured: the windows are simulated with torques, voltages or prescribed motions that carry noise of the same
     kind once more, and what the states at the beginnings can make up for is taken off.

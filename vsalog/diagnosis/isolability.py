@@ -1,4 +1,4 @@
-"""Which causes the equations of a motion can tell apart, before anything is found wrong.
+"""Which causes the equations of a motion can separate, before anything is found wrong.
 
 Two questions. The structural one is of the equations alone: causes whose columns span the same space, whatever the noise, are one
 and the same (single-fault isolability of Frisk, Krysander, Jung 2017, A toolbox for analysis and design of model based diagnosis
@@ -60,8 +60,8 @@ class Rival:
     Attributes
     ----------
     site : of the catalogue, or an unknown function
-    odds : log of how much less probable the best set is in which it stands for the other, expected
-    probability : that a diagnosis cannot tell the two apart
+    odds : log of how much less probable the best set is in which it replaces the other, expected
+    probability : that a diagnosis cannot separate the two
     fit : that set with its values
     """
 
@@ -80,7 +80,7 @@ class Isolation:
     site : of the catalogue
     values : of all its parameters, shape (p,)
     seen : probability that a diagnosis finds it, or a member of its class
-    rivals : that a diagnosis may not tell from it, with a probability of `SIGNIFICANCE` or more
+    rivals : that a diagnosis may not separate from it, with a probability of `SIGNIFICANCE` or more
     """
 
     site: Site
@@ -113,13 +113,13 @@ class Isolation:
 
 
 def isolations(problem: Problem, system: System, only: Collection[tuple[str, str]] | None = None) -> list[Isolation]:
-    """Predict for each cause of the catalogue what a diagnosis of a motion would say if it were there, as large as tolerated.
+    """Predict for each cause of the catalogue the result of a diagnosis of a motion if it were there, as large as tolerated.
 
-    Causes that happen once are left out: they are told by recording again.
+    Causes that happen once are left out: recording again shows them.
 
     Parameters
     ----------
-    problem : the rig's joint, as the motion was played with it
+    problem : the rig's joint, as the motion was simulated with it
     system : of the motion
     only : causes and parts that are asked about; all when absent
     """
@@ -172,7 +172,7 @@ class Race:
     linear: Linear
     weights: Weights
 
-    def beside(self, there: Placed) -> tuple[tuple[Variant, ...], Candidates]:
+    def competing(self, there: Placed) -> tuple[tuple[Variant, ...], Candidates]:
         """Return what competes where a cause is there, with the shapes too that searches begin with in its effect."""
         joint, plain = self.problem.joint, self.linear
         left = remainder(self.system, placed(joint, there))
@@ -192,7 +192,7 @@ class Race:
         """Return how well a cause is isolated."""
         site = assumed.site
         ((_, values),) = with_unknowns([assumed], tolerated(assumed))
-        expected = _expected(*self.beside(((site, values),)), assumed)
+        expected = _expected(*self.competing(((site, values),)), assumed)
         # The cause itself is the best set, or near it: there is no need to search from everything, as in a log.
         alone = Ranked(expected.alone, expected.c.scored(expected.alone))
         best = without(expected.c, alone, np.zeros(len(expected.variants), dtype=np.bool_))
@@ -200,7 +200,7 @@ class Race:
         if any(s.key == site.key for s in inside):
             seen, rivals = self._class_of(expected, assumed, best, [site])
             return Isolation(site, values, seen, tuple(rivals))
-        # Another set is the more probable one. Of its causes the one counts in whose place this one stands.
+        # Another set is the more probable one. Of its causes the one counts that replaces this one.
         odds = expected.c.scored(expected.alone) - best.score
         there = [Rival(s, -odds, expected.confused(-odds, best.chosen), expected.fit(best.chosen)) for s in inside]
         seen, rivals = self._class_of(expected, assumed, best, [site, *inside])
@@ -318,7 +318,7 @@ def _joined(one: Linear, other: Linear) -> Linear:
 
 @dataclass(frozen=True, slots=True)
 class Structure:
-    """What equations say of causes without any noise: the spaces that their columns span on motions.
+    """What equations determine of causes without any noise: the spaces that their columns span on motions.
 
     Attributes
     ----------
@@ -328,11 +328,11 @@ class Structure:
     motions: tuple[Mapping[Key, Sequence[Array]], ...]
 
     def __and__(self, other: Structure) -> Structure:
-        """Return what is so on the motions of both."""
+        """Return the structure on the motions of both."""
         return Structure((*self.motions, *other.motions))
 
     def covers(self, rival: Rival, one: Isolation) -> bool:
-        """Tell whether the set of a rival can do whatever a cause does, on every motion, whatever the noise.
+        """Return whether the set of a rival can do whatever a cause does, on every motion, whatever the noise.
 
         Such a set has the same causes' numbers under other names, or more of them, and is less simple then.
         """
@@ -340,16 +340,16 @@ class Structure:
         return all(_covered(spaces, one.site.key, keys) for spaces in self.motions)
 
     def richer(self, rival: Rival, one: Isolation) -> bool:
-        """Tell whether that set can do more than the cause: then being less simple is all that rules it out."""
+        """Return whether that set can do more than the cause: then only its being less simple rules it out."""
         return sum(_numbers(s) for s, _ in rival.fit) > _numbers(one.site)
 
     def nested(self, rival: Rival, one: Isolation) -> bool:
-        """Tell whether a cause can do whatever each of the set of a rival does, on every motion."""
+        """Return whether a cause can do whatever each of the set of a rival does, on every motion."""
         keys = [site.key for site, _ in rival.fit]
         return all(_covered(spaces, key, [one.site.key]) for spaces in self.motions for key in keys)
 
     def open(self, one: Isolation) -> list[Rival]:
-        """Return the rivals of a cause that a motion may tell from it."""
+        """Return the rivals of a cause that a motion may separate from it."""
         return [r for r in one.rivals if r.site.named and not self.covers(r, one)]
 
 
@@ -358,7 +358,7 @@ def _numbers(site: Site) -> int:
 
 
 def _covered(spaces: Mapping[Key, Sequence[Array]], key: Key, others: Sequence[Key]) -> bool:
-    """Tell whether the simplest space of a cause lies in what others span, each with the shape that fits best."""
+    """Return whether the simplest space of a cause is within that of others, each with the shape that fits best."""
     own, left = spaces.get(key, ()), 1.0
     if not own or not all(k in spaces for k in others):
         return False

@@ -41,7 +41,7 @@ from vsalog.validation.computed_torque import computed_torques
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-# What the windows are called that the gain is measured on, where another log was given for it.
+# Name of the windows that the gain is measured on, where another log was given for it.
 HELD_OUT = "the held-out log"
 
 
@@ -58,12 +58,12 @@ class JointDiagnosis:
     selection : of causes
     found : causes, the weightiest first
     computed : torque sensor's role → the finding that it is no measurement
-    standing : the rig as it stands against the log; none where nothing can be simulated
+    standing : the rig as given against the log; none where nothing can be simulated
     gain : simulations before and after; none where nothing can be simulated
     held_out : what the gain was measured on, in words
     fraction : of the rig's squared residual that no cause explains
-    findings : what a person should know
-    shares : what each of several logs is simulated like
+    findings : what the user should know
+    shares : how well each of several logs is simulated
     """
 
     name: str
@@ -95,15 +95,15 @@ class JointDiagnosis:
 
     @property
     def right(self) -> bool:
-        """Whether equations close, and every signal that can be is simulated within its noise, with the rig as it stands."""
+        """Whether equations close, and every signal that can be is simulated within its noise, with the rig as given."""
         return self._closes(self.joint) and (self.gain is None or self.gain.within(self.gain.before))
 
     @property
     def unchecked(self) -> tuple[str, ...]:
-        """The equations, of the joint's kind or beside these, that could be formed nowhere."""
+        """The equations, of the joint's kind or in addition to these, that could be formed nowhere."""
         some = np.any(self.system.weights, axis=0)
         formed = {name for name, seen in zip(self.system.names, some.tolist(), strict=True) if seen}
-        # One torque sensor of several springs tells of all of them.
+        # One torque sensor of several springs measures all of them.
         formed |= {"transmission"} if any(name.startswith("transmission") for name in formed) else set()
         return tuple(sorted({*self.system.names, *equations_of(self.joint)} - formed))
 
@@ -119,7 +119,7 @@ class JointDiagnosis:
 
     @property
     def verdict(self) -> Verdict:
-        """What the evidence says."""
+        """The verdict of the evidence."""
         material = [f for f in self.found if f.material]
         if not self.system.count:
             return "consistent as far as checked"
@@ -146,7 +146,7 @@ def diagnose_joint(
     Parameters
     ----------
     name, joint : of the rig
-    signals : of the log, bound without undoing what the rig says of sensors and drives
+    signals : of the log, bound without undoing what the rig states of sensors and drives
     holdout : of another log, bound alike
     progress : called with the step that begins
     stated : tolerances of the rig, as the joint feels them
@@ -159,14 +159,14 @@ def diagnose_joint(
         The roles allow no equation at all.
     """
     plain = at_joint(joint)
-    # A formula in the drive or in the log has the positions, not what their sensors make of them.
+    # A formula in the drive or in the log has the positions, not their sensors' readings.
     lever = isinstance(getattr(joint, "transmission", None), AwasTransmission)
     computed = computed_torques(signals.joint, each_sensor(plain, signals), lever=lever)
     joint, fitted = with_springs(plain, signals)
     channels = channels_of(without(signals, computed), logs > 1)
     _require_motion(name, channels)
     system = build_system(joint, channels.thinned(), balance_for(joint), 0.5 * signals.period)
-    # Motor and link may know whose the torque at rest is.
+    # Motor and link may determine whose the torque at rest is.
     for zero in ENCODERS if fitted and system.count else ():
         other, whose = with_springs(plain, signals, zero)
         if loss_of(system, other) < loss_of(system, joint) - 2.0 * APART:
@@ -175,8 +175,8 @@ def diagnose_joint(
     about = partial(Finding, joint=name)
     if not system.count and computed:
         nothing = nothing_found(system, joint, setting_of(joint, system))
-        told = (about(code="diagnosis.nothing_measured"),)
-        return JointDiagnosis(name, joint, joint, system, nothing, (), computed, None, None, "", 0.0, told)
+        nothing_measured = (about(code="diagnosis.nothing_measured"),)
+        return JointDiagnosis(name, joint, joint, system, nothing, (), computed, None, None, "", 0.0, nothing_measured)
     holdout = None if holdout is None else without(holdout, computed)
     if not system.count and system.names:
         raise DiagnosisError(
@@ -197,10 +197,10 @@ def diagnose_joint(
         progress(f"joint {name}: looking for causes")
         selection = select(system, joint, setting, TAKEN_UP if fitted else frozenset[str](), stated)
     else:
-        # Causes are small changes of a rig: what they would make of a wrong sign means nothing.
+        # Causes are small changes of a rig: fitted to a wrong sign they mean nothing.
         selection = nothing_found(system, joint, setting)
     progress(f"joint {name}: simulating")
-    stands, gain, held_out, extended = None, None, "", placed(joint, selection.posterior.fit)
+    given, gain, held_out, extended = None, None, "", placed(joint, selection.posterior.fit)
     shares: tuple[Share, ...] = ()
     try:
         own = windows_of(joint, channels, selection.system.hold > 0.0)
@@ -215,7 +215,7 @@ def diagnose_joint(
             shares = shares_of(gain if holdout is None else compared(joint, extended, own))
         if holdout is not None and len(lasting) < len(selection.posterior.fit):
             gain = min(gain, compared(joint, placed(joint, lasting), windows), key=lambda g: g.whole(g.after))
-        stands = standing(joint, own, gain if holdout is None else None)
+        given = standing(joint, own, gain if holdout is None else None)
         if holdout is not None and not gain.within(gain.after):
             itself = compared(joint, extended, own)
             if itself.within(itself.after):
@@ -225,7 +225,7 @@ def diagnose_joint(
         why = str(error).replace("joint 'joint': ", "").replace("joint 'joint'", "it")
         findings.append(about(code="diagnosis.not_simulated", evidence={"reason": why}))
     done = JointDiagnosis(
-        name, joint, extended, selection.system, selection, tuple(found_by(selection, joint)), computed, stands, gain, held_out,
+        name, joint, extended, selection.system, selection, tuple(found_by(selection, joint)), computed, given, gain, held_out,
         _fraction(selection.system, joint, extended), (*spring_findings(name, plain, any_of(extended), fitted), *findings),
         shares,
     )  # fmt: skip
@@ -243,15 +243,15 @@ def _held_out(joint: Any, own: Windows, holdout: JointSignals | None) -> tuple[W
 
 
 def _doubts(found: JointDiagnosis) -> Iterator[Finding]:
-    """Yield what speaks against what was found."""
+    """Yield findings that speak against the causes found."""
     about = partial(Finding, joint=found.name)
     for equation in found.unchecked:
         yield about(code="diagnosis.equation_unchecked", part=equation)
     if not found.selection.settled:
         yield about(code="diagnosis.search_unsettled")
-    stands = found.standing
-    if stands is not None and found.closed and not found.found:
-        errors = ((stands.rmse(role) / noise, role) for role, noise in stands.floor.items() if noise > 0.0)
+    given = found.standing
+    if given is not None and found.closed and not found.found:
+        errors = ((given.rmse(role) / noise, role) for role, noise in given.floor.items() if noise > 0.0)
         off, role = max(errors, default=(0.0, ""))
         if off > WITHIN:
             yield about(code="diagnosis.simulation_off", part=role, value=off, limit=WITHIN)
@@ -264,12 +264,12 @@ def _require_motion(name: str, channels: Channels) -> None:
     if len(channels) < least:
         raise DiagnosisError(
             f"joint '{name}': {len(channels)} samples, {len(channels) * channels.period:.3g} s, are too few: the filters alone"
-            f" need {least}, and some seconds of motion tell more"
+            f" need {least}, and some seconds of motion show more"
         )
     moving = [v for r, v in channels.raw.items() if any(word in r for word in ("position", "deflection", "pressure"))]
     if not any(span_of(values) > 0.0 for values in moving):
         raise DiagnosisError(
-            f"joint '{name}': no position changes in this log; at rest nothing can be told from anything"
+            f"joint '{name}': no position changes in this log; at rest no cause can be separated from another"
         )
 
 
@@ -337,13 +337,13 @@ def remainder_depends_on(found: JointDiagnosis, equation: int) -> tuple[list[str
         return [name for name in (unknown.variable, unknown.rate) if name], unknown.rate or None
     rows = plain_rows(found, found.extended)[:, equation]
     known = variables(found)
-    told = depends_on(rows, known)
-    loop, names = loop_over(rows, known, told), [d.name for d in told]
+    dependents = depends_on(rows, known)
+    loop, names = loop_over(rows, known, dependents), [d.name for d in dependents]
     return (names, None) if loop is None else ([loop, rate_of(loop), "time"], rate_of(loop))
 
 
 def unknown_function(found: JointDiagnosis) -> SmoothSite | None:
-    """Return the largest of the unknown functions that a log needs beside its causes; none where it needs none."""
+    """Return the largest of the unknown functions that a log needs in addition to its causes; none where it needs none."""
     sizes = {choice.site.key: choice.size for choice in found.selection.choices}
     functions = [site for site, _ in found.selection.posterior.fit if isinstance(site, SmoothSite)]
     return max(functions, key=lambda site: sizes.get(site.key, 0.0), default=None)

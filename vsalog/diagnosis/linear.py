@@ -1,7 +1,7 @@
 """The equations of a joint, linearised in all numbers that the catalogue's causes change: the model that sets are sought in.
 
 About the rig, r(δ) ≈ r₀ + J δ with one group of columns per cause and shape. The columns are made of noisy channels: what noise
-alone makes of JᵀJ and Jᵀr is measured on channels that carry noise once more and taken off (errors in variables; Fuller 1987,
+alone adds to JᵀJ and Jᵀr is measured on channels with noise added again and subtracted (errors in variables; Fuller 1987,
 Measurement Error Models, §2.2).
 """
 
@@ -120,7 +120,7 @@ def variants_of(
         deviation = np.array([_deviation(site, p, setting, stated) for p in site.parameters])
         if not deviation.all():
             continue  # the rig knows it exactly
-        # What is in every set costs less than any log says of anything, as far as scores can tell sums of it apart.
+        # What is in every set costs less than any log determines, as far as scores resolve sums of it.
         given = -0.25 * SAME_SCORE / float(np.finfo(np.float64).eps)
         price = given if site.given else float(np.log((1.0 - PRESENT) / PRESENT))
         if site.transient:
@@ -148,7 +148,7 @@ def variants_of(
 
 
 def _stands_for(site: Site, other: Site) -> bool:
-    """Tell whether a cause is looked at with another's strengths: in another shape, or as the simpler one of a family."""
+    """Return whether a cause is looked at with another's strengths: in another shape, or as the simpler one of a family."""
     strengths = {p.name for p in site.parameters if not p.shape}
     simpler = site.parts == other.parts and clash(site, other) and strengths <= {p.name for p in other.parameters}
     return site.key == other.key or simpler
@@ -182,7 +182,7 @@ def _outside(site: Site, start: Array, deviation: Array, price: float) -> Varian
     moved = np.repeat(base[None, :], len(free), axis=0)
     for k, i in enumerate(free):
         step = site.parameters[i].step
-        # Where a strength begins is far enough for what has corners, as a gap.
+        # Where a strength begins is far enough for an effect with corners, as a gap.
         moved[k, i] = start[i] if abs(start[i] - base[i]) > step else base[i] + step
     own = list(free)
     return Variant(site, base, moved, free, rig[own], deviation[own], price, False)
@@ -274,7 +274,7 @@ def columns_of(
 def with_unknowns(
     variants: Iterable[Variant], unknowns: Array, limited: bool = False
 ) -> tuple[tuple[Site, Array], ...]:
-    """Return causes with the values that their unknowns stand for, within bounds; limited, no farther than one step may go."""
+    """Return causes with the values of their unknowns, within bounds; limited, no farther than one step may go."""
     out, j = [], 0
     for variant in variants:
         values = variant.base.copy()
@@ -340,7 +340,7 @@ class Corrected:
     """Normal equations of a linear model, corrected for the noise in its columns.
 
     With b = −Jᵀr and A = JᵀJ less the noise's own share of both, b is about A δ with covariance V = JᵀJ: noise in the columns
-    makes b uncertain though it says nothing of δ. So the information is A V⁻¹ A and the score A V⁻¹ b (Söderström 2007,
+    makes b uncertain though it has no information on δ. So the information is A V⁻¹ A and the score A V⁻¹ b (Söderström 2007,
     Automatica 43(6), generalised instrumental variables): those of the columns J V⁻¹ A, which are what columns without noise are
     expected to be (regression calibration, Carroll et al. 2006, Measurement Error in Nonlinear Models, §4).
 
@@ -451,14 +451,14 @@ def placed(joint: Any, fit: Placed) -> Any:
 
 
 def set_in(fit: Placed, site: Site, values: Array) -> Placed:
-    """Return a fit with a cause in it, in the place of what cannot stand with it."""
+    """Return a fit with a cause in it, in the place of those that it excludes."""
     if any(s.key == site.key for s, _ in fit):
         return [(site, values) if s.key == site.key else (s, v) for s, v in fit]
     return [*((s, v) for s, v in fit if not clash(s, site)), (site, values)]
 
 
 def clash(one: Site, other: Site) -> bool:
-    """Tell whether two causes cannot be in one set: variants of one, or members of a family at one part."""
+    """Return whether two causes cannot be in one set: variants of one, or members of a family at one part."""
     if not one.parts & other.parts or (one.log is not None and other.log is not None and one.log != other.log):
         return False
     return one.cause == other.cause or other.cause in one.excludes or one.cause in other.excludes

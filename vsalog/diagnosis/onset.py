@@ -38,7 +38,7 @@ class Onset:
 
 
 def onset_of(away: Array, covariance: Array, deviation: float, times: Array | None) -> Onset:
-    """Tell since when a number differs from the rig's.
+    """Estimate since when a number differs from the rig's.
 
     Parameters
     ----------
@@ -62,10 +62,10 @@ def onset_of(away: Array, covariance: Array, deviation: float, times: Array | No
     weight = softmax(evidence).sum(axis=0)
     tails = 0.5 * SIGNIFICANCE, 0.5, 1.0 - 0.5 * SIGNIFICANCE
     earliest, since, latest = np.searchsorted(np.cumsum(weight), tails).clip(max=n).tolist()
-    told = np.isfinite(rates[:, 0])
-    rate, share = None, float(weight[told].sum())
+    known = np.isfinite(rates[:, 0])
+    rate, share = None, float(weight[known].sum())
     if share > 0.5:
-        own, (mean, spread) = weight[told] / share, rates[told].T
+        own, (mean, spread) = weight[known] / share, rates[known].T
         middle = float(own @ mean)
         half = INTERVAL * float(np.sqrt(own @ (spread**2 + (mean - middle) ** 2)))
         rate = middle, middle - half, middle + half
@@ -103,7 +103,7 @@ def _rate(away: Array, covariance: Array, line: Array, any_value: Array, span: f
 
 
 def _fitted(away: Array, covariance: Array, columns: Array) -> tuple[Array, Array, float]:
-    """Return the generalised least-squares fit of columns, its information, and χ² of what is left."""
+    """Return the generalised least-squares fit of columns, its information, and χ² of the residual."""
     L = cho_factor(covariance, lower=True)
     weighed = cho_solve(L, columns)
     information = columns.T @ weighed

@@ -1,6 +1,6 @@
-"""What to measure before any experiment: which causes a rig's sensors tell apart, and the sensor and the motion that tell more.
+"""What to measure before any experiment: which causes a rig's sensors separate, and the sensor and the motion that separate more.
 
-A motion is played with the rig and diagnosed in expectation (`isolability`). For each class of causes that it confuses the
+A motion is simulated with the rig and diagnosed in expectation (`isolability`). For each class of causes that it confuses the
 cheapest further sensor is sought that splits it, and one motion for all classes, by the bench that `diagnose --suggest` uses
 (`suggest`); it is made as short as it may be.
 """
@@ -30,7 +30,7 @@ from vsalog.diagnosis.posterior import Problem
 from vsalog.diagnosis.priors import felt
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.suggest import Bench, Subject, Suggestion, separation
-from vsalog.diagnosis.suggest_candidates import Played
+from vsalog.diagnosis.suggest_candidates import Trial
 from vsalog.diagnosis.suggest_questions import Hypothesis, Question, Questions, shown
 from vsalog.diagnosis.suggest_range import Limits, seen_in
 from vsalog.estimation.joint import pick_joints
@@ -48,7 +48,7 @@ from vsalog.simulation.scenario_generic import servos
 from vsalog.simulation.scenario_schema import Drives
 from vsalog.simulation.simulate import simulate
 
-# Sensors that a joint may be given, by what they cost, the cheapest first: a drive tells its motor's torque by its current and
+# Sensors that a joint may be given, by what they cost, the cheapest first: a drive reports its motor's torque by its current and
 # often its position; an accelerometer is a chip; an encoder needs a place on the axis, and one across the spring two; torque
 # sensors are parts of the load's path, and a push is measured by six axes of one.
 CHEAPEST_FIRST = (
@@ -86,7 +86,7 @@ class Confused:
     ----------
     members : cause and part of each; what looks the same by the roles there are is at no part
     causes : those of them that were there in turn, as large as tolerated
-    structure : which of them no motion tells apart, with the sensors that there are
+    structure : which of them no motion separates, with the sensors that there are
     sensor : role of the cheapest sensor that splits them with the same motion; none where none does
     by_motion : whether the proposed motion splits them
     """
@@ -99,12 +99,12 @@ class Confused:
 
     @property
     def open(self) -> bool:
-        """Whether a motion may tell more of them apart."""
+        """Whether a motion may separate more of them."""
         return any(self.structure.open(one) for one in self.causes)
 
     @property
     def kind(self) -> Literal["equal", "richer", "confused"]:
-        """What it is: causes that no motion tells apart, ones that a richer one covers whatever is measured, or others."""
+        """What it is: causes that no motion separates, ones that a richer one covers whatever is measured, or others."""
         if self.open:
             return "confused"
         known = [(r, one) for one in self.causes for r in one.rivals if r.site.named]
@@ -124,7 +124,7 @@ class JointPlan:
     causes : how well the motion isolates each
     classes : that it confuses
     tried : sensors that were looked at, the cheapest first
-    proposed : the motion; none where nothing is open or none tells more
+    proposed : the motion; none where nothing is open or none separates more
     no_motion : why there is none; empty where there is one
     after : how well the proposed motion isolates the causes of classes, or those that did not show
     """
@@ -179,16 +179,16 @@ def plan(source: Rig | str | Path, options: Options, progress: Progress = lambda
     wanted = pick_joints(rig.joints, options.joints)
     _require_known(wanted, options.sensors)
     scenario = planned(Scenario.find(options.scenario, rig.file), rig, wanted)
-    joints, told = list[JointPlan](), False
+    joints, proposed = list[JointPlan](), False
     for name in wanted:
         try:
-            one = plan_joint(rig, name, scenario, options, not told, progress)
+            one = plan_joint(rig, name, scenario, options, not proposed, progress)
         except VsalogError as error:
             if len(wanted) == 1:
                 raise DiagnosisError(f"nothing can be planned: {error}") from error
             one = JointPlan(name, reason=str(error))
         joints.append(one)
-        told = told or one.proposed is not None
+        proposed = proposed or one.proposed is not None
     return Outcome(rig, scenario.where.removeprefix("scenario "), tuple(joints))
 
 
@@ -198,7 +198,7 @@ def sensors_in_si(asked: Mapping[str, str]) -> dict[str, float | None]:
     Raises
     ------
     DiagnosisError
-        There is no such role, or what is said is no noise of it.
+        There is no such role, or the text is no noise of it.
     """
     out = dict[str, float | None]()
     for role, text in asked.items():
@@ -257,9 +257,9 @@ def plan_joint(
     Raises
     ------
     VsalogError
-        The joint cannot be played, or its roles allow no equation.
+        The joint cannot be simulated, or its roles allow no equation.
     """
-    progress(f"joint {name}: playing the motion")
+    progress(f"joint {name}: simulating the motion")
     subject = subject_of(rig, name, scenario, rig.joints[name])
     found = tuple(isolations(subject.problem, subject.system))
     if not found:
@@ -273,7 +273,7 @@ def plan_joint(
         classes, tried = _with_sensors(rig, name, scenario, classes, _lacking(rig.joints[name], options.sensors))
     proposed, no_motion, after = None, "", tuple[Isolation, ...]()
     if propose and (classes or hidden):
-        progress(f"joint {name}: looking for the motion that tells most")
+        progress(f"joint {name}: looking for the motion that separates most causes")
         seen = seen_in(subject.joint, subject.system).within(options.limits.of(rig.joints[name]))
         bench = Bench(rig, subject, seen)
         try:
@@ -292,7 +292,7 @@ def plan_joint(
 
 
 def subject_of(rig: Rig, name: str, scenario: Scenario, joint: Any) -> Subject:
-    """Play a scenario with a rig and its sensors, and form the equations of a joint.
+    """Simulate a scenario with a rig and its sensors, and form the equations of a joint.
 
     Parameters
     ----------
@@ -303,11 +303,11 @@ def subject_of(rig: Rig, name: str, scenario: Scenario, joint: Any) -> Subject:
     Raises
     ------
     VsalogError
-        It cannot be played, or its roles allow no equation.
+        It cannot be simulated, or its roles allow no equation.
     """
-    played = rig.with_joints({**rig.joints, name: joint})
+    machine = rig.with_joints({**rig.joints, name: joint})
     alone = _alone(rig, name, joint)
-    return formed(name, alone, signals_of(played, name, scenario, joint), felt(alone, rig.tolerances.get(name, {})))
+    return formed(name, alone, signals_of(machine, name, scenario, joint), felt(alone, rig.tolerances.get(name, {})))
 
 
 def formed(name: str, joint: Any, signals: JointSignals, stated: Mapping[str, float]) -> Subject:
@@ -316,7 +316,7 @@ def formed(name: str, joint: Any, signals: JointSignals, stated: Mapping[str, fl
     Parameters
     ----------
     name, joint : of the rig
-    signals : bound without undoing what the rig says of sensors and drives
+    signals : bound without undoing what the rig states of sensors and drives
     stated : tolerances of the rig, as the joint feels them
 
     Raises
@@ -334,13 +334,13 @@ def formed(name: str, joint: Any, signals: JointSignals, stated: Mapping[str, fl
 
 
 def signals_of(machine: Rig, name: str, scenario: Scenario, joint: Any, seed: int = 0) -> JointSignals:
-    """Return what a log says of a joint, bound as a diagnosis does.
+    """Return the signals of a joint's log, bound as a diagnosis does.
 
     Parameters
     ----------
-    machine : that is played
+    machine : that is simulated
     name : of the joint
-    scenario : that it plays
+    scenario : that it simulates
     joint : as the rig has it
     seed : of the sensors' noise
     """
@@ -353,7 +353,7 @@ def signals_of(machine: Rig, name: str, scenario: Scenario, joint: Any, seed: in
     roles = [role for role in offered_roles(alone) if _recorded(experiment, name, alone, role)]
     if not roles:
         raise DiagnosisError(
-            f"joint '{name}': the rig names no signal of it that a simulation records: say in it what is measured"
+            f"joint '{name}': the rig names no signal of it that a simulation records: state there what is measured"
         )
     return bind([experiment.recording()], name, bare(alone, gains=True), roles, noise=True)
 
@@ -431,14 +431,14 @@ def _with_sensors(
 
 
 def splits(confused: Confused, found: Iterable[Isolation], structure: Structure, sensor: bool = False) -> bool:
-    """Tell whether causes are told apart from the others of a class they were confused in, but for what structure excuses.
+    """Return whether causes are separated from the others of their class, but for what structure excuses.
 
     Parameters
     ----------
     confused : the class
     found : how well a motion with its sensors isolates its members
-    structure : what no motion tells apart
-    sensor : whether it is a further sensor that has to do it: then only richer sets are excused, which no sensor rules out
+    structure : what no motion separates
+    sensor : whether a further sensor has to separate them: then only richer sets are excused, which no sensor rules out
     """
     there = {one.site.key: one for one in found}
     for cause in confused.causes:
@@ -455,17 +455,17 @@ def splits(confused: Confused, found: Iterable[Isolation], structure: Structure,
 
 
 def _questions(subject: Subject, found: Sequence[Isolation], classes: Sequence[Confused]) -> Questions:
-    """Return what a motion is asked: to tell pairs of causes apart that some motion may, or else to show what does not show."""
+    """Return what a motion is for: to separate pairs of causes that some motion may, or else to show causes that do not show."""
     system, joint = subject.system, subject.joint
     pairs = dict[frozenset[Key], tuple[Isolation, Rival, bool]]()
     for one, structure in ((cause, c.structure) for c in classes for cause in c.causes):
         lasting = [r for r in structure.open(one) if not r.site.transient]
         if lasting:
-            # What tells a cause from its nearest rival mostly tells it from the others: they are looked at afterwards.
+            # What separates a cause from its nearest rival mostly separates it from the others: they are looked at afterwards.
             rival = max(lasting, key=lambda r: r.probability)
             pair = frozenset((one.site.key, rival.site.key))
             pairs.setdefault(pair, (one, rival, structure.nested(rival, one)))
-    # Each cause is played once, however many it is confused with.
+    # Each cause is simulated once, however many it is confused with.
     ones = {one.site.key: Hypothesis(one.site, one.fit) for one, *_ in pairs.values()}
     asked = [_question(system, joint, ones[one.site.key], rival, nested) for one, rival, nested in pairs.values()]
     if asked:
@@ -484,26 +484,26 @@ def _question(system: System, joint: Any, one: Hypothesis, rival: Rival, nested:
 
 
 def _shortest(
-    bench: Bench, best: Played, classes: Sequence[Confused], hidden: Sequence[Isolation], structure: Structure
-) -> tuple[Played, tuple[Isolation, ...], Structure]:
-    """Return an experiment that is no longer than it takes to tell apart what it does, what it isolates, and what cannot be."""
+    bench: Bench, best: Trial, classes: Sequence[Confused], hidden: Sequence[Isolation], structure: Structure
+) -> tuple[Trial, tuple[Isolation, ...], Structure]:
+    """Return an experiment no longer than it takes to separate and isolate the same causes."""
     subject, file = bench.subject, best.candidate.file
-    system = bench.played(subject.joint, file)
+    system = bench.simulated(subject.joint, file)
     structure &= structure_of(subject.problem, system)
     wanted = {one.site.key for c in classes if c.open for one in c.causes}
     asked = wanted or {one.site.key for one in hidden}
 
-    def told(there: Sequence[Isolation]) -> tuple[bool, ...]:
+    def separated(there: Sequence[Isolation]) -> tuple[bool, ...]:
         if not wanted:
             return tuple(one.visible for one in there)
         return tuple(splits(c, there, structure) for c in classes if c.open)
 
     after = isolations(subject.problem, system, asked)
-    aim = told(after)
-    # What tells nothing apart for sure may do so by chance, the longer the likelier.
+    aim = separated(after)
+    # What does not separate causes reliably may do so by chance, the longer the likelier.
     for duration in _halves(file.duration) if any(aim) else ():
         there = isolations(subject.problem, until(system, duration), asked)
-        if told(there) != aim:
+        if separated(there) != aim:
             break
         file, after = replace(file, duration=duration), there
     return changed(best, candidate=changed(best.candidate, file=file)), tuple(after), structure

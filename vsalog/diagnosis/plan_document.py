@@ -21,7 +21,7 @@ class Member(_Part, frozen=True):
     Attributes
     ----------
     cause : name in the catalogue; "unknown" for any smooth function of a signal
-    part : of the joint; empty where the roles there are do not tell it from another one by any number
+    part : of the joint; empty where the available roles do not separate it from another one
     """
 
     cause: str
@@ -33,7 +33,7 @@ class Rival(Member, frozen=True):
 
     Attributes
     ----------
-    probability : that a diagnosis does not tell the two apart
+    probability : that a diagnosis does not separate the two
     """
 
     probability: float
@@ -61,7 +61,7 @@ class Cause(Member, frozen=True):
     ----------
     parameters : its numbers
     seen : probability that a diagnosis names it, or a cause of its class
-    confused_with : what it may not be told apart from
+    confused_with : what it may not be separated from
     """
 
     parameters: dict[str, Value]
@@ -75,10 +75,10 @@ class ClassOfCauses(_Part, frozen=True):
     Attributes
     ----------
     members : of the class
-    kind : "equal" where no motion tells them apart with these sensors, "richer" where one of them can do all that another does
-        and more, so that only its being less simple speaks against it, else "confused"
-    sensor : role of the cheapest further sensor that tells them apart with the same motion; null where none of those tried does
-    by_motion : whether the proposed motion tells them apart with the sensors there are
+    kind : "equal" where no motion separates them with these sensors, "richer" where one of them can do all that another does
+        and more, so that only its being less simple counts against it, else "confused"
+    sensor : role of the cheapest further sensor that separates them with the same motion; null where none of those tried does
+    by_motion : whether the proposed motion separates them with the available sensors
     """
 
     members: tuple[Member, ...]
@@ -132,7 +132,7 @@ class JointPlan(_Part, frozen=True):
     causes : of the catalogue, wherever they may sit
     classes : that the motion confuses
     sensors_tried : roles, the cheapest first
-    motion : that is proposed; null where none is needed, or none tells more
+    motion : that is proposed; null where none is needed, or none separates more
     no_motion : why there is none; empty where there is one or none is needed
     """
 

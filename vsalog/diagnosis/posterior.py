@@ -30,13 +30,13 @@ Array = NDArray[np.float64]
 
 # Steps after which an iteration is given up [1]: that of a fit, of a search, and of what makes one of their steps smaller.
 ITERATIONS = 12
-# Gain in deviance below which a fit ends [1]: far below what a cause is priced at.
+# Gain in deviance below which a fit ends [1]: far below the price of a cause.
 NEGLIGIBLE = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """What a fit needs beside its causes.
+    """What a fit needs in addition to its causes.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
 """How far a machine's numbers may be from its rig's before a log is seen: the prior of each cause's parameters.
 
 A rig states tolerances, or the defaults by kind of quantity hold (`vsalog.rig.tolerance`). They break ties between causes that a
-log cannot tell apart; what a log tells well they hardly move.
+log cannot separate; values that a log determines well they hardly move.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ def deviation_of(site: Site, parameter: Parameter, setting: Setting, stated: Map
     nominal = parameter.start if parameter.nominal is None else parameter.nominal
     own = stated.get(path, default_deviation(path, nominal, parameter.scale))
     if site.cause == "link.inertia" and "motor.inertia" in site.doubles:
-        # What moves as one is as uncertain as both parts are.
+        # Parts that move as one are as uncertain as both are.
         motor = setting.joint.motor.inertia
         return float(np.hypot(own, stated.get("motor.inertia", default_deviation("motor.inertia", motor, motor))))
     return own
 
 
 def _stiffness(transmission: Any) -> tuple[str, float]:
-    """Return the key that says how stiff a spring is, and its value."""
+    """Return the key of a spring's stiffness, and its value."""
     for name in ("stiffness", "spring_stiffness"):
         if hasattr(transmission, name):
             return name, float(getattr(transmission, name))

@@ -54,39 +54,39 @@ def variables_of(system: System, motion: Motion) -> dict[str, tuple[Array, str]]
 
 
 def depends_on(rows: Array, variables: Mapping[str, tuple[Array, str]]) -> list[Dependent]:
-    """Return the variables that predict a remainder in blocks they were not learnt from, each beyond those before it.
+    """Return the variables that predict a remainder in blocks that they were not fitted to, each beyond those before it.
 
     Parameters
     ----------
     rows : shape (R,), over its noise; NaN where it does not count
     variables : name → (values, unit)
     """
-    told: list[Dependent] = []
+    chosen: list[Dependent] = []
     left = dict(variables)
     while left:
-        before = [variables[d.name][0] for d in told]
+        before = [variables[d.name][0] for d in chosen]
         found = {name: _predicted(rows, x, beyond=before) for name, (x, _) in left.items()}
-        said = {name: f for name, f in found.items() if f is not None and f.p_value * len(variables) <= FALSE_ALARM}
-        best = max(said, key=lambda name: said[name].share, default=None)
-        if best is None or said[best].share < REPORTED_SHARE:
+        clear = {name: f for name, f in found.items() if f is not None and f.p_value * len(variables) <= FALSE_ALARM}
+        best = max(clear, key=lambda name: clear[name].share, default=None)
+        if best is None or clear[best].share < REPORTED_SHARE:
             break
-        told.append(Dependent(best, said[best].share))
-        left = {name: left[name] for name in said if name != best}
-    return told
+        chosen.append(Dependent(best, clear[best].share))
+        left = {name: left[name] for name in clear if name != best}
+    return chosen
 
 
-def loop_over(rows: Array, variables: Mapping[str, tuple[Array, str]], told: Sequence[Dependent]) -> str | None:
+def loop_over(rows: Array, variables: Mapping[str, tuple[Array, str]], dependents: Sequence[Dependent]) -> str | None:
     """Return the deflection over which a remainder that seems to depend on time is a loop; none where there is none.
 
-    A joint that is loaded and unloaded once never comes by again: there time tells all that deflection and direction tell. Where
-    these two tell as much as time, a loop is meant, which a joint may have, and not its history.
+    A joint that is loaded and unloaded once passes each deflection once each way: time predicts all that they predict. Where
+    these two predict as much as time, the dependence is a loop, which a joint may have, not its history.
 
     Parameters
     ----------
     rows, variables : as of `depends_on`
-    told : by it
+    dependents : by it
     """
-    if not told or told[0].name != "time":
+    if not dependents or dependents[0].name != "time":
         return None
     for name in variables:
         rate = rate_of(name)
@@ -109,7 +109,7 @@ def rate_of(deflection: str) -> str:
 def predicted_share(rows: Array, x: Array, once: bool = False) -> float:
     """Return the part of a remainder's square that a curve over a variable predicts, held out by blocks.
 
-    Time has no such intervals to learn from in other blocks, nor has what a log passes `once`: there, pairs of neighbouring rows
+    Other blocks do not contain the same times, nor what a log passes `once`: there, pairs of neighbouring rows
     are blocks by turns.
     """
     found = _predicted(rows, x, once)

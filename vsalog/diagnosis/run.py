@@ -95,7 +95,7 @@ class Outcome:
     ----------
     diagnosis : the document, without its words: the report makes them
     evidence : what figures draw, joint by joint
-    rig : as it stands
+    rig : as given
     extended : with the causes filled in; none where there is nothing to fill in
     proposed : the next experiment; none where it was not asked for, or nothing can be proposed
     """
@@ -113,7 +113,7 @@ def diagnose(
     options: Options,
     progress: Progress = lambda _: None,
 ) -> Outcome:
-    """Hold a rig against a log, or several of one machine together, and name what is wrong with it.
+    """Compare a rig with a log, or several of one machine together, and name what is wrong with it.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def diagnose(
             signals = _one_after_another(bound_as_recorded(recordings, name, joint))
             if isinstance(joint, RigidJoint) and name in _chained(rig) and "torque_sensor" not in signals.roles:
                 raise DiagnosisError(
-                    f"joint '{name}': is one with a link that the others of the chain move, and no torque sensor says how"
+                    f"joint '{name}': is one with a link that the others of the chain move, and no torque sensor measures how"
                 )
             other = _one_after_another(bound_as_recorded(others, name, joint, set(signals.roles))) if others else None
             findings += [*signals.findings, *log_findings(recordings, name, joint)]
@@ -186,7 +186,7 @@ def diagnose(
     findings += [finding for f in found for finding in f.findings]
     left = max((unexplained_of(f) for f in found), key=lambda u: u.fraction)
     verdict = min((f.verdict for f in found), key=WORST_FIRST.index)
-    # What is not believed is no rig to go on with.
+    # Causes that are not believed are not filled into a rig.
     extended = None if verdict == "unexplained" else _extended(rig, found)
     measured, causes, stiffness = (others or recordings)[0], list[FoundCause](), list[Gain]()
     for one in found:
@@ -267,7 +267,7 @@ def _one_after_another(signals: JointSignals) -> JointSignals:
 
 
 def require_other(holdouts: Sequence[Path], hashes: Collection[str]) -> None:
-    """Refuse logs to be held out that are among those that are learnt from, known by their SHA-256."""
+    """Refuse logs to be held out that are among those diagnosed, known by their SHA-256."""
     for path in holdouts:
         if sha256(path) in hashes:
             raise DiagnosisError(
@@ -294,7 +294,7 @@ def _alone(rig: Rig, name: str, joint: Any) -> Any:
 def _proposed(
     rig: Rig, found: Sequence[JointDiagnosis], findings: list[Finding], progress: Progress
 ) -> Suggestion | None:
-    """Look for the next experiment; where there is none, say why."""
+    """Look for the next experiment; where there is none, report why."""
     try:
         return suggest(rig, found, progress)
     except VsalogError as error:
@@ -307,7 +307,7 @@ def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:
     joints, changed = dict(rig.joints), False
     for one in found:
         original = rig.joints.get(one.name)
-        # What was found of one run is no rig for others.
+        # Causes found in one run are no rig for others.
         if original is None or not (one.found or one.selection.problem.setting.fitted):
             continue
         if isinstance(one.extended, PerLog) and all(site.log for site, _ in one.selection.posterior.fit):
@@ -361,7 +361,7 @@ def _stiffness(
 
 
 def rig_for(log: Path, options: Options) -> Rig:
-    """Return the rig that is asked for, or lies in or next to a log.
+    """Return the rig that is asked for, or found in or next to a log.
 
     Raises
     ------
@@ -372,7 +372,7 @@ def rig_for(log: Path, options: Options) -> Rig:
     rig = find_rig(log, text, options.rig)
     if rig is None:
         raise RigError(
-            f"no rig was found in or beside {log.name}, and without one there is no simulation to be wrong:"
+            f"no rig was found in or next to {log.name}, and without one there is no simulation to be wrong:"
             f" 'vsalog init {log.name} > rig.toml' writes a first one, to be completed by hand; give it with --rig"
         )
     return rig.with_settings(options.set)

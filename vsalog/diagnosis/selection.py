@@ -56,7 +56,7 @@ LEAST_BLOCK, MOST_BLOCKS = 1.0, 24
 LINEAR_SCORE_ERROR = 10.0
 # A set that is found again is settled where its score gains less than this [log-probability]: a factor of e in probability.
 SETTLED = 1.0
-# Causes of which a set without the one is less probable by no more than this [log-probability] are not told apart from it.
+# Causes of which a set without the one is less probable by no more than this [log-probability] are not separated from it.
 APART = -float(np.log(SIGNIFICANCE))
 
 
@@ -68,8 +68,8 @@ class Choice:
     ----------
     site : of the catalogue
     against : logs of how much more probable the best set is than others: than the best without this cause, and, for as long as
-        another cause stands in its place there, than the best without these either; the last is that without all of its class
-    rivals : the causes that stand in its place, where that is about as probable: with it they are its class
+        another cause replaces it there, than the best without these either; the last is that without all of its class
+    rivals : the causes that replace it, where that is about as probable: with it they are its class
     size : what the cause changes in the equation where it shows most, beyond what the other causes of the set could take up, root
         mean square over that of noise and model error
     over_model_error : the same over that of model error alone; infinite where there is none
@@ -95,7 +95,7 @@ class Choice:
 
     @property
     def probability(self) -> float:
-        """Probability of the best set among it and those in which others stand in this cause's place, or nothing does.
+        """Probability of the best set among it and those in which others replace this cause, or nothing does.
 
         A set that is the more probable one only until noise and model error are measured about it is as probable.
         """
@@ -130,7 +130,7 @@ class Selection:
     posterior : of its causes together
     choices : of its causes
     blocks : shape (R,), the block of each row
-    p_value : of the rig as it stands, see `omnibus`; none where no cause can be looked for
+    p_value : of the rig as given, see `omnibus`; none where no cause can be looked for
     settled : whether the search ended in a set that it finds again when it begins there
     """
 
@@ -163,7 +163,7 @@ def select(
     system : of the log
     joint : of the rig
     setting : what causes may know
-    barred : causes that cannot be told here
+    barred : causes that cannot be determined here
     stated : tolerances of the rig
     """
     sites, problem, blocks = sites_of(setting, barred), Problem(joint, setting, stated), blocks_of(system)
@@ -180,7 +180,7 @@ def select(
     if smooth_drive(more, other.fit, best.fit):
         contradiction = _rig_stage(problem, system, sites, blocks, 0.0)[1]
         stage, best = smooth, other
-    # What was found has to stand against unknown functions, which are not looked at before: there are many of them.
+    # What was found has to compete with unknown functions, which are not looked at before: there are many of them.
     there = placed(joint, best.fit)
     sites = [*sites, *smooth_sites(stage.system, any_of(there))]
     stage = stage_about(problem, stage.system, sites, best.fit, blocks, stage.system.hold)
@@ -190,7 +190,7 @@ def select(
 
 
 def _noise_of(problem: Problem, stage: Stage, fit: Placed) -> Callable[[Site], float]:
-    """Return what tells how much of the equations' noise the channel of a delay makes, in squares."""
+    """Return the function that gives how much of the equations' noise, in squares, the channel of a delay makes."""
     joint, system = placed(problem.joint, fit), stage.weights.system
     rows = system.averaged(joint)
 
@@ -205,7 +205,7 @@ def _noise_of(problem: Problem, stage: Stage, fit: Placed) -> Callable[[Site], f
 
 
 def smooth_drive(more: float, smooth: Placed, held: Placed) -> bool:
-    """Tell whether drives are taken for smooth.
+    """Return whether drives are taken for smooth.
 
     They hold a torque from sample to sample. One that is smooth acts half a sample earlier, which several delays together would
     explain as well. It is taken for smooth where that is the more probable: by far, or with fewer causes; with fewer delays also
@@ -242,7 +242,7 @@ def nothing_found(system: System, joint: Any, setting: Setting) -> Selection:
 
 
 def established(problem: Problem, stage: Stage, sites: Sequence[Site], final: Posterior, blocks: Integers) -> Selection:
-    """Drop the causes without which the set is about as probable and nothing stands in their place, the least probable first.
+    """Drop the causes without which the set is about as probable and nothing replaces them, the least probable first.
 
     Where a set that was looked at in the place of a cause turns out to be the more probable one, it goes on from there, but not
     where it has been: of two sets each of which is the more probable one under the other's noise neither is.
@@ -265,7 +265,7 @@ def established(problem: Problem, stage: Stage, sites: Sequence[Site], final: Po
             stage = stage_about(problem, stage.system, sites, better, blocks, stage.system.hold)
             final = most_probable(problem, stage.weights, better)
             continue
-        # A cause that is driven as far as it may go stands for something else; what happened once has to stand out of the rest.
+        # A cause that is driven as far as it may go imitates something else; what happened once has to be an outlier of the rest.
         out = {site.key for site, values in final.fit if site.driven_out(values)}
         out |= {s.key for s, values in final.fit if s.transient and not _begins(problem, stage, final.fit, s, values)}
         loose = min(choices, key=lambda c: c.class_odds, default=None)
@@ -286,7 +286,7 @@ def _shapes(fit: Placed) -> frozenset[tuple[str, str, int]]:
 
 
 def _begins(problem: Problem, stage: Stage, fit: Placed, site: Site, values: Array) -> bool:
-    """Tell whether the search for a cause would begin, in the residual of a set without it, where a fit might have led here."""
+    """Return whether the search for a cause would begin, in the residual of a set without it, where a fit might have led here."""
     if site.starts is None:
         return True
     without_it = placed(problem.joint, [(s, v) for s, v in fit if s.key != site.key])
@@ -355,7 +355,7 @@ def stage_about(
 def _rig_stage(
     problem: Problem, system: System, sites: Sequence[Site], blocks: Integers, hold: float
 ) -> tuple[Stage, float]:
-    """Linearise the equations about the rig as it stands; return the p-value of that, too."""
+    """Linearise the equations about the rig as given; return the p-value of that, too."""
     linear, own = equations_about(problem, system, sites, (), hold)
     stage = _stage(linear, own, blocks)
     return stage, p_value(linear, stage.weights.system, everything(linear), blocks)
@@ -378,7 +378,7 @@ def _stage(linear: Linear, system: System, blocks: Integers) -> Stage:
 
 
 def everything(linear: Linear) -> Flags:
-    """Return the unknowns of all causes that can stand together: those of the fit, and all others that begin with no shape.
+    """Return the unknowns of all causes that can be in one set: those of the fit, and all others that begin with no shape.
 
     Of unknown functions there are too many: what all of them predict in a block that they have not seen is mostly noise.
     """
@@ -417,7 +417,7 @@ def fitted(problem: Problem, stage: Stage, start: Placed) -> Posterior:
 def choices_of(
     problem: Problem, stage: Stage, c: Candidates, best: Ranked, variants: Sequence[Variant], final: Posterior
 ) -> Iterator[Choice]:
-    """Hold each cause of the best set against the best set without it; the one first that looks the least probable to begin with.
+    """Compare the best set with the best one without each of its causes; first the cause that looks least probable to begin with.
 
     Parameters
     ----------
@@ -452,7 +452,7 @@ def choices_of(
                 known[name] = known.get(name) or fitted(problem, stage, begun)
                 exact.append(known[name])
                 if exact[-1].score > final.score - SETTLED:
-                    # What else came and went on the way there may be worth more than the linear model says.
+                    # What else came and went on the way there may be worth more than the linear model predicts.
                     exact.append(fitted(problem, stage, _exchanged(final.fit, site, begun)))
                 odds = np.inf
             likeliest = min(exact, key=lambda e: e.score, default=None)
@@ -460,7 +460,7 @@ def choices_of(
                 odds, instead = min(odds, likeliest.score - final.score), likeliest.fit
         counted = counted_from(final.fit, site, sites_in(stage))
         if counted is not None and odds > 0.0:
-            # Counted from its own channel the delays say the same, however the samples of this log fall.
+            # Counted from its own channel the delays are the same, however the samples of this log fall.
             odds, instead = 0.0, counted
         rivals, against, there = list[Site](), [odds], instead
         while against[-1] < APART and (more := _new_in(there, {*final.keys, *(r.key for r in rivals)})):

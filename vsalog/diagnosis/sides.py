@@ -1,4 +1,4 @@
-"""Which side of a joint something is wrong on: whose torque, were it free at every moment, would explain most of what is left.
+"""Which side of a joint something is wrong on: whose torque, were it free at every moment, would explain most of the residual.
 
 A torque that is missing at a motor or at the link shows in that one equation. One that is missing in a transmission acts on both
 and on the torque sensor, too, and a torque sensor that errs shows in its own equation alone.
@@ -18,20 +18,20 @@ from vsalog.residuals.system import System
 Array = NDArray[np.float64]
 
 # A torque sensor is blamed only where that leaves no more than this part of what blaming the transmission leaves: where motors
-# and link are hardly told, the two are the same.
+# and link are hardly determined, the two are the same.
 CLEARLY = 0.5
 
 
 def side_of(system: System, joint: Any, left: Array, springs: Collection[str]) -> tuple[str, int]:
-    """Return the side that explains most of what is left, and the equation of that side in which most is left.
+    """Return the side that explains most of the residual, and the equation of that side with the largest residual.
 
     Parameters
     ----------
     system : of the log
     joint : of the rig, on the joint's side
     left : shape (R, m), whitened equations
-    springs : suffixes of the transmissions whose deflections positions tell; what one does to a deflection that its own torque
-        tells is not told apart
+    springs : suffixes of the transmissions whose deflections are measured by positions; of a deflection that follows from
+        its own torque the effect cannot be separated
     """
     whole = float(np.sum(left**2))
     remains: dict[str, float] = {}

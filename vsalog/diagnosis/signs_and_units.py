@@ -1,4 +1,4 @@
-"""Signs, units and channels that are wrong: no cause of the catalogue, but what a new rig is most often wrong in."""
+"""Signs, units and channels that are wrong: no causes of the catalogue, but the most frequent errors of a new rig."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ def _left(joint: Any, system: System) -> float:
 
 
 def _changed(joint: Any, system: System) -> Iterator[tuple[Finding, Any, System]]:
-    """Yield what may be wrong, and the joint and the log with that put right."""
-    # What stands still has neither sign nor unit.
+    """Yield what may be wrong, and the joint and the log with that corrected."""
+    # A signal at rest has neither sign nor unit.
     roles = {role for role, values in system.channels.roles.items() if np.nanmax(values[0]) > np.nanmin(values[0])}
     positions = [r for r in roles if "position" in r or r.startswith("deflection")]
     sensed = [r for r in roles if r.startswith("torque_sensor") or r in positions]

@@ -53,7 +53,7 @@ class SmoothSite(Site):
 def smooth_sites(system: System, joint: Any) -> list[Site]:
     """Return one hypothesis per side and signal, and per side, signal and direction of the motion.
 
-    A function of a noisy signal is noisy: one of the torque in whose equation it stands would else take that torque's noise away.
+    A function of a noisy signal is noisy: otherwise one of the torque of its own equation would remove that torque's noise.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def _places(system: System, joint: Any, motion: Motion) -> Iterator[tuple[str, S
         elif name == "link":
             yield name, "link", name, own, ("time", "link_position"), "link_velocity"
         elif name.startswith("transmission") and springs:
-            # Held against a spring, it is the torque sensor that errs over what it measures.
+            # Compared with a spring, it is the torque sensor that errs over what it measures.
             yield f"torque_sensor{suffix}", "sensor", name, own, ("time", f"deflection{suffix}"), ""
         elif name.startswith("transmission"):
             yield name, "transmission", name, own, ("time", f"deflection{suffix}"), f"deflection_rate{suffix}"

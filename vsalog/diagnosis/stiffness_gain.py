@@ -16,12 +16,12 @@ Array = NDArray[np.float64]
 def stiffness_gains(name: str, before: Traces, after: Traces) -> list[Gain]:
     """Compare how near the two modalities are to each other with two rigs.
 
-    They know of each other only through the rig: the nearer they are, the less is wrong with it.
+    They are independent but for the rig: the nearer they are, the less is wrong with it.
 
     Parameters
     ----------
     name : of the joint
-    before, after : with the rig as it stands, and extended
+    before, after : with the rig as given, and extended
 
     Returns
     -------

@@ -32,7 +32,7 @@ Integers = NDArray[np.int64]
 SAME_SCORE = 1e-6
 # Sums may be added in any order: several terms at a time.
 SUMS = {"reassoc", "contract"}
-# So many of the best, as a coarse look ranks them, are looked at in full [1]: sets, what stands in place of a cause, experiments.
+# So many of the best, as a coarse look ranks them, are looked at in full [1]: sets, what replaces a cause, experiments.
 BEST = 6
 # Largest set that is searched for two-for-one moves [groups], whose number grows with the square of its size: larger sets are on
 # the way to smaller ones.
@@ -154,7 +154,7 @@ def best_sets(candidates: Candidates, starts: Iterable[Flags] = ()) -> list[Rank
 
 
 def without(candidates: Candidates, best: Ranked, barred: Flags) -> Ranked:
-    """Return the best set found that has none of some groups: what would stand in their place."""
+    """Return the best set found that has none of some groups: what would replace them."""
     free = np.zeros(len(candidates), dtype=np.bool_)
     start = best.chosen & ~barred
     found = [_descended(candidates, s, free, barred) for s in (start, free)]
@@ -169,14 +169,14 @@ def without(candidates: Candidates, best: Ranked, barred: Flags) -> Ranked:
 
 
 def _with(candidates: Candidates, chosen: Flags, group: int) -> Flags:
-    """Return a set with a group in it, without what that cannot stand with."""
+    """Return a set with a group in it, without those that it excludes."""
     out = np.asarray(chosen & ~candidates.conflict[group])
     out[group] = True
     return out
 
 
 def _everything(candidates: Candidates) -> Flags:
-    """Return a set of all groups that can stand together, the earlier ones first."""
+    """Return a set of all groups that can be in one set, the earlier ones first."""
     chosen = np.zeros(len(candidates), dtype=np.bool_)
     for g in range(len(candidates)):
         chosen[g] = not np.any(candidates.conflict[g] & chosen)
@@ -277,7 +277,7 @@ def _evidence(A: Array, b: Array, low: Array, high: Array) -> tuple[float, Array
 def _far_out(A: float, b: float) -> float:
     """Return the width of one unknown's prior, 1 or its most likely value, whichever explains the log better.
 
-    What a log tells far less sharply than the prior is held back by that, and would not be seen to be far out.
+    The prior holds back what a log determines far less sharply, and would not let it be seen to be far out.
     """
     if A <= 0.0 or b <= A:
         return 1.0
@@ -307,7 +307,7 @@ def _evidence_of_one(A: float, b: float, low: float, high: float) -> float:
 
 @njit(cache=True, error_model="numpy", fastmath=SUMS)
 def _factored(L: Array, k: int, precision: Array) -> bool:
-    """Put the Cholesky factor of the lower triangle of k rows in its place; tell whether it has one."""
+    """Put the Cholesky factor of the lower triangle of k rows in its place; return whether it has one."""
     for i in range(k):
         for j in range(i + 1):
             s = L[i, j]

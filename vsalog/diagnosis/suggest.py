@@ -1,6 +1,6 @@
 """The next experiment: the one that best separates what this log leaves confused, from the rig's own simulation.
 
-Each candidate is played with one of two hypotheses in the rig, its equations are formed as those of a log are, with that
+Each candidate is simulated with one of two hypotheses in the rig, its equations are formed as those of a log are, with that
 log's noise, and the other hypothesis is fitted to them. Its residual is what separates the two:
 
     D² = (Σ r_other² − Σ r_own²) / n,    r the whitened averages, n of them,
@@ -29,7 +29,7 @@ from vsalog.diagnosis.joint import JointDiagnosis, Progress
 from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.posterior import ITERATIONS, Problem
 from vsalog.diagnosis.subsets import BEST
-from vsalog.diagnosis.suggest_candidates import Candidate, Played, candidates
+from vsalog.diagnosis.suggest_candidates import Candidate, Trial, candidates
 from vsalog.diagnosis.suggest_questions import Hypothesis, Questions, ordinary_causes, questions_of, shown
 from vsalog.diagnosis.suggest_range import Seen, seen_in
 from vsalog.effects.gravity import GRAVITY
@@ -54,23 +54,23 @@ class Suggestion:
     Attributes
     ----------
     joint : that it drives
-    best : the candidate, as it was played
+    best : the candidate, as it was simulated
     questions : that it is to answer
     of_several : whether the rig has other joints
     """
 
     joint: str
-    best: Played
+    best: Trial
     questions: Questions
     of_several: bool
 
 
 def suggest(rig: Rig, found: Sequence[JointDiagnosis], progress: Progress = lambda _: None) -> Suggestion:
-    """Propose the experiment that would tell most.
+    """Propose the experiment that would separate most causes.
 
     Parameters
     ----------
-    rig : as it stands
+    rig : as given
     found : about each joint; the first one that has causes confused is asked about, else the first
     progress : called with the step that begins
 
@@ -82,10 +82,10 @@ def suggest(rig: Rig, found: Sequence[JointDiagnosis], progress: Progress = lamb
     open_ones = [(one, questions_of(one)) for one in found]
     one, questions = next((o for o in open_ones if o[1].confused), open_ones[0])
     if not questions.asked:
-        raise DiagnosisError(f"joint '{one.name}': there is nothing that another experiment could tell")
+        raise DiagnosisError(f"joint '{one.name}': another experiment could not show anything more")
     subject = Subject(one.name, one.joint, in_last(one.extended), one.system, one.selection.problem)
     bench, questions = Bench(rig, subject, seen_in(subject.extended, one.system)), questions.in_another_log()
-    progress(f"joint {one.name}: looking for the experiment that would tell most")
+    progress(f"joint {one.name}: looking for the experiment that would separate most causes")
     return Suggestion(one.name, bench.best(questions), questions, len(rig.joints) > 1)
 
 
@@ -111,11 +111,11 @@ class Subject:
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """What candidates are played on.
+    """What candidates are simulated with.
 
     Attributes
     ----------
-    rig : as it stands
+    rig : as given
     subject : the joint
     seen : what it bears
     """
@@ -130,35 +130,35 @@ class Bench:
         channels = self.subject.system.channels
         return max((channels.whole or channels).period, DESIGN.shortest_period)
 
-    def best(self, questions: Questions) -> Played:
+    def best(self, questions: Questions) -> Trial:
         """Return the candidate that separates best.
 
         Raises
         ------
         VsalogError
-            None can be played.
+            None can be simulated.
         """
         plain = self.subject.joint
-        played = self._first_look(plain, None, questions)
+        trials = self._first_look(plain, None, questions)
         if questions.confused:
-            played = self._both_ways(plain, played, questions)
-            played = self._rich(plain, played, questions)
-        best = max(played, key=lambda p: _worth(p, played, questions))
+            trials = self._both_ways(plain, trials, questions)
+            trials = self._rich(plain, trials, questions)
+        best = max(trials, key=lambda p: _worth(p, trials, questions))
         payload = payload_for(plain, questions)
         if payload is not None:
             loaded = with_fields(plain, link=with_fields(plain.link, payload=payload))
             trial = self._tried(loaded, best.candidate, payload, questions)
-            if trial is not None and _worth(trial, played, questions) > DESIGN.worthwhile * _worth(
-                best, played, questions
+            if trial is not None and _worth(trial, trials, questions) > DESIGN.worthwhile * _worth(
+                best, trials, questions
             ):
                 return trial
         return best
 
-    def _first_look(self, plain: Any, payload: Payload | None, questions: Questions) -> list[Played]:
-        """Play every candidate with the first hypothesis of each question."""
+    def _first_look(self, plain: Any, payload: Payload | None, questions: Questions) -> list[Trial]:
+        """Simulate every candidate with the first hypothesis of each question."""
         whole = self.rig.file
         file = with_fields(whole, joint={**whole.joint, self.subject.name: self.subject.extended})
-        played, why = list[Played](), None
+        trials, why = list[Trial](), None
         every = list(candidates(self.subject.name, self.subject.extended, file, self.seen, self.period))
         for candidate in counted("experiments", every):
             try:
@@ -167,34 +167,34 @@ class Bench:
                 why = error
                 continue
             if one is not None:
-                played.append(one)
-        if not played:
+                trials.append(one)
+        if not trials:
             raise why or DiagnosisError(
                 f"joint '{self.subject.name}': no experiment stays within the positions, speeds and torques that this log shows"
             )
-        return played
+        return trials
 
-    def _both_ways(self, plain: Any, played: list[Played], questions: Questions) -> list[Played]:
-        """Play the best ones with the other hypotheses too; what separates less counts."""
-        ranked = sorted(played, key=lambda p: -_worth(p, played, questions))[:BEST]
+    def _both_ways(self, plain: Any, trials: list[Trial], questions: Questions) -> list[Trial]:
+        """Simulate the best ones with the other hypotheses too; what separates less counts."""
+        ranked = sorted(trials, key=lambda p: -_worth(p, trials, questions))[:BEST]
         checked = [self._tried(plain, p.candidate, p.payload, questions) for p in ranked]
         return [c for c in checked if c is not None] or ranked
 
-    def _rich(self, plain: Any, played: list[Played], questions: Questions) -> list[Played]:
+    def _rich(self, plain: Any, trials: list[Trial], questions: Questions) -> list[Trial]:
         """Return, of those that separate about as well as the best, the one that shows most of all other causes.
 
-        What separates two causes may leave others free to take part: a motion without acceleration knows nothing of inertia.
+        What separates two causes may leave others free to take part: a motion without acceleration does not determine inertia.
         """
-        worth = [_worth(p, played, questions) for p in played]
-        # What the best one tells apart has to stay so.
+        worth = [_worth(p, trials, questions) for p in trials]
+        # What the best one separates has to stay separated.
         bar = max(max(worth) / DESIGN.worthwhile, min(max(worth), DESIGN.separate))
-        near = [p for p, w in zip(played, worth, strict=True) if w >= bar]
+        near = [p for p, w in zip(trials, worth, strict=True) if w >= bar]
         return [max(near, key=lambda p: self._shown(plain, p.candidate.file, questions.asked[0].one))]
 
     def _shown(self, plain: Any, file: ScenarioFile, truth: Hypothesis) -> float:
         """Return how far causes of an ordinary size move the equations of an experiment, on the geometric mean."""
         try:
-            system = self.played(placed(plain, truth.fit), file)
+            system = self.simulated(placed(plain, truth.fit), file)
         except Left:
             return 0.0
         others = ordinary_causes(self.subject.problem, truth)
@@ -207,11 +207,11 @@ class Bench:
         payload: Payload | None,
         questions: Questions,
         both: bool = True,
-    ) -> Played | None:
+    ) -> Trial | None:
         """Return how well a candidate separates, as large as it may be; none where it cannot be small enough."""
         for _ in range(ITERATIONS):
             try:
-                return Played(candidate, self._separations(plain, candidate.file, questions, both), payload)
+                return Trial(candidate, self._separations(plain, candidate.file, questions, both), payload)
             except Left as left:
                 candidate = candidate.with_share(candidate.share * DESIGN.share / left.taken)
         return None
@@ -226,7 +226,7 @@ class Bench:
         """
         if not questions.confused:
             nothing = questions.asked[0].other
-            system = self.played(placed(plain, nothing.fit), file)
+            system = self.simulated(placed(plain, nothing.fit), file)
             return np.array([shown(system, plain, q.one, nothing) for q in questions.asked])
         systems = dict[int, System]()
         out = np.full(len(questions.asked), np.inf)
@@ -234,12 +234,12 @@ class Bench:
             ways = [(question.one, question.other), (question.other, question.one)]
             for own, other in ways if both and not question.nested else ways[:1]:
                 if id(own) not in systems:
-                    systems[id(own)] = self.played(placed(plain, own.fit), file)
+                    systems[id(own)] = self.simulated(placed(plain, own.fit), file)
                 out[i] = min(out[i], separation(systems[id(own)], plain, own, other))
         return out
 
-    def played(self, joint: Any, file: ScenarioFile) -> System:
-        """Play a scenario with a joint and form its equations; `Left` where the motion leaves what was seen."""
+    def simulated(self, joint: Any, file: ScenarioFile) -> System:
+        """Simulate a scenario with a joint and form its equations; `Left` where the motion leaves what was seen."""
         log, name, rig = self.subject.system.channels, self.subject.name, self._with(joint)
         own = with_fields(file, joint={n: d for n, d in file.joint.items() if n in rig.joint})
         inputs = Scenario(own).inputs(rig)
@@ -274,10 +274,10 @@ def separation(system: System, joint: Any, own: Hypothesis, other: Hypothesis, p
 
     Parameters
     ----------
-    system : of an experiment that was played with `own` in the rig
+    system : of an experiment that was simulated with `own` in the rig
     joint : of the rig, without either
     own, other : with the values to begin with
-    predicted : the experiment was played with neither; what `own` would change is predicted from its equations
+    predicted : the experiment was simulated with neither; what `own` would change is predicted from its equations
     """
     mine = own.residual(system, joint)
     there = mine if predicted else np.zeros_like(mine)
@@ -306,10 +306,10 @@ def payload_for(joint: Any, questions: Questions) -> Payload | None:
     return Payload(mass=float(f"{DESIGN.payload * link.inertia / distance**2:.2g}"), distance=distance)
 
 
-def _worth(one: Played, among: Sequence[Played], questions: Questions) -> float:
+def _worth(one: Trial, among: Sequence[Trial], questions: Questions) -> float:
     """Return what an experiment is worth.
 
-    Where causes are confused that is the smallest separation of those pairs that any of the candidates tells apart; where the log
+    Where causes are confused that is the smallest separation of those pairs that any of the candidates separates; where the log
     could not have shown something, how many times smaller it may be to show, on the geometric mean.
     """
     if not questions.confused:

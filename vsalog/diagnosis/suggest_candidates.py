@@ -129,7 +129,7 @@ class Candidate:
     ----------
     words : what is done
     joint : name of the joint that is driven
-    file : as `vsalog simulate --scenario` plays it
+    file : as `vsalog simulate --scenario` runs it
     again : makes it with another share of what was seen
     share : of what was seen that it takes
     """
@@ -145,8 +145,8 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True)
-class Played:
-    """A candidate as it was played.
+class Trial:
+    """A candidate as it was simulated.
 
     Attributes
     ----------
@@ -291,7 +291,7 @@ def _turned(part: Any, side: float) -> Any:
 
 
 def _held(drives: Drives, joint: Any) -> Drives:
-    """Return what holds a joint of the rig that is not asked about where it is."""
+    """Return what holds a joint of the rig that is not in question at its place."""
     out = dict[str, Any]()
     for key in Drives.__struct_fields__:
         drive = getattr(drives, key)

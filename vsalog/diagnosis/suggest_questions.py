@@ -1,4 +1,4 @@
-"""What a log leaves open: causes it cannot tell apart, or, where there are none, causes it could not have shown."""
+"""What a log leaves open: causes it cannot separate, or, where there are none, causes it could not have shown."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Hypothesis:
     Attributes
     ----------
     site : what is in question; none for nothing
-    fit : with all that is beside it, at the values that the log has
+    fit : with all others that are present, at the values that the log has
     """
 
     site: Site | None
@@ -81,8 +81,8 @@ class Question:
     ----------
     one, other : the hypotheses; `other` is nothing where causes that the log could not show are in question
     now : D of this log, see `suggest`
-    size : of the cause in question, what people are told, and its unit; none for causes that are confused
-    nested : whether `one` can do whatever `other` does: only a machine with `one` in it can tell them apart
+    size : of the cause in question, the reported number and its unit; none for causes that are confused
+    nested : whether `one` can do whatever `other` does: only a machine with `one` in it can separate them
     """
 
     one: Hypothesis
@@ -115,7 +115,7 @@ def _confused(found: JointDiagnosis) -> tuple[Question, ...]:
     """Return the pairs of causes that the log explains equally well with: of the weightiest cause that has any."""
     system, joint = found.system, found.joint
     for one in found.found:
-        # What happened once is told by recording again, however that is done.
+        # Any new recording shows whether what happened once is there.
         rivals = [r for r in one.choice.rivals if not (r.transient or one.site.transient or not r.named)]
         if not rivals:
             continue

@@ -119,7 +119,7 @@ class Seen:
     def within(self, limits: Limits) -> Seen:
         """Return it with limits in the place of what was seen.
 
-        Springs bear what they were seen to bear, or whatever a torque that is stated makes of them.
+        Springs bear what they were seen to bear, or the deflection that a stated torque makes.
         """
         driven = {key: limits.on(one) if key.startswith("motor") else one for key, one in self.driven.items()}
         moved = {name: limits.on(one) if name == "link_position" else one for name, one in self.moved.items()}

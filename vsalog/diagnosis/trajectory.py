@@ -1,10 +1,10 @@
-"""Causes and their values, held against the simulated trajectories.
+"""Causes and their values, compared with the simulated trajectories.
 
-Equations look at 50 ms at a time; a simulation adds up for half a second, and a fine encoder sees at its end what no equation
+Equations look at 50 ms at a time; a simulation adds up for half a second, and a fine encoder shows at its end what no equation
 shows. So the values that the equations give are the prior of a fit to windows of the log: multiple shooting with the beginning of
-every window free (variable projection: what beginnings can make up for is taken off; Golub and Pereyra 2003, Inverse Problems
+every window free (variable projection: what beginnings can compensate is projected out; Golub and Pereyra 2003, Inverse Problems
 19). Where the trajectories are off by more than their noise all the same, sets of causes are searched once more, with what
-equations and trajectories say together; a set that brings the trajectories to their noise is taken.
+equations and trajectories determine together; a set that brings the trajectories to their noise is taken.
 """
 
 from __future__ import annotations
@@ -59,15 +59,15 @@ def refined(selection: Selection, windows: Windows) -> Selection:
     SimulationError
         The joint with the causes cannot be simulated.
     """
-    # Where nothing has a beginning nothing is added up: a simulation says what equations say, once more and of the same samples.
+    # Where nothing has a beginning nothing is added up: a simulation repeats what equations determine from the same samples.
     if isinstance(player_of(selection.problem.joint, windows.channels), BenchPlayer):
         return selection
     windows = windows.part(in_runs(len(windows.spans), PARTS))
     best, shot, J = _fitted(selection, windows)
-    # A cause that trajectories drive as far as it may go stands for something else: they say nothing of it.
+    # A cause that trajectories drive as far as it may go imitates something else: they do not determine it.
     if not shot.is_linear or _at_bounds(best):
         return selection
-    # Where equations do not close, trajectories mostly cannot either; then they say nothing that is not in the equations.
+    # Where equations do not close, trajectories mostly cannot either; then they determine nothing that is not in the equations.
     loop = is_commanded(selection.problem.joint, windows.channels.raw)
     if loop and np.max(_squares(shot, windows)) > WITHIN:
         by_loop = _by_loop(selection, windows)
@@ -96,9 +96,9 @@ def refined(selection: Selection, windows: Windows) -> Selection:
 
 
 def _by_loop(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Array]:
-    """Search sets of causes by the trajectories alone, beginning with the rig as it stands.
+    """Search sets of causes by the trajectories alone, beginning with the rig as given.
 
-    A loop that is commanded a position does not drift: its simulation over many seconds says of all causes what equations say of
+    A loop that is commanded a position does not drift: its simulation over many seconds determines causes as equations do from
     their own samples, without derivatives of what a slow log hardly shows.
     """
     problem = selection.problem
@@ -136,7 +136,7 @@ def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Ar
         return selection, shot, np.zeros((len(windows.spans), 0, 0))
     loop = is_commanded(joint, windows.channels.raw)
     prior = _prior(posterior, loop)
-    # Equations say how far the values are from their own; the rig, how far they are from its own.
+    # One term is how far the values are from those of the equations, the other how far from the rig's.
     now = posterior.linear.now if loop else np.zeros(prior.shape[0])
     away, information, columns = np.zeros(prior.shape[0]), np.zeros_like(prior), np.zeros(0)
     for _ in counted("trajectories", range(ITERATIONS), at_most=True):
@@ -164,7 +164,7 @@ def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Ar
                 fit, shot, away, moved = trial, there, away + step, True
                 break
             step = 0.5 * step
-        # Weights follow the misfit: while that falls, the next step is weighed more.
+        # Weights follow the misfit: while that falls, the next step has more weight.
         if not moved or before - after < min(SETTLED, NEGLIGIBLE_SHARE * before):
             break
     return replace(selection, posterior=replace(posterior, fit=fit, simulated=prior + information)), shot, columns
@@ -245,9 +245,9 @@ def _as_seen(selection: Selection, windows: Windows, J: Array) -> tuple[Choice, 
 
 
 def _prior(posterior: Posterior, loop: bool) -> Array:
-    """Return the information of the equations, no surer than filters let them be: they round corners and take off waves.
+    """Return the information of the equations, no more certain than filters allow: they round corners and attenuate waves.
 
-    Of a loop that is commanded a position they say nothing that its simulation over many seconds does not say better.
+    Of a loop that is commanded a position they determine nothing that its simulation over many seconds does not determine better.
     """
     if loop:
         return np.asarray(np.diag(precisions(posterior.linear.now)))
@@ -284,7 +284,7 @@ def _misfit(shot: Shot, windows: Windows, weights: Array) -> float:
 
 
 def bases_of(slopes: Array) -> list[Array]:
-    """Return an orthonormal basis of what each window's beginning can make up for, from `by_states`."""
+    """Return an orthonormal basis of what each window's beginning can compensate, from `by_states`."""
     out = []
     for S in slopes:
         U, s, _ = np.linalg.svd(S, full_matrices=False)
@@ -293,7 +293,7 @@ def bases_of(slopes: Array) -> list[Array]:
 
 
 def projected(bases: Sequence[Array], errors: Array) -> Array:
-    """Take what the beginnings can make up for off the windows' errors, shape (W, L · roles), or what changes them, (…, p)."""
+    """Project what beginnings can compensate out of the windows' errors, shape (W, L · roles), or of their changes, (…, p)."""
     return np.stack([e - U @ (U.T @ e) for U, e in zip(bases, errors, strict=True)])
 
 

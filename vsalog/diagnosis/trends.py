@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 def trends_of(found: JointDiagnosis, logs: Sequence[str], begins: Sequence[float | None]) -> list[Trend]:
     """Return the course of each cause that was found in a log of its own.
 
-    A cause that is found in some logs is fitted in all of them, so that each says what it says of it.
+    A cause that is found in some logs is fitted in all of them, so that each log gives its value.
 
     Parameters
     ----------
@@ -49,8 +49,8 @@ def trends_of(found: JointDiagnosis, logs: Sequence[str], begins: Sequence[float
     for sites in every.values():
         courses = [_found_in(posterior, covariance, site, selection.choices[0]) for site in sites]
         for i, (name, (rig, unit)) in enumerate(courses[0].absent().items()):
-            told = [one.numbers()[name] for one in courses]
-            values, half = np.array([t[0] for t in told]), INTERVAL * np.array([t[1] for t in told])
+            numbers = [one.numbers()[name] for one in courses]
+            values, half = np.array([t[0] for t in numbers]), INTERVAL * np.array([t[1] for t in numbers])
             between, deviation = _between(posterior, covariance, courses, i, name)
             onset = onset_of(values[order] - rig, between[np.ix_(order, order)], deviation, times)
             out.append(
@@ -94,7 +94,7 @@ def _between(
             for i, a in zip(parts, slopes, strict=True)
         ]
     )
-    # What of a number filters take off is alike in all logs.
+    # The part of a number that filters attenuate is alike in all logs.
     values = np.array([one.numbers()[name][0] for one in courses])
     between += catalogue()[courses[0].site.cause].exact ** 2 * np.outer(values, values)
     between += np.diag([one.blur(name) ** 2 for one in courses])

@@ -1,4 +1,4 @@
-"""Transmissions of unknown type: a smooth spring is fitted to the log first, so that what is not a spring can be looked for."""
+"""Transmissions of unknown type: a smooth spring is fitted to the log first, so that other effects can be looked for."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ TAKEN_UP = frozenset(
 def with_springs(joint: Any, signals: JointSignals, zero: str = "") -> tuple[Any, Mapping[str, str]]:
     """Return a joint whose unknown transmissions are smooth springs fitted to a log, and whose offset each has at rest.
 
-    It is fitted to what the joint did, with what the rig says of its sensors undone. A spring that is not known does not tell
+    It is fitted to what the joint did, with the sensors' errors of the rig undone. A spring that is not known does not determine
     whose the torque at zero deflection is: it is taken for the torque sensor's offset, or for that of an encoder.
 
     Parameters
@@ -136,14 +136,14 @@ def unknown_in(joint: Any) -> list[str]:
 def fitted_spring(phi: Array, torque: Array) -> tuple[PolynomialTransmission, float]:
     """Return the polynomial spring nearest to a torque over a deflection, shape (N,) each, and the torque at rest [N·m]."""
     scale = float(np.max(np.abs(phi)))
-    # A straight line, and as many terms as any smooth function has: what bends more often is not a spring alone.
+    # A straight line, and as many terms as any smooth function has: a curve with more inflections is not a spring alone.
     powers = (phi / scale)[:, None] ** np.arange(TERMS + 2)
     found = np.linalg.lstsq(powers, torque, rcond=1e-10)[0]
     return PolynomialTransmission(coefficients=tuple(float(c) for c in found[1:]), scale=scale), float(found[0])
 
 
 def _zero_of(spring: PolynomialTransmission, at_rest: float) -> float:
-    """Return the deflection nearest to zero at which a spring's torque undoes that at rest [rad]; zero where none does."""
+    """Return the deflection nearest to zero at which a spring's torque cancels that at rest [rad]; zero where none does."""
     roots = np.polynomial.Polynomial([at_rest, *spring.coefficients]).roots()
     real = roots[np.abs(roots.imag) < 1e-9].real * spring.scale
     return float(real[np.argmin(np.abs(real))]) if real.size else 0.0

@@ -37,7 +37,7 @@ def engaged(phi: Array, gap: float, values: Array) -> Array:
 EFFECT = Effect(
     counterparts=(Counterpart("transmission", ("backlash",), lambda t: term("spring", gap=t.backlash)),),
     tolerances=(
-        Default(("backlash",), "wear; a joint is free of play to 2 % of its deflection", share=0.5, share_of_scale=0.02),
+        Default(("backlash",), "wear; a joint has no play above 2 % of its deflection", share=0.5, share_of_scale=0.02),
     ),
     causes=(
         OneNumber(
@@ -46,9 +46,9 @@ EFFECT = Effect(
             reach=lambda s: 0.3 * s.deflection, scale=lambda s: s.deflection,
             starts=(lambda s: 0.02 * s.deflection, lambda s: 0.1 * s.deflection, lambda s: 0.3 * s.deflection),
             exact=Exactness.CORNERED,
-            title="The {part} has a gap in which it transmits nothing (backlash), and the rig does not have it",
-            says="it transmits nothing at small deflections, and less than the rig says at all others",
-            confirm="Hold the motor and move the link to and fro by hand: between the two stops it goes freely.",
+            title="The {part} has a gap in which it transmits nothing (backlash), which the rig lacks",
+            says="it transmits nothing at small deflections, and less than in the rig at all others",
+            confirm="Hold the motor and move the link to and fro by hand: it moves freely between the two stops.",
             reference="Nordin and Gutman (2002), Controlling mechanical systems with backlash, Automatica 38(10)",
             signature="transmission equation: τ_e(φ) less the gap",
         ),

@@ -16,7 +16,7 @@ from vsalog.effects.reading_error import ReadingError
 class Exactness(float, Enum):
     """Part of a number that filters and averages identify it to, by the shape of what it does.
 
-    What has corners, as dry friction, loops and gaps have, is also rounder in a machine than in any rig.
+    Dry friction, loops and gaps have corners, which are also rounder in a machine than in any rig.
     """
 
     SMOOTH = 5e-4
@@ -107,20 +107,20 @@ class OneNumber:
     Attributes
     ----------
     name : in the catalogue
-    title, says, confirm, reference, signature : for people; `{part}` stands for the part
+    title, says, confirm, reference, signature : texts for the user; `{part}` is replaced by the part's name
     place : the kind of part where it sits
     key : of the rig, below the part; in a table of it, as ``drag.coefficient``
     number, unit : as the diagnosis reports it, SI
     step : small enough for the equations to be straight over it
     low, high : bounds
     reach : as far as one step of a fit may go
-    blur : what of it nothing tells, one standard deviation
+    blur : part of the value that no log determines, one standard deviation
     scale : the value that would matter in the log
     starts : where a search begins; at the rig's value when absent
     where : whether it is looked for in a log
     doubles : causes that look the same, where `doubled`
     order : in the catalogue, before the name
-    exact : part of the value to which equations tell it at best
+    exact : best relative accuracy to which equations determine the value
     """
 
     name: str
@@ -155,7 +155,7 @@ class Key(NamedTuple):
     part : that has it; a signal has errors of a sensor's reading
     name : of the key
     table : its structure
-    says : for people
+    says : text for the user
     many : whether a part may have several, as [[…]]
     """
 
@@ -171,7 +171,7 @@ class Effect(NamedTuple):
 
     Attributes
     ----------
-    tolerances : how well its quantities are known where the rig does not say
+    tolerances : how well its quantities are known where the rig states nothing
     causes : that are one number of the rig
     keys : of the rig, for torques on motors and links and for errors of sensors
     counterparts : what its keys become in models of other simulators

@@ -1,4 +1,4 @@
-"""A torque on a motor or a link: what an effect says of it in one place, for the plant, the equations and the estimators."""
+"""A torque on a motor or a link: what an effect states of it in one place, for the plant, the equations and the estimators."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 def reading(x: Array, time: Array, gain: float, offset: float, drift: float) -> Array:
-    """Return what a sensor says of x, shape (N,); `time` counts from the log's start [s]."""
+    """Return what a sensor reads for x, shape (N,); `time` counts from the log's start [s]."""
     return gain * x + offset + drift * time
 
 
@@ -22,7 +22,7 @@ def zeroed(m: Array, time: Array | None, offset: float, drift: float) -> Array:
     return m if time is None or not drift else m - drift * time
 
 
-# A key that is an encoder's is named with its role: an angle is measured better than anything else.
+# An encoder's key is named with its role: an angle is measured better than anything else.
 _ENCODERS = ("motor_position", "link_position", "deflection")
 
 
@@ -32,7 +32,7 @@ def _of_encoders(key: str) -> tuple[str, ...]:
 
 EFFECT = Effect(
     tolerances=(
-        Default(_of_encoders("gain"), "a disc has whole lines per turn; what is left is the mounting", share=0.001),
+        Default(_of_encoders("gain"), "a disc has whole lines per turn; the rest is the mounting", share=0.001),
         Default(_of_encoders("offset"), "a zero set by eye or against a stop", least="1 deg"),
         Default(_of_encoders("drift"), "a coupling or a magnet that creeps, over the log", share_of_scale=0.01),
         Default(("gain",), "calibration of a sensor as it is mounted, cross-talk included", share=0.05),
@@ -43,7 +43,7 @@ EFFECT = Effect(
         OneNumber(
             name="sensor.torque_gain", place="torque sensor", key="gain", number="gain", unit="1", step=0.01, low=0.05,
             high=20.0, doubles=("sensor.torque_not_independent",), doubled=lambda s: s.computable,
-            title="The {part} says a multiple of the torque: its calibration is off",
+            title="The {part} reads a multiple of the torque: its calibration is off",
             says="it is off by one factor against all the other equations",
             confirm="Hang a known weight on a known lever and read the sensor.",
             reference="Flacco 2012 §6.2, the torque sensor as reference",
@@ -52,7 +52,7 @@ EFFECT = Effect(
         OneNumber(
             name="sensor.torque_offset", place="torque sensor", key="offset", number="offset", unit="N*m",
             step=lambda s: 1e-3 * s.torque, scale=lambda s: s.torque,
-            title="The {part} says a torque when there is none: it has an offset",
+            title="The {part} reads a torque when there is none: it has an offset",
             says="it is off by a constant",
             confirm="Read the sensor with the joint unloaded.",
             reference="Flacco 2012 §6.2, the torque sensor as reference",
@@ -70,7 +70,7 @@ EFFECT = Effect(
         OneNumber(
             name="sensor.encoder_offset", place="encoder", key="offset", number="offset", unit="rad",
             step=lambda s: 1e-3 * s.deflection,
-            title="The zero of the {part} encoder is not where the rig says",
+            title="The zero of the {part} encoder is not where the rig has it",
             says="the deflection is off by a constant",
             confirm="Unload the joint completely: motor and link encoder must agree.",
             reference="Flacco 2012 §6.1, alignment of the encoders",

@@ -1,4 +1,4 @@
-"""What an effect has to keep to, for whoever adds one: tried out when its package is loaded, before anything is computed."""
+"""The contract of an effect, for authors of effects: tested when its package is loaded, before anything is computed."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from vsalog.effects.reading_error import ReadingError
 Array = NDArray[np.float64]
 
 TRIED = np.linspace(-1.3, 1.7, 7)
-"""Positions, velocities, readings and times that formulas are tried at, in SI: of both signs, and beyond 1."""
+"""Positions, velocities, readings and times at which formulas are tested, in SI: of both signs, and beyond 1."""
 
 
 def keep_contract(effect: Any) -> None:
-    """Try an effect out.
+    """Test an effect.
 
     Raises
     ------
     ValueError
-        It does not do what an effect does; the text says what.
+        It breaks the contract of an effect; the text states where.
     """
     _require(isinstance(effect, Effect), "EFFECT is no vsalog.effects.base.Effect")
     for name, kind in (("keys", Key), ("tolerances", Default), ("causes", OneNumber), ("counterparts", Counterpart)):
@@ -37,9 +37,9 @@ def keep_contract(effect: Any) -> None:
         _require(whole, f"{name} has to be a tuple of {kind.__name__}")
     for cause in effect.causes:
         _require(cause.place in get_args(Place), f"cause {cause.name}: there is no place '{cause.place}'")
-    for told in effect.counterparts:
-        _require(told.part in get_args(Whole), f"counterpart of {told.keys}: there is no part '{told.part}'")
-        _require(isinstance(told.keys, tuple), f"counterpart of {told.keys}: its keys have to be a tuple of names")
+    for item in effect.counterparts:
+        _require(item.part in get_args(Whole), f"counterpart of {item.keys}: there is no part '{item.part}'")
+        _require(isinstance(item.keys, tuple), f"counterpart of {item.keys}: its keys have to be a tuple of names")
     for key in effect.keys:
         base = {"motor": BodyTorque, "link": BodyTorque, "signal": ReadingError}.get(key.part)
         _require(base is not None, f"key {key.name}: there is no part '{key.part}', but motor, link and signal")
@@ -104,11 +104,11 @@ def _try_error(table: ReadingError) -> Array:
 
 
 def _values(name: str, formula: Callable[..., Any], *at: Array) -> Array:
-    """Return a formula of arrays, which is to be as it is of their numbers one by one, and to leave them as they are."""
+    """Return a formula of arrays, which must agree with the formula of single numbers and must not change its arguments."""
     inputs = [values.copy() for values in at]
     whole = np.asarray(formula(*inputs), dtype=np.float64)
     _require(whole.shape == TRIED.shape, f"{name} has to return an array of its arguments' shape")
     _require(all(map(np.array_equal, inputs, at)), f"{name} changes its arguments")
     alone = np.array([float(formula(*(float(values[k]) for values in at))) for k in range(TRIED.size)])
-    _require(np.allclose(whole, alone, equal_nan=True), f"{name} is another one of arrays than of numbers")
+    _require(np.allclose(whole, alone, equal_nan=True), f"{name} gives another result for arrays than for numbers")
     return whole

@@ -34,12 +34,12 @@ class Term(NamedTuple):
 
 
 class Lack(NamedTuple):
-    """What a model cannot say of an effect.
+    """What a model cannot express of an effect.
 
     Attributes
     ----------
     key : of the rig, below the part
-    reason : why, for people
+    reason : why, for the user
     """
 
     key: str
@@ -52,7 +52,7 @@ class Counterpart(NamedTuple):
     Attributes
     ----------
     part : whose keys they are
-    keys : names of keys that are told together
+    keys : names of keys that are converted together
     mjcf, urdf : of the part as the joint feels it, what there is of them; None where there is nothing
     """
 

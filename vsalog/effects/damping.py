@@ -38,7 +38,7 @@ EFFECT = Effect(
         OneNumber(
             name="motor.viscous_friction", place="motor", key="damping", number="damping", unit="N*m*s/rad",
             step=lambda s: 0.01 * s.torque / s.speed, low=0.0, scale=lambda s: s.torque / s.speed,
-            title="The friction of the {part} that grows with its speed is not what the rig says",
+            title="The friction of the {part} that grows with its speed differs from the rig",
             says="its motor equation is off in proportion to the motor's velocity",
             confirm="Let the motor turn at several constant speeds without load: the torque it needs rises in a straight line.",
             reference="Flacco 2012 eq. 4, D_θ",
@@ -49,7 +49,7 @@ EFFECT = Effect(
             name="link.viscous_friction", place="link", key="damping", number="damping", unit="N*m*s/rad",
             step=lambda s: 0.01 * s.torque / s.speed, low=0.0, scale=lambda s: s.torque / s.speed,
             where=lambda s: not s.one_body,
-            title="The friction of the link that grows with its speed is not what the rig says",
+            title="The friction of the link that grows with its speed differs from the rig",
             says="the link's equation is off in proportion to its velocity",
             confirm="Clamp the motor, let the link ring and see how fast the ringing fades.",
             reference="Flacco 2012 eq. 3, D_q",
@@ -58,7 +58,7 @@ EFFECT = Effect(
         OneNumber(
             name="transmission.damping", place="transmission", key="damping", number="damping", unit="N*m*s/rad",
             step=lambda s: 1e-4 * (s.torque / s.deflection), low=0.0, scale=lambda s: s.torque / s.speed,
-            title="The {part} damps its deflection otherwise than the rig says",
+            title="The damping of the {part} differs from the rig",
             says="the torque it transmits is off in proportion to the deflection's rate",
             confirm="Clamp the motor, deflect the link and let go: see how fast the ringing fades, with the link's own "
             "friction known.",

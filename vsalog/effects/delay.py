@@ -18,10 +18,10 @@ LATEST = 0.05
 
 
 def shifted(values: Array, samples: float) -> Array:
-    """Return what is found `samples` later, shape (3, N): the cubic through four samples carries a fraction of one.
+    """Return the values `samples` later, shape (3, N): the cubic through four samples carries a fraction of one.
 
     A straight line between two would take a part in a hundred off what swings at a twentieth of the sample rate. Beyond the ends
-    the last sample stands.
+    the last sample is held.
     """
     if samples == 0.0:
         return values
@@ -52,7 +52,7 @@ def late(x: Array, time: Array, delay: float) -> Array:
 
 
 def _half_a_sample(sizes: Sizes) -> float:
-    """Return the deviation of what is anything within a sample [s]: few logs tell whether torques were held."""
+    """Return the standard deviation of a delay uniform within a sample [s]: few logs show whether torques were held."""
     deviation: float = sizes.period / 12.0**0.5
     return deviation
 
@@ -78,7 +78,7 @@ EFFECT = Effect(
             step=lambda s: 0.25 * s.period, low=-LATEST, high=LATEST,
             title="The {part} is late against the other channels",
             says="it is off in proportion to the torque's rate",
-            confirm="Tap the link and see when each channel notices.",
+            confirm="Tap the link and see when each channel responds.",
             reference="amplifiers' filters and buses",
             signature="transmission equation: dτ/dt; motor and link equations agree with each other",
         ),
@@ -88,8 +88,8 @@ EFFECT = Effect(
             blur=lambda s: _half_a_sample(s) if s.one_clock else 0.0, doubles=("motor.torque_delay",),
             doubled=lambda s: s.one_clock, where=lambda s: not s.commanded,
             title="The {part} channel is late or early against the others",
-            says="what is made of it is off in proportion to its rate",
-            confirm="Tap the joint and see when each channel notices; look at how the channels get their stamps.",
+            says="what is computed from it is off in proportion to its rate",
+            confirm="Tap the joint and see when each channel responds; look at how the channels get their stamps.",
             reference="stamps given on arrival instead of on measurement",
             signature="all equations with φ: ẋ σ(φ)",
         ),

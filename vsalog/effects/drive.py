@@ -41,7 +41,7 @@ class PositionServo(Base, frozen=True, tag="position-servo", tag_field="kind"):
     ----------
     kp : proportional gain [N·m/rad]
     kd : gain of the velocity's error [N·m·s/rad]
-    ki : gain of the error's integral, which stands still while the torque is at its limit [N·m/(rad·s)]
+    ki : gain of the error's integral, frozen while the torque is at its limit [N·m/(rad·s)]
     torque_limit : largest torque; none when absent [N·m]
     delay : how long after it is recorded a command arrives [s]
     speed_limit : of r; none when absent [rad/s]
@@ -69,7 +69,7 @@ class PositionServo(Base, frozen=True, tag="position-servo", tag_field="kind"):
 def planned(command: Array, period: float, speed_limit: float, acceleration_limit: float) -> tuple[Array, Array]:
     """Return the position [rad] and velocity [rad/s] by which a servo moves to its command; it begins there, at rest.
 
-    It accelerates and brakes with all that it may, and brakes in time to come to rest at the command as it stands then.
+    It accelerates and brakes with all that it may, and brakes in time to come to rest at the present command.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ EFFECT = Effect(
         OneNumber(
             name="motor.torque_constant", place="motor", key="torque_gain", number="gain", unit="1", step=0.01,
             low=0.05, high=20.0, where=lambda s: not s.commanded,
-            title="The {part} makes another torque than is recorded of it: its torque constant is off",
+            title="The {part} makes another torque than is recorded: its torque constant is off",
             says="its motor equation is off in proportion to the motor's torque",
             confirm="Hold the link against a force gauge and command several torques: compare.",
             reference="Flacco 2012 eq. 4, τ",
@@ -181,7 +181,7 @@ EFFECT = Effect(
         OneNumber(
             name="drive.proportional_gain", place="drive", key="kp", number="kp", unit="N*m/rad",
             step=lambda s: 0.01 * s.value, low=lambda s: 0.05 * s.value, high=lambda s: 20.0 * s.value, scale=lambda s: s.value,
-            title="The drive answers another torque to an error of the position: its proportional gain is off",
+            title="The drive's torque for a position error differs from the rig: its proportional gain is off",
             says="the motor equation is off in proportion to the error of the position",
             confirm="Hold the command and push the link with a force gauge: compare torque and angle.",
             reference="a drive's position loop",
@@ -190,7 +190,7 @@ EFFECT = Effect(
         OneNumber(
             name="drive.derivative_gain", place="drive", key="kd", number="kd", unit="N*m*s/rad",
             step=lambda s: 1e-3 * s.torque / s.speed, low=0.0, scale=lambda s: s.torque / s.speed,
-            title="The drive damps otherwise: its derivative gain is off",
+            title="The drive's damping differs from the rig: its derivative gain is off",
             says="the motor equation is off in proportion to the error of the velocity",
             confirm="Command ramps of several speeds: an error that grows with the speed is damping that is not the drive's own.",
             reference="a drive's position loop",

@@ -1,6 +1,6 @@
 """Dry friction: Coulomb, Stribeck, in proportion to the load, and bristles that give way before it slides.
 
-What tells it from a motion is `mechanics.friction`; what looks for it is `diagnosis.causes.motor_friction`.
+What computes it from a motion is `mechanics.friction`; what looks for it is `diagnosis.causes.motor_friction`.
 """
 
 from __future__ import annotations

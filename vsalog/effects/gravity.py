@@ -79,13 +79,13 @@ EFFECT = Effect(
             share=0.1,
             share_of_scale=0.02,
         ),
-        Default(("gravity_angle",), "how the base is mounted, and where the centre of mass lies", least="2 deg"),
+        Default(("gravity_angle",), "how the base is mounted, and where the centre of mass is", least="2 deg"),
     ),
     causes=(
         OneNumber(
             name="link.gravity", place="link", key="gravity_torque", number="torque", unit="N*m",
             step=lambda s: 0.01 * (abs(s.value) or s.torque), scale=lambda s: s.torque,
-            title="The gravity torque of the link is not what the rig says",
+            title="The gravity torque of the link differs from the rig",
             says="the link's equation is off in proportion to the sine of its position",
             confirm="Hold the link still in several positions and compare the torque that holds it.",
             reference="Flacco 2012 eq. 3, g(q)",

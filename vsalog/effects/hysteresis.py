@@ -1,6 +1,6 @@
 """Hysteresis of a transmission: a smooth loop, and springs that slip.
 
-What tells it from a deflection is `mechanics.hysteresis`; what looks for it is `diagnosis.causes.transmission`.
+What computes it from a deflection is `mechanics.hysteresis`; what looks for it is `diagnosis.causes.transmission`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""An error of a sensor's reading: what an effect says of it in one place, for the simulation and for what undoes it."""
+"""An error of a sensor's reading: what an effect states of it in one place, for the simulation and for what undoes it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 class ReadingError(Base, frozen=True):
     """What a sensor adds to its reading, over what it measures: a table of a signal in the rig.
 
-    With x the truth, a sensor says gain · x + offset + drift · t + the errors of its tables.
+    With x the truth, a sensor reads gain · x + offset + drift · t + the errors of its tables.
 
     Attributes
     ----------

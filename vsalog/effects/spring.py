@@ -25,7 +25,7 @@ EFFECT = Effect(
             name="transmission.nonlinearity", place="transmission", key="added_cubic", number="cubic",
             unit="N*m/rad^3", step=lambda s: 1e-3 * (s.torque / s.deflection**3),
             scale=lambda s: s.torque / s.deflection**3,
-            title="The spring of the {part} hardens or softens with its deflection otherwise than the rig says",
+            title="The spring of the {part} hardens or softens with its deflection, unlike that of the rig",
             says="the torque it transmits is off by the cube of the deflection",
             confirm="Clamp the link and load the joint slowly up to the largest deflection: the curve is not straight.",
             reference="Flacco 2012 eq. 25: higher powers of φ",

@@ -33,7 +33,7 @@ def catalogue() -> dict[str, Cause]:
     causes = (*rows, *(kind() for kind in _kinds(Cause)))
     names = [cause.name for cause in causes]
     if twice := next((name for name in names if names.count(name) > 1), None):
-        raise ExtensionError(f"two causes are called '{twice}': name that of the package that you added otherwise")
+        raise ExtensionError(f"two causes are called '{twice}': rename the one of the package that you added")
     return {c.name: c for c in sorted(causes, key=lambda c: (c.order, c.name))}
 
 

@@ -1,4 +1,4 @@
-"""What a cause is: where in a joint it may sit, what it changes in the rig, and what to tell people of it."""
+"""What a cause is: where in a joint it may sit, what it changes in the rig, and its texts for the user."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ class Parameter:
     Attributes
     ----------
     name, unit : as the diagnosis reports it, SI
-    start : what it is in the rig as it stands, or where the search begins
+    start : what it is in the rig as given, or where the search begins
     step : small enough for the equations to be straight over it
     low, high : bounds
-    reach : as far as one step of a fit may go, where the equations bend
-    hard : whether its bounds say how large such a thing can be at all, whatever the cause's other numbers
-    blur : what of it nothing tells, one standard deviation
-    rounded : part of the value that filters may take off where equations tell it, one standard deviation; trajectories keep it
-    shape : whether it says what an effect looks like, not how strong it is: nothing is known of it before a log is seen
+    reach : largest step of a fit, where the equations are non-linear
+    hard : whether its bounds are physical limits of such an effect, whatever the cause's other numbers
+    blur : part of the value that no log determines, one standard deviation
+    rounded : part of the value that filters may remove where equations determine it, one standard deviation; trajectories keep it
+    shape : whether it is the shape of an effect, not its strength: nothing is known of it before a log is seen
     starts : values that a search begins with; `start` alone when absent
     key : of the rig below the cause's part; the name when absent
     scale : the value that would matter in the log
@@ -97,14 +97,14 @@ class Site:
     part : of the joint: motor, motor_1, transmission, link, or a sensor's role
     parameters : what is fitted
     apply : puts values into a joint of the rig
-    starts : where a search over what is not linear begins; at the parameters' own start when absent
-    report : fitted values → name → (value, unit), where people are told other numbers than are fitted
-    excludes : causes that cannot stand beside this one at the same part
-    transient : happens once; its share of the log cannot be told from the rest
+    starts : where a non-linear search begins; at the parameters' own start when absent
+    report : fitted values → name → (value, unit), where other numbers are reported than are fitted
+    excludes : causes that cannot be in a set with this one at the same part
+    transient : happens once; its share of the log cannot be separated from the rest
     doubles : names of causes that would look the same with the roles there are, and have no numbers to be fitted
     members : sites of a cause that several parts have in common
     given : is no cause but a part of the joint that the rig leaves open, and in every set
-    added : shape (1 + K, R, m, parameters), what the averaged equations and their noisy copies have beside the rig's, in
+    added : shape (1 + K, R, m, parameters), what the averaged equations and their noisy copies have in addition to the rig's, in
         proportion to the parameters, where no rig has it: an unknown function
     log : which of how many logs it is of, where it may differ from one to another
     """
@@ -134,7 +134,7 @@ class Site:
         return frozenset(m.part for m in self.members) or frozenset((self.part,))
 
     def overlaps(self, other: Site) -> bool:
-        """Tell whether it is the same cause, at the same part or at one of its parts."""
+        """Return whether it is the same cause, at the same part or at one of its parts."""
         return self.cause == other.cause and bool(self.parts & other.parts)
 
     @property
@@ -148,7 +148,7 @@ class Site:
         return tuple(p.start for p in self.parameters)
 
     def driven_out(self, values: Array) -> bool:
-        """Tell whether all numbers, or one with hard bounds, have been driven as far as they may go.
+        """Return whether all numbers, or one with hard bounds, have been driven as far as they may go.
 
         Nothing is no bound: a friction of 0 is one that is not there. Values come from units of their priors: one at a bound may
         be short of it by rounding.
@@ -158,7 +158,7 @@ class Site:
         return all(out) or any(o and p.hard for o, p in zip(out, self.parameters, strict=True))
 
     def reported(self, values: Sequence[float]) -> dict[str, tuple[float, str]]:
-        """Return name → (value, unit) as people are told."""
+        """Return name → (value, unit) as reported."""
         if self.report is not None:
             return self.report(values)
         return {p.name: (float(v), p.unit) for p, v in zip(self.parameters, values, strict=True)}
@@ -213,7 +213,7 @@ class Cause:
     """A physical or sensing effect that a rig's simulation may lack or have wrong.
 
     A subclass states what it is, and yields its sites. The texts speak of `{part}`, in words. `exact` is the part of a value to
-    which the equations tell it at best.
+    which the equations determine it at best.
     """
 
     name: str
@@ -253,12 +253,12 @@ def suffix_of(part: str) -> str:
 
 
 def is_rigid(joint: Any) -> bool:
-    """Tell whether motor and link of a joint move as one."""
+    """Return whether motor and link of a joint move as one."""
     return isinstance(joint, RigidJoint)
 
 
 def link_equation(setting: Setting) -> str | None:
-    """Return the equation that the link acts in: its own, or that of a motor it is one with; none where it acts in none."""
+    """Return the equation in which the link acts: its own, or that of a motor rigidly connected to it; else none."""
     if getattr(setting.joint, "link", None) is None:
         return None
     if "link" in setting.equations:
@@ -267,7 +267,7 @@ def link_equation(setting: Setting) -> str | None:
 
 
 def position_of(setting: Setting, part: str) -> str:
-    """Return the role that tells the position of a motor or the link; in a rigid joint either encoder tells both."""
+    """Return the role with the position of a motor or the link; in a rigid joint either encoder measures both."""
     role = "link_position" if part == "link" else position_role(part)
     if is_rigid(setting.joint) and role not in setting.roles:
         return "motor_position" if part == "link" else "link_position"
@@ -281,13 +281,13 @@ def angle_of(joint: Any, position: Array, part: str) -> Array:
 
 
 def one_clock(setting: Setting) -> bool:
-    """Tell whether a rigid joint's one encoder and its motor's torque are all that has a time: one is late as the other is."""
+    """Return whether a rigid joint has only one encoder and a motor torque in time: only their relative delay counts."""
     others = {"encoders", "link", "link_acceleration"} & set(setting.equations)
     return is_rigid(setting.joint) and not others and not {"torque_sensor", "external_torque"} & set(setting.roles)
 
 
 def commanded(setting: Setting) -> bool:
-    """Tell whether the motor's torque is not recorded, but what its drive makes of a commanded position."""
+    """Return whether the motor's torque is not recorded, but what its drive makes of a commanded position."""
     return is_commanded(setting.joint, setting.roles)
 
 
@@ -298,7 +298,7 @@ def transmissions_of(joint: Any) -> tuple[str, ...]:
 
 
 def moved_motors(setting: Setting) -> Iterator[str]:
-    """Yield the motors whose equation can be formed, and those whose equation tells the torque of a transmission."""
+    """Yield the motors whose equation can be formed, and those whose equation determines the torque of a transmission."""
     for name in motors_of(setting.joint):
         motor = getattr(setting.joint, name)
         heavy = motor.inertia is not None or link_equation(setting) == "motor"

@@ -36,7 +36,7 @@ class MotorCogging(Cause):
 
     name = "motor.cogging"
     exact = Exactness.WAVY
-    title = "A torque repeats over the turn of the {part}'s rotor (cogging, or a gear's teeth), and the rig does not have it"
+    title = "A torque repeats over the turn of the {part}'s rotor (cogging, or a gear's teeth), which the rig lacks"
     says = "its motor equation is off by a wave over the motor's position"
     confirm = "Let the motor turn slowly, at constant speed and without load: its torque repeats with the angle, not with time."
     reference = "Petrović, Ortega, Stanković, Tadmor (2000), IEEE Transactions on Power Electronics 15(5)"
@@ -52,7 +52,7 @@ class MotorCogging(Cause):
             ratio = getattr(setting.joint, name).gear_ratio
             theta = angle_of(setting.joint, setting.roles[role], name)
             span = float(np.nanmax(theta) - np.nanmin(theta)) * ratio or 1.0
-            # Slots and poles of a motor, and teeth of a gear, come round up to some dozens of times in a turn.
+            # Slots and poles of a motor, and teeth of a gear, repeat up to some dozens of times per turn.
             orders = tuple(float(n) for n in range(1, 73))
             order = Parameter(
                 "order", "1", 1.0, 0.01 / span, 0.1, 1.2 * orders[-1], 1.0 / span, shape=True, starts=orders
@@ -68,8 +68,8 @@ class MotorCogging(Cause):
 
 def _cogging(name: str) -> Any:
     def apply(joint: Any, values: Sequence[float]) -> Any:
-        told = _cogging_report(values)
-        wave = Cogging(torque=told["torque"][0], order=told["order"][0], phase=told["phase"][0])
+        here = _cogging_report(values)
+        wave = Cogging(torque=here["torque"][0], order=here["order"][0], phase=here["phase"][0])
         return with_part(joint, name, cogging=(*getattr(joint, name).cogging, wave))
 
     return apply
@@ -99,7 +99,7 @@ def _waves(joint: Any, name: str, role: str, orders: Array) -> Starts:
         if np.count_nonzero(good) < FEWEST_SAMPLES:
             return []
         y, x = residual[good] - np.mean(residual[good]), theta[good]
-        # Less than a turn tells little of slow waves.
+        # Less than a turn shows little of slow waves.
         passed = orders[orders * np.ptp(x) > 2.0 * np.pi]
         power = [abs(np.mean(y * np.exp(-1j * n * x))) for n in passed]
         best = passed[np.argsort(power)[::-1][:STRONGEST_ORDERS]]

@@ -1,4 +1,4 @@
-"""What a drive that is commanded a position may do other than the rig says: the motion that it plans to its command."""
+"""What a drive that is commanded a position may do unlike the rig: the motion that it plans to its command."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class _Limit(Cause):
         parameter = Parameter(
             "inverse", f"1/({self.unit})", 0.0, 0.1 * inverse, 0.0, starts=starts, key=self.key, scale=inverse
         )
-        yield Site(self.name, "drive", (parameter,), self._limited_by_inverse, starts_of((parameter,)), self._told)
+        yield Site(self.name, "drive", (parameter,), self._limited_by_inverse, starts_of((parameter,)), self._reported)
 
     def _limited(self, joint: Any, values: Sequence[float]) -> Any:
         return with_part(joint, "drive", **{self.key: float(values[0])})
@@ -59,7 +59,7 @@ class _Limit(Cause):
     def _limited_by_inverse(self, joint: Any, values: Sequence[float]) -> Any:
         return with_part(joint, "drive", **{self.key: 1.0 / float(values[0]) if values[0] > 0.0 else None})
 
-    def _told(self, values: Sequence[float]) -> dict[str, tuple[float, str]]:
+    def _reported(self, values: Sequence[float]) -> dict[str, tuple[float, str]]:
         return {"limit": (1.0 / float(values[0]) if values[0] > 0.0 else float("inf"), self.unit)}
 
 

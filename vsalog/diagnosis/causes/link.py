@@ -1,4 +1,4 @@
-"""What a link may have other than the rig says: inertia, payload, gravity, friction, a push from outside."""
+"""What a link may have unlike the rig: inertia, payload, gravity, friction, a push from outside."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from vsalog.effects.gravity import Payload
 
 Array = NDArray[np.float64]
 
-# So many pushes at most stand out of a residual [1]: what bursts more often is no push.
+# So many pushes at most are outliers of a residual [1]: more frequent bursts are no pushes.
 MOST_PUSHES = 3
 
 
 class _OfLink(Cause):
-    """A cause that sits in the link; `of_both` where it is looked for in a link that is one with its motor, too."""
+    """A cause that sits in the link; `of_both` where it is looked for in a link that is rigidly connected to its motor, too."""
 
     of_both = True
 
     def sites(self, setting: Setting) -> Iterator[Site]:
-        """Yield one where the link's equation can be formed, or that of a motor it is one with."""
+        """Yield one where the link's equation can be formed, or that of a motor rigidly connected to it."""
         equation = link_equation(setting)
         if equation == "link" or (equation is not None and self.of_both):
             yield from self.of_link(setting, setting.joint.link)
@@ -80,8 +80,8 @@ class LinkPayload(_OfLink):
         )
 
         def apply(joint: Any, values: Sequence[float]) -> Any:
-            told = _payload(values)
-            return with_part(joint, "link", payload=Payload(mass=told["mass"][0], distance=told["distance"][0]))
+            load = _payload(values)
+            return with_part(joint, "link", payload=Payload(mass=load["mass"][0], distance=load["distance"][0]))
 
         yield Site(self.name, "link", parameters, apply, report=_payload, excludes=frozenset({"link.gravity"}))
 
@@ -160,15 +160,15 @@ def _pushes(durations: Sequence[float], left: Remainder) -> list[tuple[float, ..
             continue
         bell = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
         fit = np.convolve(values, bell, mode="valid") / float(bell @ bell)
-        # An encoder errs for moments, where it advances by whole steps from sample to sample or stands: noise does so there too.
+        # An encoder errs for moments, where it advances by whole steps from sample to sample or rests: so does noise there.
         again = [np.convolve(np.nan_to_num(n), bell, mode="valid") / float(bell @ bell) for n in left.noise[name]]
         near = uniform_filter1d(np.mean(np.square(again), axis=0), length, mode="constant")
         # What swings in the two lengths before it, or in the two after it, is no push.
         around, within = (
             (2 * n * length + 1) * uniform_filter1d(fit**2, 2 * n * length + 1, mode="constant") for n in (3, 1)
         )
-        beside = (around - within) / (4 * length)
-        sizes = fit / np.sqrt(np.maximum(np.median(fit**2) + near + beside, 1e-300))
+        aside = (around - within) / (4 * length)
+        sizes = fit / np.sqrt(np.maximum(np.median(fit**2) + near + aside, 1e-300))
         # What the log begins with may be a loop that is not where the search has it.
         sizes[:length] = 0.0
         k = int(np.argmax(np.abs(sizes)))
@@ -178,10 +178,10 @@ def _pushes(durations: Sequence[float], left: Remainder) -> list[tuple[float, ..
 
 
 def stands_out(sizes: Array, length: int) -> bool:
-    """Tell whether the largest bumps of a signal are larger than the next by more than those are from each other.
+    """Return whether the largest bumps of a signal exceed the next by more than those differ from each other.
 
     Squares of the largest of many stretches have an exponential tail, whatever their scale: the k-th spacing times k is from
-    one exponential distribution (Rényi 1953, Acta Math. Hung. 4), and t times the mean of n others is exceeded with probability
+    one exponential distribution (Rényi 1953, Acta Math. Hungar. 4), and t times the mean of n others is exceeded with probability
     (1 + t / n)⁻ⁿ. A remainder that bursts again and again has no push.
 
     Parameters
@@ -191,7 +191,7 @@ def stands_out(sizes: Array, length: int) -> bool:
     """
     count = sizes.size // (2 * length)
     if count < 4 * MOST_PUSHES:
-        return True  # too short to tell
+        return True  # too short to decide
     peaks = np.sort(np.max(np.abs(sizes[: count * 2 * length]).reshape(count, -1), axis=1) ** 2)[::-1][: count // 2]
     spacings = np.arange(1, peaks.size) * -np.diff(peaks)
     for m in range(MOST_PUSHES):

@@ -82,7 +82,7 @@ def with_bristles(plain: Site, setting: Setting) -> Iterator[Site]:
 
 
 def carries(setting: Setting) -> bool:
-    """Tell whether the gear of a rigid joint is known to transmit a torque: its sensor says it, or the link has a weight."""
+    """Return whether the gear of a rigid joint transmits a known torque: its sensor measures it, or the link has a weight."""
     link = setting.joint.link
     return bool(setting.torques) or (link is not None and link_weight(link) != 0.0)
 
@@ -126,7 +126,7 @@ class MotorStribeckFriction(Cause):
 
     name = "motor.stribeck_friction"
     exact = Exactness.CORNERED
-    title = "Dry friction of the {part} falls as it begins to move (Stribeck), and the rig does not have it so"
+    title = "Dry friction of the {part} falls as it begins to move (Stribeck), unlike in the rig"
     says = "its motor equation is off by a level that has the sign of the motor's velocity and is larger at slow motion"
     confirm = (
         "Let the motor turn at many constant speeds, the slowest below {velocity}: the torque first falls, then rises."
@@ -194,7 +194,7 @@ class MotorLoadDependentFriction(Cause):
 
     name = "motor.load_dependent_friction"
     exact = Exactness.CORNERED
-    title = "The gear of the {part} rubs in proportion to the torque it transmits, and the rig does not have it so"
+    title = "The gear of the {part} has friction in proportion to the torque it transmits, unlike in the rig"
     says = "its motor equation is off by a part of the transmitted torque's size, with the sign of the motor's velocity"
     confirm = "Measure the friction under several loads: it grows with them, in a straight line."
     reference = (

@@ -99,7 +99,7 @@ class OneNumberCause(Cause):
 
 
 def _require_known(row: OneNumber) -> None:
-    """Require that a row's key is a number of the part where it sits, and that how well it is known is said."""
+    """Require that a row's key is a number of the part where it sits, and that its tolerance is known."""
     part, path = PARTS.get(row.place, (None, ""))
     try:
         if part is not None and not isinstance(attrgetter(row.key)(part), float):
@@ -156,7 +156,7 @@ def _clocks(setting: Setting) -> Iterator[Found]:
 
 
 def _has_places(setting: Setting) -> bool:
-    """Tell whether a joint is elsewhere another one: a rigid one is not, without a second encoder or a torque over position."""
+    """Return whether a shifted joint differs: a rigid one needs a second encoder or a torque over position for that."""
     joint = setting.joint
     if not is_rigid(joint) or "encoders" in setting.equations:
         return True
@@ -199,7 +199,7 @@ PLACES: dict[Place, Callable[[Setting], Iterator[Found]]] = {
     "pulling muscle": _pulling_muscles,
 }
 SENSORS = frozenset({"torque sensor", "encoder", "clock"})
-# What the keys of rows are looked for in, and where it stands in the rig.
+# In what the keys of rows are looked for, and where that is in the rig.
 PARTS: dict[Place, tuple[Any, str]] = {
     "motor": (Motor(inertia=1.0), "motor."),
     "drive": (PositionServo(kp=1.0), "drive."),

@@ -1,4 +1,4 @@
-"""What muscles, valves and their friction may have other than the rig says (Shin, Ibayashi, Kogiso 2021)."""
+"""What muscles, valves and their friction may have unlike the rig (Shin, Ibayashi, Kogiso 2021)."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ PRESSURES = ("pressure_1", "pressure_2")
 
 
 def pulls(setting: Setting, *equations: str) -> bool:
-    """Tell whether one of the equations that hold the muscles' torque is there, or told an angle or a pressure to the others."""
+    """Return whether an equation with the muscles' torque is there, or gave the others an angle or a pressure."""
     pulled = PRESSURES if setting.joint.seesaw.held_at is not None else ("link_position", *PRESSURES)
-    told = "" in setting.torques and bool(setting.equations) and any(role not in setting.roles for role in pulled)
-    return told or bool(set(equations) & set(setting.equations))
+    gave = "" in setting.torques and bool(setting.equations) and any(role not in setting.roles for role in pulled)
+    return gave or bool(set(equations) & set(setting.equations))
 
 
 def filled(setting: Setting, twin: str) -> bool:
-    """Tell whether the equation of a muscle's pressure is there."""
+    """Return whether the equation of a muscle's pressure is there."""
     return f"pressure{twin}" in setting.equations
 
 
@@ -34,10 +34,10 @@ class PneumaticPressureOffset(Cause):
 
     name = "pneumatic.pressure_offset"
     title = (
-        "The {part} sensor says too much or too little by a constant: its zero is off, or it is no absolute pressure"
+        "The {part} sensor reads too much or too little by a constant: its zero is off, or it is no absolute pressure"
     )
     says = "the muscle's pull and its flow are those of another pressure, by the same amount at every moment"
-    confirm = "Open the muscle to the outside and compare what the sensor says with a barometer."
+    confirm = "Open the muscle to the outside and compare the sensor's reading with a barometer."
     reference = "Shin 2021 eq. 4 and 6: pressures are absolute"
     signature = "torque equations: ∂τ/∂P; pressure equation: the flow's change with the pressure"
 
@@ -55,7 +55,7 @@ class PneumaticPressureOffset(Cause):
             return
         air = setting.joint.air
         most = 0.5 * (air.supply_pressure - air.outside_pressure)
-        # A pressure that becomes less than nothing is none.
+        # A pressure below zero is none.
         least = float(np.nanmin(setting.roles[role][0])) - 0.2 * air.outside_pressure
         highest = max(min(most, least), 1e-3 * most)
         parameter = Parameter("offset", "Pa", signal.offset, 1e-4 * most, -most, highest, scale=most)

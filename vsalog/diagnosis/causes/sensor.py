@@ -49,8 +49,8 @@ class EncoderEccentricity(Cause):
 
 def _eccentric(role: str) -> Any:
     def apply(joint: Any, values: Sequence[float]) -> Any:
-        told = _disc(values)
-        return with_signal(joint, role, eccentricity=Eccentricity(told["amplitude"][0], told["phase"][0]))
+        reported = _disc(values)
+        return with_signal(joint, role, eccentricity=Eccentricity(reported["amplitude"][0], reported["phase"][0]))
 
     return apply
 
@@ -66,7 +66,7 @@ class TorqueNotIndependent(Cause):
     name = "sensor.torque_not_independent"
     title = "The {part} is no measurement: it was computed from another channel"
     says = "it follows from another channel without any noise of its own"
-    confirm = "Push the link with the motor switched off: a sensor notices, a formula of the motor's current does not."
+    confirm = "Push the link with the motor switched off: a sensor responds, a formula of the motor's current does not."
     reference = "see `vsalog validate`, which refuses such a channel as a reference"
     signature = "a function of the deflection or of the motor's torque"
 

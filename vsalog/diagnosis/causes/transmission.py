@@ -1,4 +1,4 @@
-"""What a transmission may have other than the rig says: its spring, damping, hysteresis, gap, drift."""
+"""What a transmission may have unlike the rig: its spring, damping, hysteresis, gap, drift."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class TransmissionStiffness(_OfTransmission):
     """A spring of the right shape and another stiffness."""
 
     name = "transmission.stiffness"
-    title = "The spring of the {part} is stiffer or softer than the rig says, by one factor at every deflection"
+    title = "The spring of the {part} is stiffer or softer than in the rig, by one factor at every deflection"
     says = "the torque it transmits is off by one factor"
     confirm = "Clamp the link and load the joint slowly with known torques: compare the slope with the rig's."
     reference = "Flacco 2012 eq. 47, 49"
@@ -81,9 +81,7 @@ class TransmissionHysteresis(_OfTransmission):
 
     name = "transmission.hysteresis"
     exact = Exactness.CORNERED
-    title = (
-        "The {part} transmits more torque as it is loaded than as it is unloaded (hysteresis): the rig does not have it"
-    )
+    title = "The {part} transmits more torque as it is loaded than as it is unloaded (hysteresis), unlike in the rig"
     says = "the torque it transmits is off by a loop over the deflection"
     confirm = "Load and unload the joint very slowly with the link clamped: the loop stays as wide however slow."
     reference = "Ikhouane and Rodellar (2007), Systems with Hysteresis: the normalised Bouc–Wen model"
@@ -94,7 +92,7 @@ class TransmissionHysteresis(_OfTransmission):
         phi, torque = setting.deflection_size(suffix_of(name)), setting.torque_size()
         loop = transmission.bouc_wen
         height, width = (loop.torque, loop.width) if loop is not None else (0.0, 0.1 * phi)
-        # A loop may be as narrow as dry friction is.
+        # A loop may be as narrow as that of dry friction.
         low, high = float(np.log(LEAST_TRAVEL * phi)), float(np.log(2.0 * phi))
         begun = tuple(float(np.log(share * phi)) for share in (5e-4, 4e-3, 0.02, 0.06, 0.2, 0.5))
         parameters = (
@@ -130,7 +128,7 @@ class TransmissionHysteresis(_OfTransmission):
 
 
 def _beside_friction(loop: Site, setting: Setting) -> Site:
-    """Return hysteresis with a slip element that gives way at once beside its loop."""
+    """Return hysteresis with a slip element that slips at once in addition to its loop."""
     name, phi, own = loop.part, setting.deflection_size(suffix_of(loop.part)), len(loop.parameters)
     step = loop.parameters[0].step
     narrowest, narrow = loop.parameters[1].starts[:2]
