@@ -209,7 +209,7 @@ def test_an_observer_that_never_settles(refused, simulate, tmp_path):
     """Its poles lie on the edge of stability: none of the frequencies that are tried has a covariance."""
     assert simulate("kuka-kr15", "--duration", "0.5", "-o", "arm.mcap", cwd=tmp_path)[0] == 0
     message = refused("estimate", "arm.mcap", "-e", "acceleration-observer", "--tune", "damping=1e-9", cwd=tmp_path)
-    assert "no observer's noise can be told" in message
+    assert "no observer's noise can be determined" in message
     assert "damping" in message
     message = refused("estimate", "arm.mcap", "-e", "acceleration-observer", "--tune", "frequency=2", cwd=tmp_path)
     assert "ask for a higher frequency" in message

@@ -358,7 +358,7 @@ def test_what_cannot_be_is_refused(rig):
     refusal(cubic, "axis1", match=r"joint 'axis2'.*is linear")  # for axis 1 is looked at with axis 2
     refusal(with_joint(rig, "axis2", signals=replace(two.signals, motor_torque=None)), match="motor_torque")
     nowhere = tuple(replace(k, accelerometer=None) for k in rig.chain.link)
-    refusal(replace(rig, chain=replace(rig.chain, link=nowhere)), match="where it sits is not said")
+    refusal(replace(rig, chain=replace(rig.chain, link=nowhere)), match="its place is not stated")
     refusal(replace(rig, chain=None), match=r"with its place in a \[\[chain.link\]\]")
     two_axes = lone_tip(rig)
     tip = replace(two_axes.joint["axis3"].signals, accelerometer_x=None)

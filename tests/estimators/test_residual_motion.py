@@ -76,7 +76,7 @@ def test_a_late_encoder_is_found_with_its_delay():
     assert finding.evidence["signal"] == SPEED
     assert finding.evidence["speed_stiffness_change"] == found[0].moved
     assert "the link's encoder" in finding.evidence["explained_by"]
-    assert "damping that the rig does not have" in finding.evidence["explained_by"]
+    assert "damping missing in the rig" in finding.evidence["explained_by"]
 
 
 def test_what_is_an_unknown_of_the_equation_is_not_suspected():
@@ -95,7 +95,7 @@ def test_a_wrong_gain_of_the_motor_s_encoder_is_found_with_its_size():
     assert found[0].suspect == POSITION
     assert found[0].coefficient / found[0].stiffness == pytest.approx(0.03, rel=0.05)
     explained_by = following("a", "1", found, None, 0.001).evidence["explained_by"]
-    assert "the motor's encoder reading 2.9% too far" in explained_by
+    assert "the motor's encoder reading 2.9% too much" in explained_by
 
 
 def test_nothing_is_told_of_a_spring_that_is_one():

@@ -33,7 +33,7 @@ class Member:
     ----------
     joint : its name
     view : its transmission; its roles are named as the method reads them
-    motor : what the observer needs of it
+    motor : the parameters the observer needs
     """
 
     joint: str
@@ -81,7 +81,7 @@ class Group:
 
 
 def senses_acceleration(device: Device, offered: Collection[str]) -> bool:
-    """Tell whether the joint's acceleration is measured, or an accelerometer sits on its link or one beyond."""
+    """Return whether the joint's acceleration is measured, or an accelerometer sits on its link or one beyond."""
     names = _chain_names(device)
     beyond = names[names.index(device.joint) :] if device.joint in names else [device.joint]
     return DIRECT in offered or any(role in AXES for name in beyond for role in _offered(device, name, offered))
@@ -119,7 +119,7 @@ def group_of(device: Device, offered: Collection[str]) -> Group:
 
 
 def _direct_group(device: Device, offered: Collection[str]) -> list[str]:
-    """Return the joint, and those whose links carry its motor, from the base on; nothing where their q̈ are not all measured.
+    """Return the joint, and those whose links carry its motor, from the base on; nothing where not all their q̈ are measured.
 
     Of a motor that a moving link carries eq. 7 needs that link's acceleration too.
     """
@@ -167,7 +167,7 @@ def _member(device: Device, name: str, offered: Collection[str]) -> Member:
         raise EstimatorError(f"joint '{name}': {NAME} needs the motor's inertia; give it under [joint.{name}.motor]")
     if motor.friction.load > 0.0:
         raise EstimatorError(
-            f"joint '{name}': {NAME} takes off a motor's dry friction, but not what grows with the transmitted torque"
+            f"joint '{name}': {NAME} subtracts a motor's dry friction, but not friction that grows with the transmitted torque"
             " (friction.load)"
         )
     position, torque = (role_of(name, role, device.joint) for role in MOTOR_ROLES)
@@ -190,7 +190,7 @@ def _axes(device: Device, link: ChainLink, place: int, offered: Collection[str],
             continue
         if link.accelerometer is None:
             raise EstimatorError(
-                f"joint '{link.joint}' has an accelerometer, but where it sits is not said: give the joint's [[chain.link]] an"
+                f"joint '{link.joint}' has an accelerometer, but its place is not stated: give the joint's [[chain.link]] an"
                 " accelerometer = { position = […], orientation = […] }"
             )
         direction = rotation_of(link.accelerometer.orientation)[:, i]

@@ -1,4 +1,4 @@
-"""Whether accelerometers measure what the motors' motion and gravity make at their places.
+"""Whether accelerometers measure the accelerations that the motors' motion and gravity make at their places.
 
 An accelerometer that is upside down, turned, or in g instead of m/s² gives an observer a wrong torque with a narrow band. But the
 links follow their motors but for the springs' swinging, so that slow accelerations, and gravity above all, are known without it.
@@ -23,7 +23,7 @@ from vsalog.uncertainty.sensor_error import ENOUGH
 
 Array = NDArray[np.float64]
 
-# What swings faster than this is smoothed away [s]: springs do.
+# Oscillations faster than this are smoothed away [s]: those of springs are.
 SWING = 0.25
 # An axis that differs by this part of what its link's axes should measure is a finding [1], with a factor where one leaves less:
 # place and orientation of a sensor are known better.
@@ -73,7 +73,7 @@ def accelerometer_findings(arm: Arm, group: Group, signals: JointSignals) -> tup
 
 
 def _without_gaps(starts: NDArray[np.bool_], window: int) -> NDArray[np.bool_]:
-    """Tell the whole windows, by number, within which no run begins."""
+    """Return the whole windows, by number, within which no run begins."""
     runs = np.cumsum(starts)
     return np.asarray(runs[window - 1 :] == runs[: runs.size - window + 1])
 
@@ -86,7 +86,7 @@ def _rms(x: Array) -> Array:
 
 
 def _factor(found: Array, expected: Array) -> float | None:
-    """Return what the expected has to be multiplied with to be what is found; None where no factor does."""
+    """Return the factor from the expected to the measured values; None where no factor fits."""
     known = np.isfinite(found)
     found, expected = found[known], expected[known]
     if not expected.any() or not found.any():

@@ -1,6 +1,6 @@
 """The residual of an observer that averages a stiffness, in the torque's rate, and how far the stiffness is from its average.
 
-Σ̇ − K̂ φ̇ is the sensors' noise, and φ̇ times what the stiffness differs by from K̂. Its mean square tells what holds where the
+Σ̇ − K̂ φ̇ is the sensors' noise, and φ̇ times what the stiffness differs by from K̂. Its mean square measures it where the
 deflection moves fast, in the middle of a swing. At a swing's ends hardly anything moves, and there a spring that hardens differs
 most: so the residual is fitted by a polynomial of φ too.
 """
@@ -49,7 +49,7 @@ class Course:
         return np.asarray(self.at(phi) ** 2 + self._variance(phi))
 
     def significant(self, phi: Array) -> Array:
-        """Return what of the square of K(φ) − K̂ is beyond what its noise may make, shape (N,) [N²·m²/rad²]."""
+        """Return the part of the square of K(φ) − K̂ that exceeds its noise, shape (N,) [N²·m²/rad²]."""
         return np.asarray(np.maximum(self.at(phi) ** 2 - INTERVAL**2 * self._variance(phi), 0.0))
 
     def _variance(self, phi: Array) -> Array:
@@ -61,15 +61,15 @@ class Course:
 
 @dataclass(frozen=True, slots=True)
 class AveragingError:
-    """What was seen of one transmission.
+    """The residual of one transmission.
 
     Attributes
     ----------
-    alike : for how many samples what moves the observer stays alike, at least 1
+    alike : for how many samples the observer's inputs are correlated, at least 1
     within : how much the stiffness differs from the observer's average of it [N·m/rad], root mean square: the residual but
         for noise, over the deflection's rate; or, where that is more, how the residual grows with the rate, which needs
         no noise to be known
-    course : how it differs along the deflection; None where the deflection tells nothing
+    course : how it differs along the deflection; None where the deflection does not determine it
     drift : how much it changes from one sample to the next [N·m/rad], by what it changes over many
     sharper : the course that a shorter window shows, which smooths less away of a swing's ends; None where none was looked at
     """
@@ -91,14 +91,14 @@ class AveragingError:
 def averaging_error(
     phi: Array, known: Rates, found: Array, noise: float, lag: int = 0, memory: int | None = None
 ) -> AveragingError:
-    """Look at what an observer's predictions leave of the torque's rate.
+    """Analyse the residual of an observer's predictions of the torque's rate.
 
     Parameters
     ----------
     phi : shape (N,), deflection [rad]
     known : rates that are all finite
     found : shape (N,), the stiffness observed [N·m/rad], NaN before it is
-    noise : what the sensors' noise makes of Σ̇ − K φ̇, one standard deviation [N·m/s]
+    noise : noise of Σ̇ − K φ̇ from the sensors, one standard deviation [N·m/s]
     lag : samples over which a change of the stiffness is looked at; none with 0
     memory : samples that the observer remembers; all where absent
     """
@@ -145,7 +145,7 @@ def _drift(found: Array, lag: int) -> float:
 
 
 def _course(phi: Array, speed: Array, left: Array, alike: float) -> Course | None:
-    """Fit the residual by φ̇ times a polynomial of φ, of as many terms as there are samples for that are not alike."""
+    """Fit the residual by φ̇ times a polynomial of φ, of as many terms as there are independent samples for."""
     half = 0.5 * float(np.ptp(phi))
     if not half > 0.0:
         return None

@@ -1,4 +1,4 @@
-"""Averages of an equation's rows over boxes of samples, which keep what a linear equation says and shorten it.
+"""Averages of an equation's rows over boxes of samples, which keep a linear equation true and shorten it.
 
 A box is a part of a filter's window, so that averages lose no motion that the filter has left. Boxes lie on a grid that begins
 where a run does, the same for all equations of a joint.
@@ -23,7 +23,7 @@ class Boxes(NamedTuple):
 
     Attributes
     ----------
-    per_window : of a filter's window, within which noise is alike [1]
+    per_window : of a filter's window, within which noise is correlated [1]
     """
 
     per_window: int = 4
@@ -50,7 +50,7 @@ class BoxRows(NamedTuple):
 
 
 class BoxState(NamedTuple):
-    """What boxes stand at between blocks.
+    """The state of boxes between blocks.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ class CombinedEquation:
 
     Attributes
     ----------
-    transmissions, basis : that the equations speak of
+    transmissions, basis : of the equations
     sensor : that of the torque sensor, None for none
     motors : one of each transmission's motor, or none
     link : that of the link, None for none
@@ -43,7 +43,7 @@ class CombinedEquation:
     slips : deflections after which friction elements of a transmission slip, each with a stiffness that is unknown [rad]
     smooth : whether they begin to slip smoothly (Dahl), not at once (Prandtl and Ishlinskii)
     wait : deflection after which an element slips that has to have forgotten what was before the log, 0 for none [rad]
-    slack : what noise may move a deflection by [rad]
+    slack : how far noise may move a deflection [rad]
     """
 
     transmissions: tuple[TransmissionView, ...]
@@ -66,7 +66,7 @@ class CombinedEquation:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Which of them are worth a column."""
+        """Those that have a column."""
         return IntegratedMotorEquation.parameters if self.leading else ()
 
     @property
@@ -87,7 +87,7 @@ class CombinedEquation:
 
     @property
     def parts(self) -> tuple[tuple[str, str], ...]:
-        """Each equation's torque, and the transmissions that bear it."""
+        """Each equation's torque, and the transmissions that transmit it."""
         names = [view.name for view in self.transmissions]
         every = " and ".join(names)
         return (
@@ -139,7 +139,7 @@ class CombinedEquation:
         """Form the equations for a block."""
         sensor, states, first, parts = state[0], [], None, []
         slipping, loops, settled = self._slipping(state[2], block)
-        # Motor and link equation go from each sample to the next.
+        # Motor and link equation are formed from each sample to the next.
         seen = np.vstack((state[4], loops))
         halfway = 0.5 * (seen[1:] + seen[:-1])
         if self.sensor is not None:
@@ -211,7 +211,7 @@ class CombinedEquation:
         return Part(np.column_stack((rows.F, loops, offset, rows.motion, rows.moving, rows.torque)), rows.use)
 
     def _borne(self, rows: LinkRows, block: Conditioned) -> EquationRows:
-        """Return rows with the torque that the transmissions bear."""
+        """Return rows with the torque that the transmissions transmit."""
         alone = len(self.transmissions) == 1
         fed = {view.name: rows.torque if alone else np.full_like(rows.torque, np.nan) for view in self.transmissions}
         fed |= {} if alone else {"total": rows.torque}

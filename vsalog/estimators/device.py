@@ -25,7 +25,7 @@ from vsalog.rig.schema import (
 
 Array = NDArray[np.float64]
 
-# So many samples, spread over a log, show how something changes along it [1].
+# So many samples, spread over a log, show its course [1].
 PLACES = 500
 
 
@@ -90,8 +90,8 @@ def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None,
         raise EstimatorError(
             f"joint '{name}' is of kind 'rigid', with one position only, so there is no deflection and no stiffness to"
             " estimate: a role is missing, motor_position (the motor's position θ) or link_position (the link's position q),"
-            " whichever the one position is not, or deflection. If the joint is compliant and both sides were recorded, say"
-            ' so in the rig (kind = "elastic", "serial" or "antagonistic") and name their channels'
+            " whichever the one position is not, or deflection. If the joint is compliant and both sides were recorded, state"
+            ' that in the rig (kind = "elastic", "serial" or "antagonistic") and name their channels'
         )
     if isinstance(joint, PneumaticJoint):
         return Device(name, (), PolynomialBasis.make(1, odd=True), False, joint, rig=rig)
@@ -120,7 +120,7 @@ def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None,
 
 
 def has_deflection(values: Collection[str], view: TransmissionView) -> bool:
-    """Tell whether the signals have what φ comes from."""
+    """Return whether the signals determine φ."""
     return set(view.deflection_roles(values)) <= set(values)
 
 
@@ -132,7 +132,7 @@ def deflection_of(values: Mapping[str, Array], view: TransmissionView) -> Array:
 
 
 def setpoint_borders(setpoint: Array, pieces: int) -> tuple[float, ...]:
-    """Return the borders of even pieces of a set-point's range [rad or m]; none where it stands still."""
+    """Return the borders of even pieces of a set-point's range [rad or m]; none where it is constant."""
     finite = setpoint[np.isfinite(setpoint)]
     if not pieces or not finite.size or not np.ptp(finite):
         return ()

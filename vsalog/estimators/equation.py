@@ -1,4 +1,4 @@
-"""What an equation tells a solver, and what either has to offer to the fold that strings them together (`regression.py`)."""
+"""What an equation gives a solver, and what either has to offer to the fold that strings them together (`regression.py`)."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from vsalog.uncertainty.errors_in_variables import RegressorNoise
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# A stiffness counts as supported when its standard deviation is below this share of it [1]; a negative one never does.
+# A stiffness counts as excited when its standard deviation is below this share of it [1]; a negative one never does.
 SUPPORTED_SHARE = 0.2
 # A change of a stiffness or an inertia is reported beyond this share of it [1]: rigs and springs are hardly known better.
 REPORTED_CHANGE = 0.03
-# What a fit or a filter leaves of a torque, an angle, a rate or a stiffness is reported beyond this share of it [1]: sensors are
-# hardly truer.
+# A residual of a torque, an angle, a rate or a stiffness is reported beyond this share of it [1]: sensors are
+# hardly more accurate.
 REPORTED_MISFIT = 0.05
-# What holds for less than this share of a log does not hold for the log [1].
+# A property of less than this share of a log is no property of the log [1].
 MOST_OF_LOG = 0.5
-# Unknown of an equation: the part by which its torque reads too much.
+# Unknown of an equation: the relative error of its torque's gain.
 GAIN = "gain"
 
 
@@ -55,7 +55,7 @@ class EquationRows:
     `fresh` marks where the first unknown begins again (an integration constant); `fed` is, per transmission or in ``total``,
     the flexibility torque the estimator is fed with; `extra` are further columns of the trace, per transmission. Where the
     leading unknowns are parameters of the motor, the flexibility torque is `dynamics` times these unknowns plus `fed`. `doubted`
-    marks where what the rig knows beside the springs is in doubt, so that nothing is learnt; None where it never can be.
+    marks where known effects other than the springs are in doubt, so that these samples are not used; None where they never are.
     `noise` is that of the regressors, where it is known, which biases a fit (`errors_in_variables.py`). `walk_step` is the
     variance of a step of the random walk that a torque's noise becomes in an integrated y (`integrated_noise.py`), None where y
     is no integral. `motion` is the motor's position and speed, as late as F: a residual may follow them (`residual_motion.py`).
@@ -79,7 +79,7 @@ class EquationRows:
 
 
 class Equation(Protocol):
-    """What is known to add up to what, for one or more transmissions."""
+    """The terms of an equation and their sum, for one or more transmissions."""
 
     @property
     def leading(self) -> int:
@@ -87,7 +87,7 @@ class Equation(Protocol):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the last of these unknowns, where they are worth a column."""
+        """Names of the last of these unknowns, where they have a column."""
 
     @property
     def motor(self) -> tuple[float, float] | None:
@@ -95,7 +95,7 @@ class Equation(Protocol):
 
     @property
     def transmissions(self) -> tuple[TransmissionView, ...]:
-        """The transmissions the equation speaks of."""
+        """The transmissions of the equation."""
 
     @property
     def size(self) -> int:

@@ -1,4 +1,4 @@
-"""What is known to add up to what: the torque equation and the integrated motor equation."""
+"""The terms of equations and their sums: the torque equation and the integrated motor equation."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class TorqueEquation:
     """F(φ, c) α = τ_e (Flacco 2012 eq. 21) with a torque that is measured or computed at every sample.
 
     Several transmissions under one sensor add up: F(φ₁) α₁ + F(φ₂) α₂ = τ_e,t (eq. 9). What the rig knows of their damping and
-    hysteresis, `known`, is taken off what was measured.
+    hysteresis, `known`, is subtracted from the measured torque.
     """
 
     transmissions: tuple[TransmissionView, ...]
@@ -81,15 +81,15 @@ class TorqueEquation:
         y, doubted = self.torque(block), None
         states = []
         for own, known in zip(state, self.known, strict=True):
-            after, beside, doubt = known.block(own, block)
-            y = y - beside
+            after, other, doubt = known.block(own, block)
+            y = y - other
             states.append(after)
             doubted = doubt > 1.0 if doubted is None else doubted | (doubt > 1.0)
         if doubted is not None:
             y = np.where(doubted, np.nan, y)
         F = np.hstack([regressors(self.basis, block, t) for t in self.transmissions])
         use = block.use & np.isfinite(y) & np.isfinite(F).all(axis=1)
-        # One sensor for several transmissions says nothing of each alone.
+        # One sensor for several transmissions does not determine each alone.
         alone = len(self.transmissions) == 1
         fed = {t.name: y if alone else np.full_like(y, np.nan) for t in self.transmissions}
         if not alone:
@@ -105,8 +105,8 @@ class ResidualEquation(OfOneTransmission):
     """F(φ, c) α = r_e, the residual of the motor equation (Flacco 2012 eq. 15–17, 21).
 
     The residual is τ_e behind a first-order lag of bandwidth K_I. With `matched` the regressors pass through the same lag, so
-    that the two sides belong together; the paper leaves them as they are. What the rig has beside the paper's equation, `known`,
-    is taken off; where it is in doubt the residual is not known, nor until its lag has forgotten it.
+    that the two sides belong together; the paper leaves them as they are. The rig's other effects, `known`: their torque
+    is subtracted; where it is in doubt the residual is not known, nor until its lag has decayed.
     """
 
     view: TransmissionView
@@ -168,12 +168,12 @@ class ResidualEquation(OfOneTransmission):
         if known is None:
             new, r_e = residual_block(state[0], theta, velocity, tau, use, *motor, self.bandwidth, self.period)
             return new, r_e, None, (state[3], np.empty((0, 1)))
-        after, beside, doubt = known.block(state[2], block)
-        use &= np.isfinite(beside)
+        after, other, doubt = known.block(state[2], block)
+        use &= np.isfinite(other)
         lagged = lag_block(state[3], doubt[:, None], use, self.bandwidth, self.period)
-        loaded = (known.load, beside, known.way(block)) if known.load > 0.0 else ()
+        loaded = (known.load, other, known.way(block)) if known.load > 0.0 else ()
         new, r_e = residual_block(
-            state[0], theta, velocity, tau + beside, use, *motor, self.bandwidth, self.period, *loaded
+            state[0], theta, velocity, tau + other, use, *motor, self.bandwidth, self.period, *loaded
         )
         return new, r_e, after, lagged
 
@@ -183,7 +183,7 @@ class IntegratedMotorEquation(OfOneTransmission):
     """B θ̇ + D θ − Σ α_i ∫ f_i(φ) ds = ∫ τ ds + const (Flacco 2014 eq. 11), no motor parameter needed.
 
     The unknowns are the constant, B, D and α. The paper begins at rest in the origin, where the constant is zero; a log
-    begins anywhere, and again after every gap. What the rig knows beside, `known`, is taken off the torque before it is
+    begins anywhere, and again after every gap. Other known effects, `known`, are subtracted from the torque before it is
     integrated; where it is in doubt the integrals begin again, as after a gap, because what was missed there would stay in them.
 
     Friction that grows with the transmitted torque, load · |τ_e| · way, goes with the unknowns: |τ_e| = τ_e sign φ, so that the
@@ -222,20 +222,20 @@ class IntegratedMotorEquation(OfOneTransmission):
         tau, fed, after, doubted, factor = fit[view.motor_torque], None, None, None, None
         use = block.use & np.isfinite(f).all(axis=1)
         if known is not None and state[1] is not None:
-            after, beside, doubt = known.block(state[1], block)
-            use &= np.isfinite(beside)
+            after, other, doubt = known.block(state[1], block)
+            use &= np.isfinite(other)
             if known.doubtful:
                 doubted = doubt > 1.0
                 use &= ~doubted
             if known.load > 0.0:
                 factor = 1.0 - known.load * known.way(block) * np.sign(deflection_of(fit, view))
-                fed = -tau / factor - beside
-                tau, f = tau + factor * beside, factor[:, None] * f
+                fed = -tau / factor - other
+                tau, f = tau + factor * other, factor[:, None] * f
             else:
-                tau = tau + beside
+                tau = tau + other
         integrated, integrals, fresh = integral_block(state[0], np.column_stack((f, tau)), use, self.period)
         F = np.column_stack((np.ones_like(theta), velocity, theta, -integrals[:, :-1]))
-        # B θ̈ + D θ̇ − τ = τ_e: what the equation says of the torque, where the filter gives an acceleration.
+        # B θ̈ + D θ̇ − τ = τ_e: the torque by the equation, where the filter gives an acceleration.
         acceleration = fit.get(f"acceleration:{view.motor_position}", np.full_like(theta, np.nan))
         dynamics = np.column_stack((np.zeros_like(theta), acceleration, velocity))
         fed = -tau if fed is None else fed

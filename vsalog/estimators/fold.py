@@ -14,7 +14,7 @@ from vsalog.estimators.tuning import Tuning
 
 
 class Filters(Protocol):
-    """What an estimator does to signals before it learns from them.
+    """The preprocessing of signals before an estimator uses them.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class Filters(Protocol):
 
 
 class Fold(Protocol):
-    """An assembled estimator: a fold over blocks of signals. States are its own affair.
+    """An assembled estimator: a fold over blocks of signals. Its states are private.
 
     Attributes
     ----------
@@ -44,13 +44,13 @@ class Fold(Protocol):
 
     @property
     def derived(self) -> dict[str, float]:
-        """What was derived from the log where the tuning left it open."""
+        """Parameters derived from the log where the tuning left them open."""
 
     def start(self) -> Any:
         """Return the state before the first sample."""
 
     def freeze(self, state: Any) -> Any:
-        """Go back to the first sample with what was learnt."""
+        """Go back to the first sample with the result."""
 
     def step(self, state: Any, block: JointSignals) -> tuple[Any, list[Trace]]:
         """Take a block of samples; give the new state and the trace of the rows that are ready."""
@@ -59,10 +59,10 @@ class Fold(Protocol):
         """Give out the rows that are still held back."""
 
     def findings(self, state: Any) -> tuple[Finding, ...]:
-        """Return what a person should know of what was learnt."""
+        """Return the findings about the estimate."""
 
     def model(self, state: Any) -> JointModel:
-        """Freeze what has been learnt into a model."""
+        """Freeze the result into a model."""
 
 
 class FollowingFold(Fold, Protocol):
@@ -83,7 +83,7 @@ class FollowingFold(Fold, Protocol):
 
 
 def follows_changes(fold: Fold) -> TypeGuard[FollowingFold]:
-    """Tell whether a fold follows a spring that changes."""
+    """Return whether a fold follows a spring that changes."""
     return bool(getattr(fold, "follows_changes", False))
 
 

@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 @dataclass(slots=True)
 class FoldState:
     """States of the filters, of each equation and its solver, the regions seen so far, the samples seen and doubted, for how many
-    samples each stiffness has been supported; the least that has been claimed of a supported stiffness' deviation, as a part of
-    it, and rows of the residual.
+    samples each stiffness has been excited; the least relative standard deviation of an excited stiffness so far,
+    and rows of the residual.
     """
 
     filters: ConditionerState

@@ -59,7 +59,7 @@ class Estimated(NamedTuple):
 def run(fold: Fold, signals: JointSignals, block: int = BLOCK) -> Estimated:
     """Run an estimator over signals that fit into memory."""
     kept: list[Trace] = []
-    # Where numbers run out of range the estimate is infinite or none, and the trace says so; numpy need not.
+    # Where numbers run out of range the estimate is infinite or NaN in the trace; numpy need not warn.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         state = fold_over(fold, signals, block, kept.append)
     return Estimated(kept, state)

@@ -1,7 +1,7 @@
 """The torque on a rotor except its transmission's: motor torque plus torques of effects minus dry friction, before filtering.
 
-Dry friction jumps where the velocity changes its sign. Were it told from filtered signals and taken off a filtered torque, the
-jump would be sharp on one side and smeared on the other; so it is taken off first, and all is filtered alike.
+Dry friction jumps where the velocity changes its sign. Computed from filtered signals and subtracted from a filtered torque, the
+jump would be sharp on one side and smeared on the other; so it is subtracted first, and all is filtered alike.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ REVERSAL_REACH = 2.0
 
 
 def extended(motor: Motor) -> bool:
-    """Tell whether the rig gives a motor dry friction, or a torque of an effect such as cogging."""
+    """Return whether the rig gives a motor dry friction, or a torque of an effect such as cogging."""
     return motor.friction.rubs or bool(motor.torques)
 
 
 def way_role(view: TransmissionView) -> str:
-    """Name of the signal that says which way friction acts, −1 to 1."""
+    """Name of the signal of the direction in which friction acts, −1 to 1."""
     return f"way:{view.motor_torque}"
 
 
 def doubt_role(view: TransmissionView) -> str:
-    """Name of the signal that says by how much friction may be off [N·m]."""
+    """Name of the signal of the error that friction may have [N·m]."""
     return f"doubt:{view.motor_torque}"
 
 
@@ -148,7 +148,7 @@ class FrictionCompensation:
                 net = tau + body_torque(motor.torques, motor.gear_ratio, *moved)
             if motor.friction.rubs:
                 before = frictions.get(v.name)
-                # The transmitted torque is about the motor's own; the estimator puts in what it finds for it.
+                # The transmitted torque is about the motor's own; the estimator adds its estimate of that.
                 frictions[v.name], torque, roles[way_role(v)], roles[doubt_role(v)] = friction_block(
                     friction_start() if before is None else before, motor.friction, velocities[v.name],
                     np.nan_to_num(tau), self.floors[v.name], self.reach, self.period,
@@ -159,7 +159,7 @@ class FrictionCompensation:
 
 
 def _kinematic_velocity(index: float) -> tuple[float, float]:
-    """Return the velocity's standard deviation, in steps' own per sample, and by how many samples it lags.
+    """Return the velocity's standard deviation, in encoder steps per sample, and by how many samples it lags.
 
     The steady state of the Kalman filter with a tracking index Λ is the α–β filter of Kalata (IEEE TAES 20(2), 1984).
     """

@@ -1,4 +1,4 @@
-"""What the rig knows of a joint beside its springs, for the equations to honour: friction, cogging, damping, hysteresis."""
+"""Known effects of a joint other than its springs, for the equations: friction, cogging, damping, hysteresis."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from vsalog.rig.schema import UnknownTransmission
 
 Array = NDArray[np.float64]
 
-# Doubt is borne up to this share of friction's level [1], since it comes and goes with every turn of the motion.
+# Doubt is tolerated up to this share of friction's level [1], since it comes and goes with every turn of the motion.
 DOUBT_OF_FRICTION = 0.1
-# Three standard deviations of the deflection's noise, in those of what the sensors round: a Savitzky–Golay filter leaves a third
+# Three standard deviations of the deflection's noise, in those of the sensors' rounding: a Savitzky–Golay filter leaves a third
 # of it, the MKKF at speed nearly all.
 SLACK = {"savitzky-golay": 1.0, "pair": 1.0, "kinematic": 3.0}
 
@@ -38,10 +38,10 @@ class KnownEffects:
     damping : of the transmission [N·m·s/rad]
     gap : inside which it does not damp [rad]
     loops : whether it has hysteresis
-    slack : what noise may move the deflection by [rad]
+    slack : how far noise may move the deflection [rad]
     rubs : whether the motor has dry friction
-    load : part of the transmitted torque's size that rubs
-    friction_limit, loop_limit : doubt that is borne [N·m]
+    load : friction as a part of the transmitted torque's size
+    friction_limit, loop_limit : doubt that is tolerated [N·m]
     """
 
     view: TransmissionView
@@ -64,22 +64,22 @@ class KnownEffects:
         return loop_start(self.view.nominal)
 
     def block(self, state: Array, block: Conditioned) -> tuple[Array, Array, Array]:
-        """Return the state, the torque transmitted beside the spring's [N·m], and the doubt in that and in the friction.
+        """Return the state, the torque transmitted in addition to the spring's [N·m], and the doubt in that and in the friction.
 
-        Both have shape (N,), NaN where the deflection or its velocity is not known. The doubt is a share of what is borne.
+        Both have shape (N,), NaN where the deflection or its velocity is not known. The doubt is a share of what is tolerated.
         """
-        beside, doubt = np.zeros(len(block.rows)), np.zeros(len(block.rows))
+        other, doubt = np.zeros(len(block.rows)), np.zeros(len(block.rows))
         phi = deflection_of(block.fit, self.view)
         if self.damping > 0.0:
-            beside += engaged(phi, self.gap, self.damping * _rate(block, self.view))
+            other += engaged(phi, self.gap, self.damping * _rate(block, self.view))
         if self.loops:
             begun = loop_start(self.view.nominal) if block.rows.starts[0] else state
             state, torque, uncertain = loop_block(begun, self.view.nominal, phi, self.slack)
-            beside += torque
+            other += torque
             doubt += uncertain / self.loop_limit
         if self.rubs:
             doubt += np.abs(block.fit[doubt_role(self.view)]) / self.friction_limit
-        return state, beside, doubt
+        return state, other, doubt
 
     def way(self, block: Conditioned) -> Array:
         """Return which way friction acts, shape (N,), −1 to 1."""
@@ -96,34 +96,34 @@ def _rate(block: Conditioned, view: TransmissionView) -> Array:
 def known_of(
     device: Device, view: TransmissionView, signals: JointSignals, tuning: Tuning, torque: str, *, motor: bool
 ) -> KnownEffects | None:
-    """Return what the rig knows of a transmission beside its spring; None where that is nothing.
+    """Return the known effects of a transmission other than its spring; None where there are none.
 
     Parameters
     ----------
     device, view : of the joint
     signals : a block or the whole, for how large its torques are, and its noise
     tuning : for the filter
-    torque : role of the torque that the doubt is held against
+    torque : role of the torque that the doubt is compared with
     motor : whether the torque comes from the motor's side, so that the motor's effects matter too
 
     Raises
     ------
     EstimatorError
-        Friction grows as fast as the torque it is told from.
+        Friction grows as fast as the torque it is computed from.
     """
     t, friction = view.nominal, view.motor.reflected.friction
     rubbing, loops = motor and friction.rubs, loop_level(t)
     if rubbing and friction.load >= 1.0:
         raise EstimatorError(
             f"joint '{device.joint}': with a motor's friction.load of {friction.load:g} friction grows as fast as the transmitted"
-            " torque, and the motor's side cannot tell it; use a torque sensor (--tune modality=SENSOR, or --estimator direct)"
+            " torque, and cannot be determined; use a torque sensor (--tune modality=SENSOR, or --estimator direct)"
         )
     damping, gap = (0.0, 0.0) if isinstance(t, UnknownTransmission) else (t.damping, t.backlash)
     if not (rubbing or damping or loops):
         return None
     size, load = spread(signals.roles[torque]), friction.load if rubbing else 0.0
     level = load * size + (friction.breakaway if rubbing else 0.0)
-    # Below a small part of the torque that is learnt from it does no harm. That in a loop stays until the deflection moves on.
+    # Below a small part of the torque that is fitted, it does no harm. That in a loop stays until the deflection moves on.
     least = NEGLIGIBLE_SHARE * size
     limits = max(DOUBT_OF_FRICTION * level, least), max(NEGLIGIBLE_SHARE * loops, least)
     return KnownEffects(view, damping, gap, loops > 0.0, slack_of(view, signals, tuning), rubbing, load, *limits)
@@ -145,10 +145,10 @@ def conditioner_of(
     present: bool = True,
     rates: tuple[str, ...] = (),
 ) -> Conditioner:
-    """Return the filters for a method that reads `roles`, with what the rig knows of motors and transmissions in mind.
+    """Return the filters for a method that reads `roles`, with the rig's known effects of motors and transmissions.
 
-    A motor whose position or torque is not among the roles has nothing to take friction off. `present` and `rates`, in addition
-    to what damping needs, as for a `Conditioner`.
+    Without a motor's position and torque among the roles there is nothing to subtract friction from. `present` and `rates`, with
+    what damping needs, as for a `Conditioner`.
     """
     driven = (v for v in device.transmissions if {v.motor_position, v.motor_torque} <= set(roles))
     views = tuple(v for v in driven if motor and extended(v.motor))

@@ -1,9 +1,9 @@
 """What disturbs a link's equation of inertia, damping and measured torques: dry friction, a constant torque.
 
-Each follows something else than q̈ and q̇ do, and biases both where nobody knows of it: Coulomb friction, which has the sign of
+Neither is proportional to q̈ or q̇, and each biases both where it is not known: Coulomb friction, which has the sign of
 q̇, looks like damping. So the link's equation is solved with these among its regressors too, averaged over half windows
-(`row_moments.py`). What predicts the torque in blocks that it was not learnt from is a finding with its size, and what it moves I
-and N by is doubt in them.
+(`row_moments.py`). What predicts the torque in blocks that it was not fitted to is a finding with its size, and its change of I
+and N is doubt in them.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def disturbance_of(torque: Array, velocity: Array, acceleration: Array, window: 
 
     Parameters
     ----------
-    torque : shape (N,), what is known to act [N·m]; all behind one filter
+    torque : shape (N,), the known torques [N·m]; all behind one filter
     velocity, acceleration : shape (N,), of the link
     window : samples of that filter
     """

@@ -1,4 +1,4 @@
-"""The link's equation of motion: what pushes it, less what it takes to move it, is the torque that the transmissions bear."""
+"""The link's equation of motion: the external torque less that of its motion is the torque of the transmissions."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class LinkRows(NamedTuple):
     ----------
     F : shape (N, n), regressors of the coefficients
     motion : shape (N, 3), acceleration, velocity, and which way the link moves, −1 to 1
-    moving : shape (N,), what the rig's link takes: inertia, damping and weight [N·m]
-    torque : shape (N,), what the transmissions bear [N·m]
+    moving : shape (N,), torque of the rig's link: inertia, damping and weight [N·m]
+    torque : shape (N,), that of the transmissions [N·m]
     use : shape (N,), samples to learn from
     """
 

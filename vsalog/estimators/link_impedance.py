@@ -29,11 +29,11 @@ from vsalog.uncertainty.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
 
 Array = NDArray[np.float64]
 
-# 1/I and N/I may be so many times what accelerations, velocities and torques of the log are in proportion [1].
+# 1/I and N/I may be so many times the log's quotients of accelerations, velocities and torques [1].
 PRIOR_WIDTH = 10.0
-# Innovations whose mean square is so many times what noise makes of them are of a link that is another than is assumed.
+# Innovations whose mean square is so many times that of noise are of another link than is assumed.
 MOST_EXCESS = INTERVAL * INTERVAL
-# The torque's noise is played in so many pairs of opposite sign [1].
+# The torque's noise is simulated in so many pairs of opposite sign [1].
 NOISE_PAIRS = 3
 
 
@@ -62,7 +62,7 @@ class LinkImpedance:
         )
         self.disturbance = disturbance_of(torque, rate, acceleration, weights.shape[1])
         if sensor_error(q[:ENOUGH], weights.shape[1]).rms(weights[2]) > MOST_NOISE * rms(acceleration):
-            # Least squares of such accelerations say nothing.
+            # Least squares of such accelerations determine nothing.
             self.disturbance = NOTHING
         self.doubt = np.maximum(self.bias, self.disturbance.moved)
 
@@ -95,15 +95,15 @@ class LinkImpedance:
             inertia_std = np.hypot(np.sqrt(var_a) / a**2, self.doubt[0] * inertia)
             damping_std = np.sqrt(np.maximum(var_b - 2.0 * damping * both + damping**2 * var_a, 0.0)) / a
             damping_std = np.hypot(damping_std, self.doubt[1] * damping)
-            # Least squares over the whole log is a cross-check, which other things bias.
+            # Least squares over the whole log is a cross-check, which other effects bias.
             apart = np.column_stack((inertia, damping)) - self.disturbance.plain
             inertia_std = np.hypot(inertia_std, np.nan_to_num(apart[:, 0]))
             damping_std = np.hypot(damping_std, np.nan_to_num(apart[:, 1]))
-            # A link that is driven by its damping is not understood.
+            # A link that is driven by its damping is not identified.
             known &= damping > -DETECTED * damping_std
-        told = {"link_inertia": (inertia, inertia_std, 0), "link_damping": (damping, damping_std, 1)}
+        estimates = {"link_inertia": (inertia, inertia_std, 0), "link_damping": (damping, damping_std, 1)}
         columns = {"link_velocity": x[:, State.VELOCITY]}
-        for name, (value, std, i) in told.items():
+        for name, (value, std, i) in estimates.items():
             given = known & bool(self.doubt[i] < SUPPORTED_SHARE)
             columns |= {name: np.where(given, value, np.nan), f"{name}_std": np.where(given, std, np.nan)}
         return after, columns
@@ -143,7 +143,7 @@ class LinkImpedance:
     def _bias(self, part: JointSignals, window: int) -> Array:
         """Return by which share the sensors bias I and N: by about as much as they do when what they add is added again.
 
-        The filter takes the torque for exact where it multiplies 1/I. Noise of either sign moves its estimates to either side;
+        The filter takes the torque as exact where it multiplies 1/I. Noise of either sign moves its estimates to either side;
         the mean of both is the bias. It takes the encoder's steps for white noise, which they are not where they are taken
         slowly: they would be taken for the link's motion. The farthest that they move the estimates is doubt as a whole.
         (Cook and Stefanski, "Simulation-extrapolation estimation in parametric measurement error models", JASA 89, 1994.)
@@ -172,7 +172,7 @@ class LinkImpedance:
 def _between(position: Array, weights: Array, acceleration: Array) -> float:
     """Return what it costs that the torque between two samples is taken as their mean: T² ω² / 6 of what moves with ω.
 
-    An inertia is learnt from accelerations, and so ω is theirs; T ω is how much they differ from one sample to the next.
+    An inertia is estimated from accelerations, and so ω is theirs; T ω is how much they differ from one sample to the next.
     """
     error = sensor_error(position[:ENOUGH], weights.size)
     change = rms(np.diff(acceleration)) ** 2 - error.rms(np.append(weights, 0.0) - np.append(0.0, weights)) ** 2

@@ -1,4 +1,4 @@
-"""Which roles a method needs, and how it says that one is missing."""
+"""Which roles a method needs, and how it reports that one is missing."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Collection
 from vsalog.core.errors import EstimatorError, OtherKindError
 from vsalog.estimators.device import Device, TransmissionView
 
-# What a role is, in the words of someone who looks for it in a log.
+# What a role is, in words to look for in a log.
 MEANING = {
     "motor_position": "the motor's position θ",
     "motor_torque": "the motor's torque τ (or its current, with a torque constant in the rig)",
@@ -47,18 +47,18 @@ def require(name: str, device: Device, needed: Collection[str], offered: Collect
         listed = "; ".join(f"{role} ({meaning(role)})" for role in missing)
         raise EstimatorError(
             f"joint '{device.joint}': the estimator {name} needs {', '.join(dict.fromkeys(needed))}, but there is no channel for"
-            f" {listed}. Name it under [joint.{device.joint}.signals] in the rig, or choose an estimator that can do"
+            f" {listed}. Name it under [joint.{device.joint}.signals] in the rig, or choose an estimator that works"
             " without ('vsalog estimate --help' lists them)"
         )
 
 
 def torque_roles(name: str, device: Device, offered: Collection[str], modality: str) -> tuple[str, ...]:
-    """Return the roles of deflections and of what tells their torque; refuse where one is missing, as `require`.
+    """Return the roles of deflections and of the signals that give their torque; refuse where one is missing, as `require`.
 
     Parameters
     ----------
     name, device, offered : of the method and the joint
-    modality : SENSOR where torques are measured, MODEL where they follow from the deflection; else motors tell them
+    modality : SENSOR where torques are measured, MODEL where they follow from the deflection; else motors give them
     """
     needed: list[str] = []
     for view in device.transmissions:

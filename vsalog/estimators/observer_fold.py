@@ -1,4 +1,4 @@
-"""The fold of the methods that follow a stiffness by the observer of Grioli and Bicchi, wherever they have the torque from.
+"""The fold of the methods that follow a stiffness by the observer of Grioli and Bicchi, wherever their torque comes from.
 
 Serio, Grioli, Sardellitti, Tsagarakis, Bicchi (2011) §II-A, eq. 4–7 and 13: the observer's gain by how well it predicts, its
 uncertainty by the residual of its predictions, its columns in the trace.
@@ -36,7 +36,7 @@ T = TypeVar("T", float, Array)
 MEMORIES = tuple(np.geomspace(0.003, 3.0, 13).tolist())
 # Radians that the noise of rates turns within a filter's window [rad]: of its derivative of first order, nearly a turn.
 SWINGS = 6.0
-# What has been learnt counts when this share of the memory is filled [1].
+# Estimates count when this share of the memory is filled [1].
 FILLED_MEMORY = 0.95
 
 
@@ -45,8 +45,8 @@ class ObserverTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     Attributes
     ----------
-    alpha : gain α of the stiffness observer [1/rad]; when absent the one with which what was learnt up to a filter's window
-        before tells the present torque's rate best
+    alpha : gain α of the stiffness observer [1/rad]; when absent the one whose estimate up to a filter's window
+        before predicts the present torque's rate best
     derivative : ``filter`` takes rates from the Savitzky–Golay filter, ``difference`` from one sample to the next (Serio 2011
         eq. 15), which is noisy
     """
@@ -74,14 +74,14 @@ class Observers(NamedTuple):
 
 @dataclass(slots=True)
 class ObserverState:
-    """Where the fold stands: of the filters, of each transmission's observers, the last sample's torque and deflection, and what
-    a method has beside.
+    """State of the fold: of the filters, of each transmission's observers, the last sample's torque and deflection, and what else
+    a method estimates.
     """
 
     filters: DerivativesState
     observers: dict[str, Observers]
     last: dict[str, tuple[float, float]] = field(default_factory=dict)
-    beside: Any = None
+    further: Any = None
 
 
 class ObserverFold(StateObserver):
@@ -93,9 +93,9 @@ class ObserverFold(StateObserver):
     device : of the joint
     signals : the whole log, from which the gain is derived
     tuning : of the method
-    torques : what each transmission bears
+    torques : of each transmission
     conditioner : gives the derivatives these need
-    look : what was seen of the log before the first sample
+    look : findings about the log before the first sample
 
     Raises
     ------
@@ -118,7 +118,7 @@ class ObserverFold(StateObserver):
         self.rate_noise = {t.view.name: t.rate_noise(signals, conditioner.weights, self.difference) for t in torques}
         self.swing = np.pi * max(spread(t.deflection(whole.of, 0)) for t in torques) / speed
         self.averages = self._averages_of(whole, speed)
-        # What a shorter window would make of the stiffness, where a method looks at that [N·m/rad].
+        # Change of the stiffness with a shorter window, where a method looks at that [N·m/rad].
         self.smoothed_away = 0.0
 
     @property
@@ -131,7 +131,7 @@ class ObserverFold(StateObserver):
     def start(self) -> ObserverState:
         """Return the state before the first sample."""
         observers = {t.view.name: Observers(*(observer_start() for _ in Observers._fields)) for t in self.torques}
-        return ObserverState(self.conditioner.start(), observers, beside=self.start_beside())
+        return ObserverState(self.conditioner.start(), observers, further=self.start_further())
 
     def step(self, state: ObserverState, block: JointSignals) -> tuple[ObserverState, list[Trace]]:
         """Take a block of samples; give the new state and the trace of the rows that are ready."""
@@ -142,28 +142,28 @@ class ObserverFold(StateObserver):
         return self._follow(state, *self.conditioner.finish(state.filters))
 
     def findings(self, state: ObserverState) -> tuple[Finding, ...]:
-        """Return what a person should know of what was learnt."""
+        """Return the findings about the estimate."""
         return self.look.findings
 
-    def start_beside(self) -> Any:
-        """Return the state, before the first sample, of what a method estimates beside the stiffness."""
+    def start_further(self) -> Any:
+        """Return the state, before the first sample, of what a method estimates in addition to the stiffness."""
         return None
 
-    def block_beside(self, beside: Any, rows: JointSignals, begins: bool) -> tuple[Any, Columns]:
-        """Estimate what a method does beside the stiffness; give its new state and the columns it adds to the total.
+    def block_further(self, further: Any, rows: JointSignals, begins: bool) -> tuple[Any, Columns]:
+        """Estimate what a method does in addition to the stiffness; return its new state and the columns it adds to the total.
 
         Parameters
         ----------
-        beside : of `start_beside` or the block before
+        further : of `start_further` or the block before
         rows : as they went into the filters, never across a gap
         begins : whether a run begins with them
         """
-        return beside, {}
+        return further, {}
 
     def _follow(
         self, state: ObserverState, filters: DerivativesState, ready: list[Differentiated]
     ) -> tuple[ObserverState, list[Trace]]:
-        new = ObserverState(filters, dict(state.observers), dict(state.last), state.beside)
+        new = ObserverState(filters, dict(state.observers), dict(state.last), state.further)
         return new, [self._trace(new, part) for part in ready]
 
     def _trace(self, state: ObserverState, part: Differentiated) -> Trace:
@@ -171,7 +171,7 @@ class ObserverFold(StateObserver):
         if begins:
             state.last = {}
         parts = {t.view.name: self._observed(state, part, t) for t in self.torques}
-        state.beside, more = self.block_beside(state.beside, part.rows, begins)
+        state.further, more = self.block_further(state.further, part.rows, begins)
         parts["total"] = {**total_columns(list(parts.values())), **more}
         return Trace.of_rows(part.rows, parts)
 
@@ -180,34 +180,34 @@ class ObserverFold(StateObserver):
         before, use = state.observers[name], rates.use
         stiffness, deviation, learnt, slow = observe_stiffness(before.slow, *rates, use, self.alpha, self.period)
         quick, _, _, fast = observe_stiffness(before.fast, *rates, use, 2.0 * self.alpha, self.period)
-        # With a torque whose rate is |φ̇| φ̇, or t φ̇, it remembers |φ̇|, or when it learnt.
+        # With a torque whose rate is |φ̇| φ̇, or t φ̇, it remembers |φ̇|, or the time of its data.
         rate = rates.deflection
         speed, _, _, speeds = observe_stiffness(before.speed, np.abs(rate) * rate, rate, use, self.alpha, self.period)
         when, _, _, times = observe_stiffness(before.when, part.rows.time * rate, rate, use, self.alpha, self.period)
         state.observers[name] = Observers(slow, fast, speeds, times)
-        # An observer is late; one that is half as late lies between it and the truth. And it averages over whole swings.
+        # An observer is late; one that is half as late is between it and the truth. And it averages over whole swings.
         late, noise, average = quick - stiffness, self.rate_noise[name], self.averages[name]
         phi = borne.deflection(part.of, 0)
         learning = np.maximum(deviation**2 * average.alike, self._least_variance(noise.left(stiffness), speed))
         age = np.abs(part.rows.time - when)
         missed = average.square(phi) + (average.drift * age / self.period) ** 2 + self.smoothed_away**2
         std = np.sqrt(learning + late**2 + (noise.bias(stiffness) / speed**2) ** 2 + missed)
-        # None at all is what a gain beyond all numbers leaves, and no certainty.
+        # A gain beyond all numbers leaves no variance at all, which is no certainty.
         std[std == 0.0] = np.nan
         supported = use & (learnt >= FILLED_MEMORY) & (age <= self._stale(speed)) & (name not in self.look.blind)
         return state_columns(phi, borne.torque(part.of), stiffness, std, supported)
 
     def _stale(self, speed: T) -> T:
-        """Return the age at which what was learnt at a speed is not of now any more [s].
+        """Return the age at which an estimate at a speed is out of date [s].
 
-        Hardly anything is left of it in memory by then, and the deflection has swung to and fro once more.
+        Hardly any of it is in memory by then, and the deflection has swung to and fro once more.
         """
         return -math.log(NEGLIGIBLE_SHARE) / (self.alpha * speed) + self.swing
 
     def _least_variance(self, noise: Array, speed: Array) -> Array:
-        """Return what the noise of the rates makes of a stiffness, at least.
+        """Return the least noise of a stiffness from the noise of the rates.
 
-        Within a window it swings to and fro, and what is summed up of it over a longer memory goes back again.
+        Within a window it swings to and fro, and its sum over a longer memory cancels.
         """
         swings = SWINGS / (self.alpha * speed * self.conditioner.window * self.period)
         return noise / speed**2 / (1.0 + swings**2)
@@ -242,7 +242,7 @@ class ObserverFold(StateObserver):
             phi, known = borne.deflection(whole.of, 0)[known.use], Rates(*(v[known.use] for v in known))
             found = observe_stiffness(observer_start(), *known, known.use, self.alpha, self.period)[0]
             if SWINGS / (self.alpha * speed) < self.conditioner.window * self.period:
-                # It follows every swing of the noise and leaves nothing over: but of what it knew a window before.
+                # It follows every swing of the noise without a residual: that counts of its estimate a window before.
                 ahead = self.conditioner.window
                 phi, known, found = phi[ahead:], Rates(*(v[ahead:] for v in known)), found[:-ahead]
             typical = float(np.nanmedian(found)) if np.isfinite(found).any() else 0.0

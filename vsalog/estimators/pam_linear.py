@@ -29,7 +29,7 @@ from vsalog.rig.schema import PneumaticJoint, PressureFriction
 
 Array = NDArray[np.float64]
 
-# How far the model is moved to either side for its slopes: P₁, P₂ [Pa], ψ [rad], ψ̇ [rad/s], α₁, α₂, τ_ext [N·m].
+# Steps to either side for the model's slopes: P₁, P₂ [Pa], ψ [rad], ψ̇ [rad/s], α₁, α₂, τ_ext [N·m].
 MOVED = np.array([10.0, 10.0, 1e-5, 1e-4, 1e-4, 1e-4, 1e-5])
 
 

@@ -1,7 +1,7 @@
 """The simpler models of a pneumatic joint that Shin, Ibayashi, Kogiso (2021) §IV-B compares the hybrid model with.
 
 Table III replaces the whole model by a linear one, or its friction (eq. 10) by a simpler law or by none; Table IV replaces the
-contraction force (eq. 6–7) by empirical models. A name says "as if the rig's friction, or force, were that". Numbers that
+contraction force (eq. 6–7) by empirical models. A name means "as if the rig's friction, or force, were that". Numbers that
 the simpler law needs follow from the rig and the log, since the paper's are of its own machine, and partly without units.
 """
 

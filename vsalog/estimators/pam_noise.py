@@ -1,4 +1,4 @@
-"""The noise that the filter of a pneumatic joint assumes, derived from the log and from how far the rig is believed.
+"""The noise that the filter of a pneumatic joint assumes, derived from the log and from the rig's uncertainty.
 
 Shin, Ibayashi, Kogiso (2021) §IV print Q, R and P(0) without units or reasons.
 """
@@ -43,9 +43,9 @@ def pam_noise(
     joint: PneumaticJoint, period: float, pressure: tuple[float, float], sensor: tuple[float, float], *,
     flow: float = 0.2, force: float = 0.04, friction: float = 0.2,
 ) -> PamNoise:  # fmt: skip
-    """Derive the noise from the log's sample time, its sensors and what is doubted of the rig.
+    """Derive the noise from the log's sample time, its sensors and the rig's uncertainty.
 
-    A model that is wrong is wrong for long: its state runs away at a rate b, and not at random. With white process noise of
+    A model error lasts: its state drifts at a rate b, and not at random. With white process noise of
     standard deviation q per sample and a sensor's of r ≫ q, the gain is K ≈ q/r, and the filter lags behind such an error by
     b T/K; with q = b T that is r, the sensor's own noise. A smaller q would lag more, a larger one let more noise through. So
 
@@ -54,7 +54,7 @@ def pam_noise(
         ψ̇ :  ω times that of ψ, ω the seesaw's frequency: as much energy as that of ψ
 
     with the doubted torque √(force² r² (F₁² + F₂²) + friction² level²), and δ = torque/K, K the stiffness with the air locked
-    in, all at ψ = 0. The first angle lies in friction's band, ± level/K, to whose ends sigma points, at two deviations, reach:
+    in, all at ψ = 0. The first angle is in friction's band, ± level/K, to whose ends sigma points, at two deviations, reach:
     from beyond it the model swings back, a joint at rest does not, and noise would be taken for that swing. The first velocity
     is at most that at which a choked supply turns the joint. Where a valve's command is missing, b is the whole rate.
 
@@ -62,9 +62,9 @@ def pam_noise(
     ----------
     joint : of the rig
     period : T [s]
-    pressure : about which the joint works, P₁ and P₂ [Pa]; the log's medians, say
-    sensor : standard deviation of what the sensors add [Pa]: the larger of `noise_of` and `resolution_of`/√12 of the log
-    flow, force, friction : how far the rig is believed, as one standard deviation: share of the largest flow by which valves and
+    pressure : about which the joint works, P₁ and P₂ [Pa]; such as the log's medians
+    sensor : standard deviation of the sensors' noise [Pa]: the larger of `noise_of` and `resolution_of`/√12 of the log
+    flow, force, friction : uncertainty of the rig, as one standard deviation: share of the largest flow by which valves and
         volumes are off, share of each muscle's pull, share of the friction's level
 
     Raises

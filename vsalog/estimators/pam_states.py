@@ -5,7 +5,7 @@ commands are read.
 
 A step of the model is half a drift, a kick, half a drift. A drift turns the seesaw at constant velocity with the air locked in,
 P V^k₂ constant (eq. 4 without flow). The kick, at the angle in the middle, lets in what flows at the pressures before, and adds
-torque and friction to the velocity in eq. 10's implicit form, so that a joint that sticks stands still to the last bit (the
+torque and friction to the velocity in eq. 10's implicit form, so that a joint that sticks rests to the last bit (the
 paper's Runge–Kutta would creep). Second order in swinging, first in filling and in where friction begins and ends.
 
 Print of Shin 2021: eq. 10's Z is J/T; the units ask for T/J. Q, R and P(0) are printed without units or reasons, and κ twice,
@@ -55,15 +55,15 @@ class Column(IntEnum):
 
 
 class PamState(NamedTuple):
-    """Where the fold stands.
+    """State of the fold.
 
     Attributes
     ----------
     x : shape (4,), P₁, P₂ [Pa], ψ [rad], ψ̇ [rad/s]; meaningless before the start
     S : shape (4, 4), lower factor of their covariance
     u : shape (3,), openings α₁, α₂ and external torque [N·m] of the sample before, which act until the next
-    age : shape (2,), for how many samples the openings have been held for want of a command
-    surprise : share of the latest samples that lie beyond what the filter believes, 0 to 1
+    age : shape (2,), for how many samples the openings have been held because a command was missing
+    surprise : share of the latest samples outside the filter's band, 0 to 1
     started : whether a sample with both pressures has been seen
     """
 
@@ -225,7 +225,7 @@ class PamFold:
 
 
 def _held(openings: Array, before: float, age: int) -> tuple[Array, int]:
-    """Hold each opening over a few missing ones; `age` and what is returned beside are missing ones in a row so far."""
+    """Hold each opening over a few missing ones; `age`, also returned, counts missing ones in a row so far."""
     known = np.isfinite(openings)
     index = np.arange(openings.size)
     last = np.maximum.accumulate(np.where(known, index, -1))

@@ -1,6 +1,6 @@
 """Recursive least squares by Givens rotations: QR-RLS, Flacco 2014 eq. 18–23.
 
-Rather than a covariance, the triangular factor R of the weighted data is kept, which stays well behaved where excitation is
+Rather than a covariance, the triangular factor R of the weighted data is kept, which stays well conditioned where excitation is
 poor. The first unknown may be a nuisance parameter that belongs to one run of samples (an integration constant): at the
 start of a new run the first row of R is dropped, which is exactly the marginalisation of that parameter, because every
 other row of a triangular R is free of it.
@@ -81,9 +81,9 @@ def qr_block(
     state
     values : shape (N, q), E ξ̂; NaN while undetermined, like all that follows
     directions : shape (N, m, n), (RᵀR)⁻¹ E of the m functionals whose variance is asked for: what the noise is multiplied by
-    pulled : shape (N, m), what the prior may have pulled them to zero by
+    pulled : shape (N, m), how far the prior may have pulled them to zero
     unknowns : shape (N, n)
-    left : shape (N,), recursive residuals, which have the noise's variance; NaN where nothing was learnt
+    left : shape (N,), recursive residuals, which have the noise's variance; NaN where no sample was used
     """
     new = state.copy()
     count, q, n = E.shape

@@ -15,16 +15,16 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """What has been learnt from so far: the box for the trace's `excited`, the convex hull for the model.
+    """The data used so far: the box for the trace's `excited`, the convex hull for the model.
 
     Attributes
     ----------
-    phi, c : least and greatest deflection [rad] and set-point [SI] learnt from that count for the box
+    phi, c : least and greatest deflection [rad] and set-point [SI] of the data that count for the box
     hull : vertices of the convex hull of (φ, c), shape (v, 2); empty where there is no set-point
-    samples : number of samples learnt from
+    samples : number of samples used
     waiting : the deflections and set-points of the latest samples, which do not count for the box yet, shape (2, delay); NaN
-        where nothing was learnt. Noise of a filtered sample lasts as long as the filter's window: a stretch that has just been
-        reached is known by that one noise, whatever the standard deviation says.
+        where none was used. Noise of a filtered sample lasts as long as the filter's window: a stretch that has just been
+        reached is known by that one noise, whatever the standard deviation.
     """
 
     phi: tuple[float, float] = (np.inf, -np.inf)
@@ -35,21 +35,21 @@ class Region:
 
     @classmethod
     def behind(cls, delay: int) -> Region:
-        """Return the region before the first sample, with what is learnt counting for the box `delay` samples later."""
+        """Return the region before the first sample, with data counting for the box `delay` samples later."""
         return cls(waiting=np.full((2, delay), np.nan))
 
     def block(
         self, phi_fit: Array, c_fit: Array | None, use: Flags, phi: Array, c: Array | None
     ) -> tuple[Region, Flags]:
-        """Add the samples learnt from; tell which of the samples evaluated at lie inside what was known by then.
+        """Add the samples used; return which of the evaluated samples are inside the region known by then.
 
         Parameters
         ----------
-        phi_fit, c_fit : shape (N,), learnt from where `use` holds
+        phi_fit, c_fit : shape (N,), used where `use` holds
         phi, c : shape (N,), evaluated at
         """
-        learnt = np.where(use, (phi_fit, np.zeros_like(phi_fit) if c_fit is None else c_fit), np.nan)
-        joined = np.concatenate((self.waiting, learnt), axis=1)
+        new = np.where(use, (phi_fit, np.zeros_like(phi_fit) if c_fit is None else c_fit), np.nan)
+        joined = np.concatenate((self.waiting, new), axis=1)
         known, waiting = joined[:, : phi.size], joined[:, phi.size :]
         span, inside = _grow(self.phi, known[0], phi)
         c_span = self.c
@@ -61,7 +61,7 @@ class Region:
         return Region(span, c_span, hull, self.samples + int(np.count_nonzero(use)), waiting), inside
 
     def whole(self) -> Region:
-        """Return the region with all that was learnt counting for the box, as when it is known before the first sample."""
+        """Return the region with all data counting for the box, as when it is known before the first sample."""
         spans = [
             (float(np.fmin.reduce(last, initial=low)), float(np.fmax.reduce(last, initial=high)))
             for last, (low, high) in zip(self.waiting, (self.phi, self.c), strict=True)
@@ -69,7 +69,7 @@ class Region:
         return replace(self, phi=spans[0], c=spans[1], waiting=np.full_like(self.waiting, np.nan))
 
     def vertices(self) -> tuple[tuple[float, ...], ...]:
-        """Return the vertices (φ, c) of all that was learnt, or the ends of the interval (φ,) where there is no set-point."""
+        """Return the vertices (φ, c) of all data, or the ends of the interval (φ,) where there is no set-point."""
         if self.samples == 0:
             return ()
         if self.hull.size:
@@ -78,11 +78,11 @@ class Region:
         return ((low,), (high,))
 
 
-def _grow(span: tuple[float, float], learnt: Array, at: Array) -> tuple[tuple[float, float], Flags]:
-    low = np.fmin.accumulate(np.append(span[0], learnt))
-    high = np.fmax.accumulate(np.append(span[1], learnt))
+def _grow(span: tuple[float, float], new: Array, at: Array) -> tuple[tuple[float, float], Flags]:
+    low = np.fmin.accumulate(np.append(span[0], new))
+    high = np.fmax.accumulate(np.append(span[1], new))
     # A twentieth of the span is granted on both sides, or every new extreme would count as never seen; a set-point that
-    # stands still has no span, but a filter leaves its rounding on it.
+    # is constant has no span, but a filter leaves its rounding on it.
     with np.errstate(invalid="ignore"):
         margin = 0.05 * (high[1:] - low[1:]) + ROUNDING * np.maximum(np.abs(low[1:]), np.abs(high[1:]))
         inside = (at >= low[1:] - margin) & (at <= high[1:] + margin)

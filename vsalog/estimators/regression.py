@@ -1,6 +1,6 @@
 """The fold that the least-squares estimators share: filter, form equations, solve recursively, evaluate the stiffness.
 
-A method differs from another in its equation (what is known to add up to what) and its solver; the fold strings them together.
+Methods differ in their equation (terms and their sum) and their solver; the fold connects them.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from vsalog.filters.direction import direction_start, loading_block
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Windows of the filter after which a deflection learnt from counts as covered [1]: its noise lasts as long as one.
+# Windows of the filter after which a deflection counts as covered [1]: its noise lasts as long as one.
 WINDOWS_UNTIL_COVERED = 2
 
 
@@ -47,10 +47,10 @@ class RegressionFold:
     Attributes
     ----------
     passes : how often the signals are gone through: once, or twice when nothing is given out before all is known
-    chosen : what of the tuning was derived from the log beside what the filters and the solver know
-    look : what was seen of the log before the first sample
+    chosen : tuning that was derived from the log in addition to that of the filters and the solver
+    look : findings about the log before the first sample
     fits_torque : whether it is torques that it fits, so that their residual shows something
-    delay : samples after which what is learnt counts for `excited`; `memory`, an equation's own, may be longer than the filters'
+    delay : samples after which data count for `excited`; `memory`, an equation's own, may be longer than the filters'
     """
 
     fits_torque: ClassVar[bool] = True
@@ -76,7 +76,7 @@ class RegressionFold:
 
     @property
     def derived(self) -> dict[str, float]:
-        """What was derived from the log where the tuning left it open."""
+        """Parameters derived from the log where the tuning left them open."""
         filters = self.conditioner
         window = {} if filters.kind == "kinematic" else {"window": (filters.window - 1) * filters.period}
         return {"p0": self.solver.p0, "settle": filters.settle * filters.period, **window, **self.chosen}
@@ -93,7 +93,7 @@ class RegressionFold:
         )
 
     def freeze(self, state: FoldState) -> FoldState:
-        """Go back to the first sample with what was learnt, and learn no more."""
+        """Go back to the first sample with the result, which no longer changes."""
         return replace(
             self.start(),
             solvers=state.solvers,
@@ -233,7 +233,7 @@ class RegressionFold:
     def _functionals(
         self, equation: Equation, rows: EquationRows, block: Conditioned
     ) -> tuple[Array, Flags, list[tuple[Array, Array | None]]]:
-        """What is wanted of the unknowns: per transmission τ_e, σ, σ', σ''; Σσ of several; torque and parameters."""
+        """The functionals of the unknowns: per transmission τ_e, σ, σ', σ''; Σσ of several; torque and parameters."""
         basis, count = self.device.basis, len(equation.transmissions)
         after = _before_parameters(count)
         size = after + (1 + len(equation.parameters) if equation.parameters else 0)
@@ -264,7 +264,7 @@ class RegressionFold:
         return {f"coefficient_{h}": unknowns[:, first + h] for h in range(self.device.basis.size)}
 
     def findings(self, state: FoldState) -> tuple[Finding, ...]:
-        """Return what the first look showed, where most of a log could not be learnt from, and what the residual follows."""
+        """Return the first look's findings, where most of a log could not be used, and what the residual correlates with."""
         doubted = (
             Finding(
                 code="friction.unknown_direction",
@@ -280,7 +280,7 @@ class RegressionFold:
         return (*self.look.findings, *doubted, *self._of_residual(state))
 
     def _of_residual(self, state: FoldState) -> list[Finding]:
-        """Return what the residual follows."""
+        """Return what the residual correlates with."""
         found: list[Finding] = []
         for equation in self.equations:
             names = tuple(view.name for view in equation.transmissions)
@@ -296,7 +296,7 @@ class RegressionFold:
         return residual_findings(self.device.joint, equation, rows, claimed, step)
 
     def model(self, state: FoldState) -> JointModel:
-        """Freeze what has been learnt into a model."""
+        """Freeze the result into a model."""
         motor: dict[str, float] = {}
         parts: list[TransmissionModel] = []
         for equation, solver_state in zip(self.equations, state.solvers, strict=True):

@@ -44,9 +44,9 @@ def noise_for_residual(
     if conditioner.kind == "kinematic":
         return None
     (inertia, damping), turn = motor, bandwidth * signals.period
-    # The lag is followed until only rounding is left of it, or for a good part of the samples that tell the noise.
+    # The lag is followed until only rounding is left of it, or for a good part of the samples that determine the noise.
     tail = min(int(np.ceil(-np.log(ROUNDING) * max(1.0 / turn, 1.0))), ENOUGH // 8)
-    # The weights as the filter's answer to a single sample, which the lag begins before.
+    # The weights as the filter's response to a single sample, which the lag begins before.
     answers = np.concatenate((np.zeros((1, 2)), conditioner.weights[:2].T[::-1], np.zeros((tail, 2))))
     _, slow = lag_block(np.zeros((2, 2)), answers, np.ones(len(answers), dtype=np.bool_), bandwidth, signals.period)
     (position, velocity), (late, slower) = answers.T[:, ::-1], slow.T[:, ::-1]
@@ -63,8 +63,8 @@ def noise_behind_filters(
     Parameters
     ----------
     seen : weights of the filter that the regressors pass
-    torque : weights of the filter that makes a torque of the motor's position, as many; None where none is made of it
-    window : samples in the window of what of the filters is short, where they have a long tail
+    torque : weights of the filter that computes a torque from the motor's position, as many; None where none is computed
+    window : samples in the window of the short filters, where others have a long tail
     """
     roles = view.deflection_roles(signals.roles)
     errors = {role: sensor_error(signals.roles[role][:ENOUGH], window or seen.size) for role in roles}
@@ -81,7 +81,7 @@ def noise_for_integral(
 ) -> DeflectionNoise | None:
     """Return the noise in a fit to an integrated equation, a step of the walk; None where the filter depends on the motion.
 
-    Noise alone: rounding does not walk where a position moves, and where it rests see `quantisation.py`.
+    Noise alone: rounding makes no random walk where a position moves, and where it rests see `quantisation.py`.
     """
     if conditioner.kind == "kinematic":
         return None
@@ -96,7 +96,7 @@ def regressor_noise(parts: Sequence[DeflectionNoise | None], direct: Array | Non
     Parameters
     ----------
     parts : of each transmission
-    direct : shape (n,), variance of what each regressor has of its own
+    direct : shape (n,), variance of each regressor's own noise
     """
     known = tuple(part for part in parts if part is not None)
     return RegressorNoise(known, direct) if len(known) == len(parts) else None

@@ -1,10 +1,10 @@
 """Whether the residual of a fit follows the motion, as it does where the rig or a clock is wrong.
 
-A signal that is late by δ makes of the deflection q − θ one that is off by δ times the speed, an encoder whose gain is off by a
+A signal that is late by δ puts the deflection q − θ off by δ times the speed, an encoder whose gain is off by a
 part one that is off by that part of the position; a wrong inertia leaves its error times the acceleration. A fit of the
-stiffness takes for its own what it can of either, and is off without a word. The rest is in the residual: where one of these
-predicts it in blocks of the log that it was not learnt from, beside the regressors (`core/dependence.py`), and would change the
-stiffness by more than its standard deviation says, that is a finding.
+stiffness absorbs what it can of either, which biases it unnoticed. The rest is in the residual: where one of these
+predicts it in other blocks of the log, in addition to the regressors (`core/dependence.py`), and would change the
+stiffness by more than its standard deviation, that is a finding.
 
 Rows are averages over windows (`row_moments.py`). What noise is left there makes residuals follow the acceleration too, but
 less the longer the average: what is found has to be there in averages four times as long as well. And what moves the deflection
@@ -82,10 +82,10 @@ class Follower:
     Attributes
     ----------
     suspect : of `SUSPECTS`
-    taken : part of the residual's power that it predicts in blocks that it was not learnt from
+    taken : part of the residual's power that it predicts in blocks that it was not fitted to
     coefficient : what multiplies it, in the units of the equation
     stiffness : root mean square of it with the suspect taken out [N·m/rad]
-    moved : what that changes of the stiffness, as a part
+    moved : relative change of the stiffness by that
     """
 
     suspect: str
@@ -111,7 +111,7 @@ def motion_rows_block(
     F, slopes : shape (N, n), regressors and their derivatives by the deflection
     y : shape (N,), what they add up to
     motion : shape (N,) each, the motor's position [rad] and speed [rad/s]
-    use, starts : shape (N,), samples that are learnt from, and those before which one is missing
+    use, starts : shape (N,), samples that are used, and those before which one is missing
     window : samples of the filter before
     period : [s]
     """
@@ -124,14 +124,14 @@ def motion_rows_block(
 
 
 def residual_findings(joint: str, equation: Equation, state: MotionRows, claimed: float, step: float) -> list[Finding]:
-    """Return what the residual of an equation follows, or that it is no noise; nothing where neither is the case.
+    """Return what the residual of an equation follows, or that it is no noise; none where neither is the case.
 
     Parameters
     ----------
     claimed, step : as for `followers`
     """
     part = " and ".join(view.name for view in equation.transmissions)
-    # What would follow the speed or the acceleration, an equation that has them among its unknowns takes for those.
+    # An equation with the speed or the acceleration among its unknowns takes up what would follow these.
     suspects = (POSITION,) if equation.parameters else SUSPECTS
     if found := followers(state, claimed, step, suspects):
         return [following(joint, part, found, equation.motor, claimed)]
@@ -142,16 +142,16 @@ def residual_findings(joint: str, equation: Equation, state: MotionRows, claimed
 
 
 def least_change(claimed: float) -> float:
-    """Return how much of a stiffness has to change, for what is claimed of its deviation, both as parts of it."""
+    """Return how much of a stiffness has to change, for its claimed standard deviation, both relative."""
     return max(REPORTED_CHANGE, DETECTED * claimed)
 
 
 def followers(state: MotionRows, claimed: float, step: float, suspects: tuple[str, ...] = SUSPECTS) -> list[Follower]:
-    """Return what the residual follows, the worst first; nothing where it follows nothing that matters.
+    """Return what the residual follows, the worst first; none where it follows nothing that matters.
 
     Parameters
     ----------
-    claimed : standard deviation that is said of the stiffness, as a part of it
+    claimed : relative standard deviation claimed of the stiffness
     step : of the deflection's sensors [rad], 0 where they have none
     suspects : those that are no unknowns of the equation
     """
@@ -179,7 +179,7 @@ def followers(state: MotionRows, claimed: float, step: float, suspects: tuple[st
 
 
 def misfit(state: MotionRows, step: float) -> float | None:
-    """Return the part of the torque that a fit leaves over and that does not average out; None where that is little.
+    """Return the relative residual of a fit that does not average out; None where that is little.
 
     Parameters
     ----------
@@ -237,17 +237,17 @@ def following(
 
 
 def _causes(found: Follower, motor: tuple[float, float] | None) -> str:
-    """Name what would explain it, as far as it is possible: no inertia is negative."""
+    """Name possible explanations: no inertia is negative."""
     k, causes = found.coefficient, []
     if found.suspect == SPEED:
         causes.append(f"the {'link' if k > 0.0 else 'motor'}'s encoder {1e3 * abs(k) / found.stiffness:.2g} ms late")
         if motor is None and k > 0.0:
-            causes.append(f"{k:.3g} N·m·s/rad of damping that the rig does not have")
+            causes.append(f"{k:.3g} N·m·s/rad of damping missing in the rig")
         elif motor is not None and motor[1] - k >= 0.0:
             causes.append(f"a motor's damping of {motor[1] - k:.3g} N·m·s/rad, not {motor[1]:.3g}")
     elif found.suspect == POSITION:
         causes.append(
-            f"the motor's encoder reading {abs(k) / found.stiffness:.1%} too {'far' if k > 0.0 else 'little'}"
+            f"the motor's encoder reading {abs(k) / found.stiffness:.1%} too {'much' if k > 0.0 else 'little'}"
         )
     elif motor is None and k > 0.0:
         causes.append(f"an inertia of {k:.3g} kg·m² between spring and torque sensor")

@@ -47,7 +47,7 @@ def rls_block(
     state : before the block
     F : shape (N, n), regressors
     y : shape (N,), what they shall add up to
-    use : shape (N,), samples to learn from; the others leave the state as it is
+    use : shape (N,), samples to use; the others leave the state as it is
     E : shape (N, q, n), functionals to evaluate
     spread : shape (q,), which of them need a variance
     c : of eq. 40–41; c = 1 is plain RLS (eq. 23)
@@ -58,9 +58,9 @@ def rls_block(
     state
     values : shape (N, q), E α̂
     directions : shape (N, m, n), c P E of the m functionals whose variance is asked for: what the noise is multiplied by
-    pulled : shape (N, m), what the prior may have pulled them to zero by
+    pulled : shape (N, m), how far the prior may have pulled them to zero
     coefficients : shape (N, n)
-    left : shape (N,), recursive residuals, which have the noise's variance; NaN where nothing was learnt
+    left : shape (N,), recursive residuals, which have the noise's variance; NaN where no sample was used
     factor : shape (N,), stability factor a(k)
     """
     new = state.copy()

@@ -21,7 +21,7 @@ Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
 AVERAGED_SAMPLES = 25
-"""Samples that are averaged, at least: half of the usual window of a filter, within which noise is alike."""
+"""Samples that are averaged, at least: half of the usual window of a filter, within which noise is correlated."""
 ROWS_OF_LONG = 4
 """Rows of a long average, of which a motion of a few windows is left and of noise a quarter of the power."""
 
@@ -144,7 +144,7 @@ def _run(
 
 
 def lasts(long: float, short: float) -> bool:
-    """Tell whether what there is in short averages is there in long ones: of an effect all is, of noise 1/ROWS_OF_LONG.
+    """Return whether the power in short averages is in long ones too: of an effect all is, of noise 1/ROWS_OF_LONG.
 
     The middle between both, on a logarithmic scale, decides.
     """

@@ -1,4 +1,4 @@
-"""Noise of an equation's averaged rows: its colour, and what of it several equations have in common."""
+"""Noise of an equation's averaged rows: its colour, and the part that several equations have in common."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def _rounding(part: BoxRows) -> float:
 
 
 def _beside(part: BoxRows, other: BoxRows, lag: int) -> tuple[Integers, Flags]:
-    """Return the index of another equation's box that lies `lag` boxes later, shape (M,), and whether there is one."""
+    """Return the index of another equation's box that is `lag` boxes later, shape (M,), and whether there is one."""
     if not len(other.place):
         return np.zeros(len(part.place), dtype=np.int64), np.zeros(len(part.place), dtype=np.bool_)
     wanted = part.place + lag * part.size

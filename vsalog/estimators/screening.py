@@ -1,4 +1,4 @@
-"""What a log shows before the first sample is learnt from: deflections too small to be seen, motion that a filter takes away."""
+"""What a log shows before the fit: deflections too small for their encoders, motion that a filter removes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vsalog.uncertainty.errors_in_variables import MOST_NOISE
 Array = NDArray[np.float64]
 
 # A deflection that spans fewer of its encoders' steps [1] has no course that a function could be fitted to, unless both positions
-# pass so many steps [1] that these even out.
+# pass so many steps [1] that these average out.
 FEWEST_STEPS, STEPS_THAT_EVEN_OUT = 4.0, 40.0
 
 
@@ -34,7 +34,7 @@ class Screening:
 
     @property
     def blind(self) -> frozenset[str]:
-        """The transmissions whose stiffness cannot be estimated: a deflection is too small for its encoders, say."""
+        """The transmissions whose stiffness cannot be estimated, as where a deflection is too small for its encoders."""
         return frozenset(finding.part for finding in self.findings if finding.severity == "invalidates")
 
     def step(self, views: Sequence[TransmissionView]) -> float:
@@ -86,11 +86,11 @@ def _range(x: Array) -> float:
 
 
 def _smoothed_away(device: Device, signals: JointSignals, tuning: Tuning) -> list[Finding]:
-    """Find where a window that was asked for smooths the motion away; nothing of the motion is known where noise is louder."""
+    """Find where a window that was asked for smooths the motion away; nothing of the motion is known where noise is larger."""
     if tuning.window is None or tuning.filter == "kinematic":
         return []
     moved = {role for view in device.transmissions for role in view.deflection_roles(signals.roles)}
-    # It then changes an amplitude by what is reported.
+    # It then changes an amplitude by as much as is reported.
     least = power_kept(REPORTED_CHANGE)
     asked, part = 2 * round(0.5 * tuning.window / signals.period) + 1, most_moved(signals, moved)
     if asked <= WINDOWS[0] or asked > len(part):

@@ -28,12 +28,12 @@ from vsalog.uncertainty.long_run import (
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# What happens within so many of a filter's windows does not tell how large slow noise is.
+# Samples within so many of a filter's windows do not determine how large slow noise is.
 FEWEST_WINDOWS = 5
 
 
 class Uncertainty(NamedTuple):
-    """What is known of a fit's errors: by its residuals, by the noise of its regressors, and of the walk of an integral."""
+    """The uncertainty of a fit: from its residuals, from the noise of its regressors, and from an integral's random walk."""
 
     long_run: LongRunState
     bias: BiasState
@@ -54,7 +54,7 @@ class Uncertainty(NamedTuple):
         Parameters
         ----------
         rows : of the equation
-        residual : shape (N,), recursive residuals, NaN where nothing was learnt
+        residual : shape (N,), recursive residuals, NaN where no sample was used
         E, T : shapes (N, q, n) and (N, m, n), functionals E, and P E of those with a variance
         spread : shape (q,), which have one
         unknowns, values : shapes (N, n) and (N, q), ξ̂ and E ξ̂
@@ -65,7 +65,7 @@ class Uncertainty(NamedTuple):
             self.long_run, rows.F, rows.y, residual, use, rows.fresh, T, integral, forgetting, least
         )
         if rows.walk_step is not None:
-            # Residuals may show too little of a walk, which a fit to an integral follows.
+            # Residuals may show too little of a random walk, which a fit to an integral follows.
             walk, alone = walk_block(walk, rows.F, rows.use, rows.fresh, T, discount)
             variances = np.maximum(variances, rows.walk_step * alone)
         if rows.noise is not None:
@@ -85,7 +85,7 @@ class Uncertainty(NamedTuple):
 
 
 class RlsSolverState(NamedTuple):
-    """Where it stands: the fit, and its uncertainty."""
+    """State: the fit, and its uncertainty."""
 
     rls: RlsState
     uncertainty: Uncertainty
@@ -98,8 +98,8 @@ class RlsSolver:
     Attributes
     ----------
     p0, c : of the method
-    least : samples without which nothing is said of the uncertainty
-    box : samples that filters before it make one, of which residuals are summed first
+    least : samples below which no uncertainty is reported
+    box : samples that filters before it correlate, over which residuals are summed first
     """
 
     p0: float
@@ -132,7 +132,7 @@ class RlsSolver:
 
 
 class QrSolverState(NamedTuple):
-    """Where it stands: the fit, and its uncertainty."""
+    """State: the fit, and its uncertainty."""
 
     qr: QrState
     uncertainty: Uncertainty
@@ -193,7 +193,7 @@ class QrSolver:
 
 
 def least_samples(filters: Conditioner) -> int:
-    """Return how many samples have to be learnt from before anything is said; within a filter's window noise is alike."""
+    """Return how many samples have to be used before anything is reported; within a filter's window noise is correlated."""
     return max(FEWEST_SAMPLES, 0 if filters.kind == "kinematic" else FEWEST_WINDOWS * filters.window)
 
 
@@ -220,7 +220,7 @@ def _leave_out_unlearnt(values: Array, coefficients: Array) -> None:
 
 
 def _of_all(variances: Array, pulled: Array, spread: Flags) -> Array:
-    """Return the variances of all functionals, NaN where not asked for: of errors, and what the prior may have pulled them by."""
+    """Return the variances of all functionals, NaN where not asked for: of errors, and how far the prior may have pulled them."""
     out = np.full((variances.shape[0], spread.size), np.nan)
     out[:, spread] = variances + pulled**2
     return out

@@ -1,4 +1,4 @@
-"""Rows that an estimator puts aside while it reads a log forward, and goes through again from the end."""
+"""Rows that an estimator puts aside while it reads a log forward, and reads again from the end."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Spool:
         return copy
 
     def backwards(self, size: int = BLOCK) -> Iterator[Rows]:
-        """Yield parts of at most `size` rows from the last to the first, as they lie in the file: what is changed stays so."""
+        """Yield parts of at most `size` rows from the last to the first, as they are in the file: changes are kept."""
         for last in range(len(self), 0, -size):
             rows = self._mapped()[max(0, last - size) : last]
             yield rows

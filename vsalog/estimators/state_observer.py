@@ -1,4 +1,4 @@
-"""What methods share whose result is a state that is followed, not a model that is fitted."""
+"""Shared parts of methods that follow a state instead of fitting a model."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Columns = dict[str, NDArray[Any]]
 
 @dataclass(frozen=True, slots=True)
 class Unfiltered:
-    """In the place of a conditioner: nothing is filtered before, and every sample counts."""
+    """Replaces a conditioner: nothing is filtered before, and every sample counts."""
 
     window = 1
 
@@ -37,11 +37,11 @@ class UnfilteredTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=
         for name, default in plain.items():
             if getattr(self, name) != default:
                 own = ", ".join(name for name in self.__struct_fields__ if name not in plain)
-                raise ValueError(f"'{name}' is of a filter before the estimator, and here is none; there are {own}")
+                raise ValueError(f"'{name}' is of a filter before the estimator, which has none; there are {own}")
 
 
 class StateObserver:
-    """A fold that holds nothing back, and fits nothing; it goes through the signals once, where it says nothing else.
+    """A fold that holds nothing back, and fits nothing; it goes through the signals once, unless stated otherwise.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class StateObserver:
         return state, []
 
     def model(self, state: Any) -> JointModel:
-        """Return a model without transmissions: the estimate is a state, and what it rests on is the rig."""
+        """Return a model without transmissions: the estimate is a state, based on the rig."""
         return JointModel(
             estimator=self.name, modality=self.modality, basis=basis_spec(self.device.basis), transmission=(), motor={}
         )
@@ -80,7 +80,7 @@ def state_columns(phi: Array, torque: Array, stiffness: Array, std: Array, excit
     ----------
     phi, torque : φ [rad] and Σ [N·m]
     stiffness, std : and its standard deviation [N·m/rad]
-    excited : where the observer has learnt enough; where the deviation is too large the estimate is not supported either
+    excited : where the observer has enough data; where the deviation is too large the estimate does not count either
     """
     nothing = np.full(phi.shape, np.nan)
     with np.errstate(invalid="ignore"):

@@ -1,4 +1,4 @@
-"""The two ways of getting at the flexibility torque from the motor's side: residual, and integrated motor equation."""
+"""The two ways to obtain the flexibility torque from the motor's side: residual, and integrated motor equation."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ Flags = NDArray[np.bool_]
 
 def residual_block(
     state: Array, theta: Array, theta_dot: Array, tau: Array, use: Flags, B: float, D: float, K_I: float, T: float,
-    load: float = 0.0, beside: Array | None = None, way: Array | None = None,
+    load: float = 0.0, other: Array | None = None, way: Array | None = None,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Residual r_e: a first-order filtered flexibility torque, from motor position, velocity and torque (Flacco 2012 eq. 17).
 
-    Of a motor whose friction grows with the transmitted torque, load · |τ_e + beside| · way is taken off too. That torque is the
-    residual's own, so that r = known + κ |r + beside| with κ = T K_I load way / (2 + T K_I); its one solution is
-    r + beside = (known + beside) / (1 ∓ κ), with − where known + beside ≥ 0.
+    Of a motor whose friction grows with the transmitted torque, load · |τ_e + other| · way is subtracted too. That torque is the
+    residual's own, so that r = known + κ |r + other| with κ = T K_I load way / (2 + T K_I); its one solution is
+    r + other = (known + other) / (1 ∓ κ), with − where known + other ≥ 0.
 
     Parameters
     ----------
@@ -29,8 +29,8 @@ def residual_block(
     B, D : reflected motor inertia [kg·m²] and damping [N·m·s/rad]
     K_I : bandwidth [rad/s]
     T : period [s]
-    load : share of the transmitted torque's size that rubs, below 1
-    beside : shape (N,), what the transmission transmits beside its spring's torque; it is in `tau` already [N·m]
+    load : friction as a share of the transmitted torque's size, below 1
+    other : shape (N,), what the transmission transmits in addition to its spring's torque; it is in `tau` already [N·m]
     way : shape (N,), −1 to 1, which way friction acts
 
     Returns
@@ -38,8 +38,8 @@ def residual_block(
     state, r_e (N,) [N·m]; NaN where `use` is false
     """
     new, out, nothing = state.copy(), np.empty_like(theta), np.zeros_like(theta)
-    beside, way = (nothing if given is None else given for given in (beside, way))
-    _residual(theta, theta_dot, tau, beside, way, use, B, D, load, K_I, T, new, out)
+    other, way = (nothing if given is None else given for given in (other, way))
+    _residual(theta, theta_dot, tau, other, way, use, B, D, load, K_I, T, new, out)
     return new, out
 
 
@@ -67,7 +67,7 @@ def integral_block(state: Array, x: Array, use: Flags, T: float) -> tuple[Array,
 
 @compiled
 def _residual(
-    theta: Array, theta_dot: Array, tau: Array, beside: Array, way: Array, use: Flags,
+    theta: Array, theta_dot: Array, tau: Array, other: Array, way: Array, use: Flags,
     B: float, D: float, load: float, K_I: float, T: float, state: Array, out: Array,
 ) -> None:  # fmt: skip
     a, b = (2.0 - T * K_I) / (2.0 + T * K_I), 2.0 * K_I / (2.0 + T * K_I)
@@ -83,9 +83,9 @@ def _residual(
         else:
             kappa = 0.5 * T * b * share
             # Eq. 17 in increments: the integral of τ would otherwise grow without bound and lose digits.
-            carried = a * r + b * (p - momentum - 0.5 * T * (tau[k] + torque)) + beside[k]
-            r = carried / (1.0 - kappa if carried >= 0.0 else 1.0 + kappa) - beside[k]
-        momentum, torque = p, tau[k] - share * abs(r + beside[k])
+            carried = a * r + b * (p - momentum - 0.5 * T * (tau[k] + torque)) + other[k]
+            r = carried / (1.0 - kappa if carried >= 0.0 else 1.0 + kappa) - other[k]
+        momentum, torque = p, tau[k] - share * abs(r + other[k])
         out[k] = r
     state[0], state[1], state[2] = r, momentum, torque
 

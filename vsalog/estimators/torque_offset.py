@@ -1,4 +1,4 @@
-"""An offset of the motor's torque, which an integrated equation makes a ramp that no regressor of it is."""
+"""An offset of the motor's torque, a ramp in an integrated equation that is none of its regressors."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vsalog.uncertainty.sensor_error import ENOUGH
 
 Array = NDArray[np.float64]
 
-# A torque that stands still is itself a ramp, once it is integrated, which needs no motor and no spring: the residual of a ramp
+# A constant torque is itself a ramp, once it is integrated, which needs no motor and no spring: the residual of a ramp
 # alone has to be so many times that of all together [1], or an offset cannot be identified.
 RESIDUAL_OF_RAMP_ALONE = 30.0
 
@@ -31,7 +31,7 @@ def torque_offsets(
 ) -> Screening:
     """Fit the equations once with a ramp and once without; find where it matters.
 
-    Where the basis has a constant term the ramp is among the regressors, and there is nothing to look for.
+    Where the basis has a constant term the ramp is among the regressors, and nothing is looked for.
     """
     if 0 in device.basis.powers:
         return Screening()
@@ -71,7 +71,7 @@ def _slopes(device: Device, equation: IntegratedMotorEquation, block: Conditione
 
 
 def _longest(use: NDArray[np.bool_], fresh: NDArray[np.bool_]) -> NDArray[Any]:
-    """Return the numbers of the rows of the longest stretch that is integrated in one go."""
+    """Return the numbers of the rows of the longest stretch that is integrated without a break."""
     stretch, numbers = np.cumsum(fresh)[use], np.flatnonzero(use)
     if not stretch.size:
         return numbers
@@ -95,7 +95,7 @@ def _offset(
     wanted = np.column_stack((y, np.cumsum(steps, axis=0)))
     without, found = (np.linalg.lstsq(A, wanted, rcond=1e-10)[0] for A in (plain, both))
     left = [float(np.linalg.norm(y - A @ x[:, 0])) for A, x in ((plain, without), (both, found))]
-    # The noise of the torque does not make it, and it changes the residual.
+    # It exceeds the torque's noise, and it changes the residual.
     if abs(found[-1, 0]) <= DETECTED_OF_MANY * np.std(found[-1, 1:]) or left[1] > (1.0 - REPORTED_CHANGE) * left[0]:
         return None
     trivial = both[:, [0, -1]]

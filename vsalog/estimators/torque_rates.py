@@ -1,4 +1,4 @@
-"""Rates of torque and deflection, what sensors' noise makes of them, and how well a followed stiffness predicts them."""
+"""Rates of torque and deflection, their noise from the sensors, and how well a followed stiffness predicts them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Rates(NamedTuple):
 
 
 class RateNoise(NamedTuple):
-    """What sensors' noise makes of Σ̇ and φ̇: variances [N²·m²/s²], [rad²/s²] and their covariance [N·m·rad/s²]."""
+    """Noise of Σ̇ and φ̇ from the sensors: variances [N²·m²/s²], [rad²/s²] and their covariance [N·m·rad/s²]."""
 
     torque: float
     deflection: float
@@ -56,7 +56,7 @@ def typical_speed(device: Device, rates: Iterable[Rates]) -> float:
     Raises
     ------
     EstimatorError
-        The deflection never changes, or is nowhere there for as long as the filter's window.
+        The deflection never changes, or is nowhere available for as long as the filter's window.
     """
     all_of_them = np.concatenate([r.deflection for r in rates])
     if not np.isfinite(all_of_them).any():
@@ -67,7 +67,7 @@ def typical_speed(device: Device, rates: Iterable[Rates]) -> float:
     speed = float(np.sqrt(np.nanmean(all_of_them**2)))
     if not speed > 0.0:
         raise EstimatorError(
-            f"joint '{device.joint}': the deflection never changes, and so nothing tells the stiffness"
+            f"joint '{device.joint}': the deflection never changes, and so the stiffness cannot be determined"
         )
     return speed
 
@@ -75,8 +75,8 @@ def typical_speed(device: Device, rates: Iterable[Rates]) -> float:
 def prediction_error(known: Rates, found: Array, ahead: int) -> float:
     """Return how far a stiffness that was known `ahead` samples before misses Σ̇, mean square, as a share of Σ̇'s variance.
 
-    By a whole filter's window ahead, for within one the filter makes noise alike.
+    By a whole filter's window ahead, for within one the filter correlates noise.
     """
     error = known.torque[ahead:] - found[:-ahead] * known.deflection[ahead:]
-    told = error[np.isfinite(error)]
-    return float(np.mean(told**2) / np.nanvar(known.torque)) if told.size else np.inf
+    finite = error[np.isfinite(error)]
+    return float(np.mean(finite**2) / np.nanvar(known.torque)) if finite.size else np.inf

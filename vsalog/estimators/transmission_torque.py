@@ -1,4 +1,4 @@
-"""The torque Σ that a transmission bears, told from what is measured beside it: a sum of derivatives, and so its rate is another.
+"""The torque Σ of a transmission from the signals measured next to it: a sum of derivatives, and so is its rate.
 
 A torque sensor between transmission and link measures Σ itself. Else it follows from the equation of motion of the body on either
 side: of the motor, B θ̈ + D θ̇ − Σ = τ, or of the link, I q̈ + N q̇ + g(q) + Σ = τ_ext (Serio 2011 eq. 1).
@@ -42,13 +42,13 @@ class Weight:
 
 @dataclass(frozen=True, slots=True)
 class LoadFriction:
-    """Dry friction of a motor that grows with the torque Σ it bears: load · |Σ| · way.
+    """Dry friction of a motor that grows with the torque Σ: load · |Σ| · way.
 
     Attributes
     ----------
     way, doubt : roles of which way friction acts, −1 to 1, and of by how much the whole friction may be off [N·m]
     load : share, below 1
-    limit : doubt that is borne [N·m]
+    limit : doubt that is tolerated [N·m]
     """
 
     way: str
@@ -65,9 +65,9 @@ class TransmissionTorque:
     ----------
     view : the transmission
     terms : role → coefficients of its value, its rate, its acceleration in Σ
-    measured : whether Σ is one recorded signal, which neighbouring samples can tell the rate of without any filter
-    weight : of the link, to take off
-    friction : of the motor; that which does not go with Σ is taken off its torque beforehand
+    measured : whether Σ is one recorded signal, whose rate neighbouring samples give without any filter
+    weight : of the link, to subtract
+    friction : of the motor; the part independent of Σ is subtracted from its torque beforehand
     """
 
     view: TransmissionView
@@ -117,7 +117,7 @@ class TransmissionTorque:
         return deflection_of({role: values[order] for role, values in of.items() if order < len(values)}, self.view)
 
     def rate_noise(self, signals: JointSignals, weights: Array, difference: float | None) -> RateNoise:
-        """Return what the sensors make of Σ̇ and φ̇.
+        """Return the noise of Σ̇ and φ̇ from the sensors.
 
         Parameters
         ----------
@@ -167,7 +167,7 @@ def carried_by(link: Link) -> tuple[float, Weight | None]:
 
 
 def effects_left_in(name: str, device: Device) -> list[Finding]:
-    """Find transmissions with damping or hysteresis in the rig, which a method that follows rates does not take off."""
+    """Find transmissions with damping or hysteresis in the rig, which a method that follows rates does not subtract."""
     return [
         Finding(code="transmission.effects_left_in", joint=device.joint, part=v.name, evidence={"estimator": name})
         for v in device.transmissions

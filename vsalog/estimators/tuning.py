@@ -19,7 +19,7 @@ from vsalog.filters.conditioning import Conditioner, FilterName, Preparation
 LARGEST = 1e50
 # Of the largest function of a basis, the least that counts as the usual one [1]; and as the second [1].
 LEAST_USUAL, LEAST_SECOND = 1e-4, 0.1
-# What of a tuning infinity has a meaning for: a prior that weighs nothing.
+# Parameters of a tuning that may be infinite: a prior without weight.
 MAY_BE_INFINITE = ("p0",)
 
 # The longest time that can be asked for [s], twelve days: longer than any log, and still a number of samples that can be counted.
@@ -35,16 +35,16 @@ class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     Attributes
     ----------
-    filter : ``savitzky-golay`` (non-causal), ``kinematic`` (causal) or ``pair`` (causal output, learnt from non-causally
+    filter : ``savitzky-golay`` (non-causal), ``kinematic`` (causal) or ``pair`` (causal output, fitted to non-causally
         filtered signals, Flacco 2014 eq. 30)
     window : of the Savitzky–Golay filter [s]; when absent 51 samples, 21 for `direct`, and where a motor's torque is read as
         long as its encoder needs (`motor_window`)
     degree : of the Savitzky–Golay filter's polynomial
     shape : α of the MKKF, how sharply its measurement variance falls with speed (Flacco 2012 eq. 20)
-    settle : time the MKKF gets after a start before its output is learnt from [s]; 100 samples when absent
+    settle : time the MKKF gets after a start before its output is used [s]; 100 samples when absent
     """
 
-    # Window where none is asked for, in samples; and what this method has no use for.
+    # Window where none is asked for, in samples; and parameters that this method does not use.
     default_window: ClassVar[int] = 51
     unused: ClassVar[tuple[str, ...]] = ()
 
@@ -110,7 +110,7 @@ def usual_regressor(device: Device, signals: JointSignals, *, second: bool = Fal
     ----------
     device, signals : of the joint
     second : of the powers of the deflection not the one that reaches most, but the one after it, or a tenth of the former where
-        that is more: it gives a spring its shape, which is not to be the prior's; unless a coefficient of the same size would
+        that is more: it gives a spring its shape, which the prior must not decide; unless a coefficient of the same size would
         change the stiffness by a hundredth only
 
     Raises
@@ -154,7 +154,7 @@ def read_tuning(kind: type[T], estimator: str, values: Mapping[str, str]) -> T:
     Raises
     ------
     EstimatorError
-        A name is unknown or a value impossible; the message names it and what there is.
+        A name is unknown or a value impossible; the message names it and those there are.
     """
     known = [name for name in kind.__struct_fields__ if name not in kind.unused]
     for name in values:
@@ -167,8 +167,8 @@ def read_tuning(kind: type[T], estimator: str, values: Mapping[str, str]) -> T:
         tuned = msgspec.convert(dict(values), kind, strict=False)
     except msgspec.ValidationError as error:
         field = _field(error)
-        said = f"{field}={values[field]}: has to be {_expected(kind, field)}" if field in values else str(error)
-        raise EstimatorError(f"{estimator}: --tune {said}") from error
+        reason = f"{field}={values[field]}: has to be {_expected(kind, field)}" if field in values else str(error)
+        raise EstimatorError(f"{estimator}: --tune {reason}") from error
     for name in values:
         value = getattr(tuned, name)
         if name not in MAY_BE_INFINITE and isinstance(value, float) and not np.isfinite(value):
@@ -183,7 +183,7 @@ def _field(error: msgspec.ValidationError) -> str:
 
 
 def _expected(kind: type[Tuning], name: str) -> str:
-    """Say in words what a value of the tuning has to be."""
+    """Return in words what a value of the tuning has to be."""
     (found,) = (field.type for field in _fields(kind) if field.name == name)
     options = found.types if isinstance(found, inspect.UnionType) else (found,)
     (one,) = (option for option in options if not isinstance(option, inspect.NoneType))

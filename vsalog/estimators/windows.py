@@ -1,4 +1,4 @@
-"""How long a Savitzky–Golay window must be for rates: long enough that an encoder's steps do not drown them, no longer than the
+"""How long a Savitzky–Golay window must be for rates: long enough against encoder quantisation, no longer than the
 motion.
 """
 
@@ -31,11 +31,11 @@ def _octaves_of_the_usual(first: int, end: int) -> tuple[int, ...]:
     return tuple(2 * round(half * 2.0**k) + 1 for k in range(first, end))
 
 
-# Windows that are tried, in samples; and where even the first takes away of the motion, because samples are few, shorter ones.
+# Windows that are tried, in samples; and where even the first attenuates the motion, because samples are few, shorter ones.
 WINDOWS, SHORTER = _octaves_of_the_usual(0, 6), _octaves_of_the_usual(-3, 0)
-# Those of `derivative_weights` are so much wider [1]: they let as much through as the Savitzky–Golay filter, motion and noise.
+# Those of `derivative_weights` are so much wider [1]: they pass as much as the Savitzky–Golay filter, motion and noise.
 WIDER = 1.5
-# No joint's motion is taken away by a window as short as this [s]; a still shorter one keeps noise, and jolts of friction.
+# No joint's motion is attenuated by a window as short as this [s]; a still shorter one keeps noise, and jolts of friction.
 SHORT_WINDOW = 0.15
 # A window is short enough for a motion when the rate keeps this part of its power [1]; less will do where all orders keep the
 # same; and of a window shorter than the usual more, for what biases a stiffness is its share of the amplitude.
@@ -46,7 +46,7 @@ PART_OF_RUN = 0.1
 
 
 class Behind(NamedTuple):
-    """What is behind a window: φ̇ of each transmission and what noise makes of it, root mean squares [rad/s]."""
+    """The rates behind a window: φ̇ of each transmission and its noise, root mean squares [rad/s]."""
 
     window: int
     rates: Array
@@ -55,29 +55,29 @@ class Behind(NamedTuple):
 
     @property
     def quiet(self) -> bool:
-        """Whether noise is a part of every rate that is not reported: a stiffness loses its square."""
+        """Whether noise is a part of every rate that is not reported: a stiffness loses the square of that part."""
         return bool(np.all(self.noises <= REPORTED_MISFIT * self.rates))
 
     @property
     def loud(self) -> bool:
-        """Whether noise is so much of some rate that it does not tell what motion a window would have to keep."""
+        """Whether noise is so much of some rate that it does not show which motion a window would have to keep."""
         return bool(np.any(self.noises > MOST_NOISE * self.rates))
 
     @property
     def motion(self) -> Array:
-        """What is no noise, mean squares."""
+        """The motion without noise, mean squares."""
         return self.rates**2 - self.noises**2
 
     @property
     def least_kept(self) -> Array:
-        """What a longer window has to keep: how large noise is, is known no better than to its own size."""
+        """What a longer window has to keep: the size of noise is known no better than to its own size."""
         return (KEPT_BY_SHORTER if self.window < WINDOWS[0] else self.kept) * self.motion - self.noises**2
 
 
 def suitable_windows(device: Device, signals: JointSignals, tuning: Tuning, order: int | None = None) -> list[int]:
-    """Return the windows, in samples, that leave φ̇ of every transmission quiet and keep the motion, shortest first.
+    """Return the windows, in samples, with low noise in φ̇ of every transmission that keep the motion, shortest first.
 
-    Where none is quiet, the longest; where a window is given, that one. They are for `Derivatives` up to an order, or for the
+    Where none has, the longest; where a window is given, that one. They are for `Derivatives` up to an order, or for the
     Savitzky–Golay filter.
     """
     if tuning.window is not None:
@@ -98,7 +98,7 @@ def suitable_windows(device: Device, signals: JointSignals, tuning: Tuning, orde
 
 
 def keeping_window(device: Device, signals: JointSignals, tuning: T, usual: int) -> T:
-    """Return the tuning with a window of `usual` samples, or the longest shorter one where that takes away of the motion.
+    """Return the tuning with a window of `usual` samples, or the longest shorter one where that attenuates the motion.
 
     Where a window is given, or another filter, nothing is changed.
     """
@@ -118,7 +118,7 @@ def keeping_window(device: Device, signals: JointSignals, tuning: T, usual: int)
 
 
 def _shorter(signals: JointSignals, tuning: Tuning, usual: int) -> list[int]:
-    """Return the windows shorter than a usual one that a polynomial of the degree can be fitted to with something left over.
+    """Return the windows shorter than a usual one that have more samples than a polynomial of the degree needs.
 
     A log that is too short for the usual one is refused rather than filtered hardly at all.
     """
@@ -128,9 +128,9 @@ def _shorter(signals: JointSignals, tuning: Tuning, usual: int) -> list[int]:
 
 
 def motor_window(device: Device, signals: JointSignals, tuning: T) -> T:
-    """Return the tuning with the shortest window of 51 samples or more behind which a motor's encoder makes little of its torque.
+    """Return the tuning with the shortest window of 51 samples or more with little encoder noise in the motor's torque.
 
-    What B θ̈ has of the steps is held against the motor's torque; where the rig does not have B, their share of θ̇ counts.
+    The quantisation noise of B θ̈ is compared with the motor's torque; where the rig does not have B, their share of θ̇ counts.
     A window has to keep the motion, where need be a shorter one, and be short for the runs. Where a window is given, or another
     filter, nothing is changed.
     """
@@ -170,7 +170,7 @@ def _behind(device: Device, signals: JointSignals, tuning: Tuning, window: int, 
 
 
 def _quiet(device: Device, signals: JointSignals, tuning: Tuning, window: int) -> bool:
-    """Tell whether what the steps of the motors' encoders make of their torques, or of their speeds, is small."""
+    """Return whether the quantisation noise of the motors' torques, or of their speeds, is small."""
     weights = savgol_weights(window, tuning.degree, 2, signals.period)
     return all(_quiet_motor(view, signals, weights) for view in device.transmissions)
 
@@ -212,7 +212,7 @@ def with_window(tuning: T, signals: JointSignals, window: int) -> T:
 
 
 def rates_of(device: Device, signals: JointSignals, weights: Array) -> tuple[Array, Array]:
-    """Return φ̇ of each transmission and what noise makes of it, root mean squares [rad/s]; zero where nothing is known.
+    """Return φ̇ of each transmission and its noise, root mean squares [rad/s]; zero where nothing is known.
 
     `weights` are those of value and first derivative.
     """

@@ -49,7 +49,7 @@ SUMMARY = "positions, velocities and torque from motor position and link acceler
 PAPER_FREQUENCY, TURN_PER_SAMPLE = 250.0, 0.5
 # The observer is as fast as the paper's, unless a slower one has so many times less noise in the deflection [1].
 NOISE_WORTH = 1.5
-# A deflection is believed up to so many times what the motor's largest torque and the observer's noise make of it together [1]:
+# A deflection is plausible up to so many times that of the motor's largest torque and the observer's noise together [1]:
 # springs overshoot.
 LARGEST_OVERSHOOT = 5.0
 
@@ -62,7 +62,7 @@ class AccelerationTuning(UnfilteredTuning, frozen=True, forbid_unknown_fields=Tr
     frequency : ω of all four eigenvalues [rad/s]; when absent the paper's 250, or less where the sample time or noise ask for it
     damping : ζ of the eigenvalues, at most 1
     torque : ``held`` where a sample of the motor's torque holds until the next, as a digital drive's does; else ``linear``
-    reach : least arm between a joint's axis and the accelerometers at which the joint's acceleration is believed [m]
+    reach : least arm between a joint's axis and the accelerometers at which the joint's acceleration is used [m]
     """
 
     frequency: Positive | None = None
@@ -97,8 +97,8 @@ def build(device: Device, signals: JointSignals, tuning: AccelerationTuning) -> 
 
 @dataclass(frozen=True, slots=True)
 class AccelerationState:
-    """Where the fold stands: the observers, the motors' friction, samples seen, those of which nothing is told, and how often the
-    observers have run away.
+    """State of the fold: the observers, the motors' friction, samples seen, those without an estimate, and how often the
+    observers have diverged.
     """
 
     observers: ArmState
@@ -128,7 +128,7 @@ class AccelerationFold(StateObserver):
 
     @property
     def derived(self) -> dict[str, float]:
-        """The observer's frequency, and the noise that was told from the log."""
+        """The observer's frequency, and the noise that was estimated from the log."""
         own = self.group.members[self.group.place]
         return {
             "frequency": self.frequencies[self.group.place],
@@ -153,8 +153,8 @@ class AccelerationFold(StateObserver):
             if piece.starts[0]:
                 observers = arm_start(len(self.group.members))
             x, acceleration, deviation, since, observers = observe_arm(self.arm, observers, *self.inputs(piece))
-            told = self._told(x[:, self.group.place], acceleration, deviation, since[:, self.group.place])
-            traces.append(Trace.of_rows(piece, {"total": told}))
+            columns = self._estimates(x[:, self.group.place], acceleration, deviation, since[:, self.group.place])
+            traces.append(Trace.of_rows(piece, {"total": columns}))
             seen += len(piece)
             masked += int(np.count_nonzero(since[:, self.group.place] < 0))
             lost += int(np.count_nonzero(since[:, self.group.place] == Since.LOST))
@@ -178,13 +178,13 @@ class AccelerationFold(StateObserver):
             found.append(Finding(code="observer.diverged", joint=joint, value=float(state.lost), limit=0.0))
         return tuple(found)
 
-    def _told(self, x: Array, acceleration: Array, deviation: Array, since: Integers) -> Mapping[str, Any]:
-        """Return the columns of the trace; nothing is told where an input of the observer is missing."""
+    def _estimates(self, x: Array, acceleration: Array, deviation: Array, since: Integers) -> Mapping[str, Any]:
+        """Return the columns of the trace; NaN where an input of the observer is missing."""
         place, known = self.group.place, since >= 0
         std = self._deviations(deviation, since)
         K, nothing = self.group.members[place].motor.K, np.full(len(x), np.nan)
         phi = x[:, State.LINK_POSITION] - x[:, State.MOTOR_POSITION]
-        # The stiffness is the rig's, for who needs the model along with the state: nothing in the log says how good it is.
+        # The stiffness is the rig's, for users who need the model along with the state: the log does not determine its accuracy.
         columns = state_columns(phi, K * phi, np.full(len(x), K), nothing, np.zeros(len(x), dtype=np.bool_))
         excited = columns.pop("excited")
         columns |= {"deflection_std": std[:, 4], "flexibility_torque_std": K * std[:, 4]}
@@ -197,7 +197,7 @@ class AccelerationFold(StateObserver):
         for name, i in states:
             columns |= {name: x[:, i], f"{name}_std": std[:, i]}
         shown = {name: np.where(known, values, np.nan) for name, values in columns.items()}
-        # How little is known of the acceleration is told even where the rest is not.
+        # The acceleration's uncertainty is reported even where the rest is not.
         shown |= {"link_acceleration": np.where(known, acceleration[:, place], np.nan)}
         shown |= {"link_acceleration_std": deviation[:, place]}
         return shown | {"excited": excited}
@@ -205,7 +205,7 @@ class AccelerationFold(StateObserver):
     def _deviations(self, deviation: Array, since: Integers) -> Array:
         """Return the standard deviations of θ, q, θ̇, q̇ and q − θ, shape (n, 5): noise through the observer, and its start.
 
-        The arms change slowly beside the observer, so its stationary error goes with the present noise of q̈.
+        The arms change slowly compared with the observer, so its stationary error goes with the present noise of q̈.
         """
         place, own = self.group.place, self.group.members[self.group.place].view
         table = self.variances[np.clip(since, 0, len(self.variances) - 1)]
@@ -280,7 +280,7 @@ class AccelerationFold(StateObserver):
         return plain._replace(Phi=Phi, before=before, after=after)
 
     def _farthest(self, usual: Array, signals: JointSignals) -> Array:
-        """Return the deflection of each joint beyond which its observer has run away [rad]."""
+        """Return the deflection of each joint beyond which its observer has diverged [rad]."""
         found = []
         for i, member in enumerate(self.group.members):
             noise = self._deflection_variance(i, self.frequencies[i], float(usual[i])) ** 0.5
@@ -290,7 +290,7 @@ class AccelerationFold(StateObserver):
         return np.array(found)
 
     def _deflection_variance(self, i: int, frequency: float, deviation: float) -> float:
-        """Return what a joint's sensors make of its deflection behind an observer, q̈ having that deviation [rad²]."""
+        """Return the variance of a joint's deflection behind an observer from its sensors, q̈ having that deviation [rad²]."""
         member = self.group.members[i]
         inputs = np.array([self.noise[member.view.motor_position], self.noise[member.view.motor_torque], deviation])
         observer = self._observer(member.motor, frequency)
@@ -337,8 +337,8 @@ class AccelerationFold(StateObserver):
         worth = np.flatnonzero(noise <= NOISE_WORTH**2 * noise.min())
         if not worth.size:
             raise EstimatorError(
-                f"joint '{self.device.joint}': with this tuning no observer's noise can be told; leave out damping and"
-                " reach, or bring them nearer to what they are by default"
+                f"joint '{self.device.joint}': with this tuning no observer's noise can be determined; leave out damping and"
+                " reach, or bring them nearer to their defaults"
             )
         return float(choices[worth[0]])
 
@@ -356,7 +356,7 @@ class AccelerationFold(StateObserver):
         index = self.group.place
         observer = SampledObserver(self.arm.Phi[index], self.arm.before[index], self.arm.after[index])
         table = error_variances(observer, start, min(count, ENOUGH))
-        # An encoder's steps are no white noise where the motion takes them slowly.
+        # Quantisation is no white noise where the motion passes the encoder's steps slowly.
         rounding = sensor_error(theta[:ENOUGH], 2 * few + 1).rounding
         if rounding:
             powers = np.mean([error_powers(observer, Input.ENCODER, added) for added in rounding], axis=0)

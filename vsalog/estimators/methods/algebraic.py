@@ -85,7 +85,7 @@ def build(device: Device, signals: JointSignals, tuning: AlgebraicTuning) -> Reg
     look = screened(device, signals, tuning)
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
     equations = tuple(_equation(device, view, signals, tuning, weights, conditioner) for view in device.transmissions)
-    # Within a span residuals are alike, as within a filter's window.
+    # Within a span residuals are correlated, as within a filter's window.
     least = least_samples(conditioner) + FEWEST_WINDOWS * taps
     solver = RlsSolver(
         tuning.initial_covariance(device, signals, 0.01, second=True), tuning.c, least, max(BOX, taps // 4)
@@ -96,7 +96,7 @@ def build(device: Device, signals: JointSignals, tuning: AlgebraicTuning) -> Reg
 def fir_weights(taps: int, period: float) -> Array:
     """Return the filters ∫ w x, −∫ ẇ x and ∫ ẅ x, shape (3, taps), oldest sample first, with ∫ w = 1.
 
-    The sums are set right so that they are exact on polynomials: value and weight of a constant, slope of a line, curvature of a
+    The sums are corrected so that they are exact on polynomials: value and weight of a constant, slope of a line, curvature of a
     parabola, and nothing of lower degrees. Units 1, 1/s and 1/s².
     """
     s = np.linspace(0.0, 1.0, taps)
@@ -105,9 +105,9 @@ def fir_weights(taps: int, period: float) -> Array:
     value = bump(s) / bump(s).sum()
     slope = -bump.deriv(1)(s)
     slope = (slope - slope.mean()) / float((slope - slope.mean()) @ t)
-    bend = bump.deriv(2)(s)
-    bend = bend - bend.mean()
-    return np.stack([value, slope, bend / float(bend @ (0.5 * t**2))])
+    curve = bump.deriv(2)(s)
+    curve = curve - curve.mean()
+    return np.stack([value, slope, curve / float(curve @ (0.5 * t**2))])
 
 
 def _check_span(signals: JointSignals, span: float, taps: int) -> None:
@@ -154,7 +154,7 @@ def _equation(
 class AlgebraicEquation(OfOneTransmission):
     """Σ α_i ∫ w f_i(φ) = ∫ (B ẅ − D ẇ) θ − ∫ w τ over a window that ends at each sample.
 
-    What the rig has beside the motor equation, `known`, is taken off; where it is in doubt the window is not learnt from.
+    The rig's other effects, `known`, are subtracted; where they are in doubt the window is not used.
     """
 
     view: TransmissionView
@@ -186,18 +186,18 @@ class AlgebraicEquation(OfOneTransmission):
         theta, tau = block.fit[self.view.motor_position], block.fit[self.view.motor_torque]
         use, after, doubted = block.use & np.isfinite(f).all(axis=1), state[2], None
         if self.known is not None:
-            after, beside, doubt = self.known.block(state[2], block)
+            after, other, doubt = self.known.block(state[2], block)
             doubted = doubt > 1.0 if self.known.doubtful else None
-            use &= np.isfinite(beside) & (doubt <= 1.0)
+            use &= np.isfinite(other) & (doubt <= 1.0)
             if self.known.load > 0.0:  # |τ_e| = τ_e sign φ goes with the unknowns
                 factor = 1.0 - self.known.load * self.known.way(block) * np.sign(deflection_of(block.fit, self.view))
-                f, beside = factor[:, None] * f, factor * beside
-            tau = tau + beside
+                f, other = factor[:, None] * f, factor * other
+            tau = tau + other
         held, origin = state[0], state[1]
         if block.rows.starts[0]:
             held, origin = np.full_like(held, np.nan), np.nan
         if np.isnan(origin) and use.any():
-            # Filters make nothing of a constant, but of a large one only as far as digits go.
+            # Filters remove a constant, but a large one only to rounding.
             origin = float(theta[np.argmax(use)])
         inputs = np.where(use[:, None], np.column_stack((f, theta - origin, tau)), np.nan)
         joined = np.concatenate((held, inputs))

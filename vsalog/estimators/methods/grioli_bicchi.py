@@ -39,7 +39,7 @@ class GrioliBicchiTuning(ObserverTuning, frozen=True, forbid_unknown_fields=True
 
     Attributes
     ----------
-    side : ``motor`` or ``link``, whose equation of motion tells the torque; when absent the motor's where it is known
+    side : ``motor`` or ``link``, whose equation of motion gives the torque; when absent the motor's where it is known
     """
 
     unused: ClassVar[tuple[str, ...]] = ("shape", "settle")
@@ -62,7 +62,7 @@ def side_of(device: Device, offered: Collection[str], tuning: GrioliBicchiTuning
 
 
 def told_by_the_link(device: Device, offered: Collection[str]) -> bool:
-    """Tell whether the link's equation of motion has all it needs, with what pushes the link recorded."""
+    """Return whether the link's equation of motion has all it needs, with the external torque recorded."""
     if device.link is None or len(device.transmissions) != 1:
         return False
     return {"link_position", "external_torque", *device.transmissions[0].deflection_roles(offered)} <= set(offered)
@@ -140,7 +140,7 @@ class GrioliBicchiFold(ObserverFold):
         return {**super().derived, "window": (self.conditioner.window - 1) * self.period}
 
     def findings(self, state: ObserverState) -> tuple[Finding, ...]:
-        """Return what the torque leaves out."""
+        """Return the effects that the torque leaves out."""
         found, joint, link = list(super().findings(state)), self.device.joint, self.device.link
         if self.side == "link" and not self.pushed:
             found.append(Finding(code="external_torque.missing", joint=joint))
@@ -150,14 +150,14 @@ class GrioliBicchiFold(ObserverFold):
 
 
 def unresolved(device: Device, window: float, swing: float) -> list[Finding]:
-    """Find a window that nothing shorter is held against and that is longer than the deflection takes from end to end [s]."""
+    """Find a window without a shorter one to compare with, and longer than the deflection takes from end to end [s]."""
     if window <= swing:
         return []
     return [Finding(code="filter.window_too_long", joint=device.joint, value=window, limit=float(swing), unit="s")]
 
 
 def claimed_share(fold: ObserverFold, signals: JointSignals) -> float:
-    """Return the median of stiffness_std / stiffness that a fold claims on a log; infinite where it supports nothing."""
+    """Return the median of stiffness_std / stiffness that a fold claims on a log; infinite where nothing is excited."""
     total = estimated(fold, signals)["total"]
     share = np.asarray(total["stiffness_std"]) / np.abs(np.asarray(total["stiffness"]))
     return float(np.median(share[np.isfinite(share)])) if np.any(total["excited"]) else np.inf
@@ -179,7 +179,7 @@ def smoothed_away(fold: ObserverFold, shorter: ObserverFold, signals: JointSigna
 def motor_torque(
     device: Device, view: TransmissionView, signals: JointSignals, tuning: GrioliBicchiTuning
 ) -> TransmissionTorque:
-    """Return Σ = B θ̈ + D θ̇ − τ, dry friction and cogging taken off τ beforehand (Serio 2011 eq. 1, §III-B).
+    """Return Σ = B θ̈ + D θ̇ − τ, dry friction and cogging subtracted from τ beforehand (Serio 2011 eq. 1, §III-B).
 
     Raises
     ------
@@ -212,7 +212,7 @@ def link_torque(device: Device, signals: JointSignals) -> TransmissionTorque:
     """
     if len(device.transmissions) != 1:
         raise EstimatorError(
-            f"joint '{device.joint}': two transmissions drive the link, and its motion tells only what both bear together;"
+            f"joint '{device.joint}': two transmissions drive the link, and its motion determines only their sum;"
             f" {NAME} needs the motors' torques and inertias here"
         )
     if device.link is None:

@@ -1,7 +1,7 @@
-"""grioli-parametric: a model of the flexibility torque learnt from the rate of a torque sensor. No motor data, no sensor offset.
+"""grioli-parametric: a model of the flexibility torque fitted to the rate of a torque sensor. No motor data, no sensor offset.
 
 Grioli, Bicchi, "A real-time parametric stiffness observer for VSA devices", ICRA 2011: the flexibility torque as a sum of known
-functions with unknown parameters, which follow from what they leave of the measured torque's rate.
+functions with unknown parameters, which follow from the residual of the measured torque's rate.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def build(device: Device, signals: JointSignals, tuning: GrioliParametricTuning)
     """
     if device.basis.branches:
         raise EstimatorError(
-            f"joint '{device.joint}': a basis with branches jumps from one to the other, and {NAME} learns from rates; leave"
+            f"joint '{device.joint}': a basis with branches jumps from one to the other, and {NAME} fits rates; leave"
             f" branches out of [joint.{device.joint}.basis], or use --estimator direct"
         )
     look = screened(device, signals, tuning)
@@ -91,12 +91,12 @@ def build(device: Device, signals: JointSignals, tuning: GrioliParametricTuning)
 class RateFold(RegressionFold):
     """The least-squares fold, with findings about rates."""
 
-    # It fits their rates.
+    # It fits the rates of torques.
     fits_torque: ClassVar[bool] = False
     noisy: Sequence[Finding] = ()
 
     def findings(self, state: FoldState) -> tuple[Finding, ...]:
-        """Return what goes into the stiffness along with the spring."""
+        """Return the effects that enter the stiffness along with the spring."""
         return (*super().findings(state), *self.noisy, *effects_left_in(NAME, self.device))
 
 
@@ -113,9 +113,9 @@ def rate_equations(device: Device, signals: JointSignals, conditioner: Condition
 
 
 class BasisFunctions:
-    """Put the functions f_i(φ, c) beside the signals, before the filter: a preparation without a state.
+    """Add the functions f_i(φ, c) to the signals, before the filter: a preparation without a state.
 
-    Filtered like the torque, they belong to it however long the window is; f of a filtered φ would not.
+    Filtered like the torque, they are consistent with it however long the window is; f of a filtered φ would not.
     """
 
     def __init__(self, device: Device) -> None:
@@ -126,7 +126,7 @@ class BasisFunctions:
         """Return the state before the first sample: there is none."""
 
     def step(self, state: None, block: JointSignals) -> tuple[None, list[JointSignals]]:
-        """Take a block; give it with the functions beside it."""
+        """Take a block; return it with the functions added."""
         c = block.roles["setpoint"] if self.device.basis.has_setpoint else None
         columns = [self.device.basis.rows(deflection_of(block.roles, v), c, 0)[:, 0] for v in self.device.transmissions]
         values = dict(zip(self.roles, np.hstack(columns).T, strict=True))
@@ -175,7 +175,7 @@ class RateEquation:
         F = np.column_stack([block.fit[f"velocity:{name}"] for name in names])
         y, torque = block.fit[f"velocity:{self.sensor}"], block.fit[self.sensor]
         use = block.use & np.isfinite(y) & np.isfinite(F).all(axis=1)
-        # One sensor for several transmissions says nothing of each alone.
+        # One sensor for several transmissions does not determine each alone.
         alone = len(self.transmissions) == 1
         fed = {v.name: torque if alone else np.full_like(torque, np.nan) for v in self.transmissions}
         if not alone:

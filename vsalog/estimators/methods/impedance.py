@@ -1,7 +1,7 @@
 """impedance: stiffness, and inertia and damping of the link, from a joint torque sensor and the positions. No motor data.
 
-Serio, Grioli, Sardellitti, Tsagarakis, Bicchi (2011), §III-B: a stiffness observer on the torque that the transmission bears, and
-beside it an extended Kalman filter on the link, which that torque drives. Neither needs what the other finds.
+Serio, Grioli, Sardellitti, Tsagarakis, Bicchi (2011), §III-B: a stiffness observer on the transmission's torque, and
+next to it an extended Kalman filter on the link, which that torque drives. Neither needs the other's estimate.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ def roles(device: Device, offered: Collection[str], tuning: ImpedanceTuning) -> 
     for view in device.transmissions:
         needed += [*view.deflection_roles(offered), view.torque_sensor]
     require(NAME, device, needed, offered)
-    beside = [role for role in ("link_position", "external_torque", "setpoint") if role in offered]
-    return tuple(dict.fromkeys([*needed, *beside]))
+    further = [role for role in ("link_position", "external_torque", "setpoint") if role in offered]
+    return tuple(dict.fromkeys([*needed, *further]))
 
 
 def build(device: Device, signals: JointSignals, tuning: ImpedanceTuning) -> ImpedanceFold:
@@ -79,7 +79,7 @@ def build(device: Device, signals: JointSignals, tuning: ImpedanceTuning) -> Imp
 
 
 class ImpedanceFold(ObserverFold):
-    """Both observers as an estimator: that of the stiffness on measured torques, and beside it the link's filter."""
+    """Both observers as an estimator: that of the stiffness on measured torques, and next to it the link's filter."""
 
     def __init__(self, device: Device, signals: JointSignals, tuning: ImpedanceTuning, look: Screening) -> None:
         torques = [TransmissionTorque(v, {v.torque_sensor: (1.0,)}, measured=True) for v in device.transmissions]
@@ -97,17 +97,17 @@ class ImpedanceFold(ObserverFold):
         noise = {} if self.link is None else {f"noise_{n}": float(v) for n, v in self.link.noise._asdict().items()}
         return {**super().derived, **noise}
 
-    def start_beside(self) -> LinkState | None:
+    def start_further(self) -> LinkState | None:
         """Return the state of the link's filter before the first sample."""
         return None if self.link is None else self.link.start()
 
-    def block_beside(self, beside: LinkState, rows: JointSignals, begins: bool) -> tuple[LinkState, Columns]:
-        """Return what the link's filter tells, from the signals as they were recorded: it filters itself."""
-        return (beside, {}) if self.link is None else self.link.block(beside, rows, begins)
+    def block_further(self, further: LinkState, rows: JointSignals, begins: bool) -> tuple[LinkState, Columns]:
+        """Return the estimates of the link's filter, from the signals as recorded: it filters itself."""
+        return (further, {}) if self.link is None else self.link.block(further, rows, begins)
 
     def findings(self, state: ObserverState) -> tuple[Finding, ...]:
-        """Return what the link's filter could not estimate, too."""
+        """Return findings, also those of the link's filter."""
         found = super().findings(state)
         if self.link is None:
             return (*found, Finding(code="link.inertia_not_estimated", joint=self.device.joint, severity="info"))
-        return (*found, *self.link.findings(state.beside))
+        return (*found, *self.link.findings(state.further))

@@ -1,7 +1,7 @@
-"""impedance-coupled: stiffness, and inertia and damping of the link, from the torque that is put on the link from outside.
+"""impedance-coupled: stiffness, and inertia and damping of the link, from the external torque on the link.
 
 Serio, Grioli, Sardellitti, Tsagarakis, Bicchi (2011) §III-A, eq. 8–9: a Kalman filter of the link and a stiffness observer, each
-fed with what the other finds. The paper gives it to show what its decoupled observer (`impedance`) avoids; it is for comparison.
+fed with the other's estimate. The paper gives it to show what its decoupled observer (`impedance`) avoids; it is for comparison.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Flags = NDArray[np.bool_]
 
 NAME = "impedance-coupled"
 SUMMARY = "stiffness, link inertia and damping in one loop, from a measured push (Serio 2011, §III-A); for comparison"
-# Another loop begins with so many times the guessed inertia [1], and without damping: where both do not meet, neither is right.
+# Another loop begins with so many times the guessed inertia [1], and without damping: where the two disagree, neither is right.
 ANOTHER_GUESS = 2.0
 # Derivatives that the loop reads, by role.
 ORDERS = {"external_torque": 1, "link_position": 3}
@@ -78,10 +78,10 @@ def roles(device: Device, offered: Collection[str], tuning: ImpedanceCoupledTuni
 
 
 def two_transmissions(device: Device) -> str:
-    """Say why a joint with two transmissions is none for this method."""
+    """Return why this method cannot estimate a joint with two transmissions."""
     return (
-        f"joint '{device.joint}': {NAME} cannot estimate it: two transmissions drive the link, and its motion tells only what"
-        " both bear together"
+        f"joint '{device.joint}': {NAME} cannot estimate it: two transmissions drive the link, and its motion determines only"
+        " the sum of both"
     )
 
 
@@ -113,8 +113,8 @@ class Motion(NamedTuple):
 
 @dataclass(slots=True)
 class ImpedanceCoupledState:
-    """Where the fold stands: of the filters, of the loop, of one twice as fast and of one that began elsewhere, and what is
-    differenced of the last sample.
+    """State of the fold: of the filters, of the loop, of one twice as fast and of one that began elsewhere, and the differenced
+    values of the last sample.
     """
 
     filters: DerivativesState
@@ -136,8 +136,8 @@ class ImpedanceCoupledFold(StateObserver):
         push = signals.roles["external_torque"]
         if not np.isfinite(push).any() or np.nanmax(push) == np.nanmin(push):
             raise EstimatorError(
-                f"joint '{device.joint}': external_torque never changes, and without a push whose size is known nothing tells"
-                f" inertia, damping and stiffness apart from any multiple of all three; {NAME} cannot begin"
+                f"joint '{device.joint}': external_torque never changes, and without a push whose size is known nothing separates"
+                f" inertia, damping and stiffness from any multiple of all three; {NAME} cannot begin"
             )
         self.look = screened(device, signals, tuning)
         tuning = with_window(tuning, signals, quiet_window(device, signals, tuning))
@@ -154,12 +154,12 @@ class ImpedanceCoupledFold(StateObserver):
         # Neither noise nor a guess is nothing.
         least = float(np.finfo(np.float64).eps)
         inertia = max(self.guess[0], least)
-        # A damping may be guessed to be none: it is then as doubtful as that which would move the link as its inertia does.
+        # A damping may be guessed to be none: it is then as uncertain as one with the effect of the inertia.
         damping = self.guess[1] or inertia * sizes[0] / sizes[1]
         self.noise = CoupledNoise(max(rate, least), inertia, damping, tuning.wander, FILLED_MEMORY)
         self.alpha = tuning.alpha if tuning.alpha is not None else self._best_alpha(known, speed)
         self.average = self._average_of(signals, self._deflection(whole)[motion.use], known)
-        # What the spring is beside its average goes into the link, as far as φ̇ looks like q⃛ or q̈: it may altogether.
+        # The spring's deviation from its average biases the link's estimates, as far as φ̇ correlates with q⃛ or q̈.
         self.shares = sizes[2] / np.array(sizes[:2])
         self.noisy = self._noisy(signals, sizes)
 
@@ -247,14 +247,14 @@ class ImpedanceCoupledFold(StateObserver):
         )
         K, deviation, learnt = here.T
         late, apart = quick[:, 0] - K, elsewhere[:, 0] - K
-        # An observer is late and averages over whole swings; what depends on the guess is as doubtful as the guess, and what the
-        # link's inertia is in doubt of may be the spring's.
+        # An observer is late and averages over whole swings; an estimate that depends on the guess is as uncertain as the guess,
+        # and the link's inertia is uncertain by what may be the spring's.
         doubt = link[:, 2] / self.shares[0]
-        # What noise in q⃛, q̈ and φ̇ takes away of I, N and K, each may take from K.
+        # The bias of I, N and K by noise in q⃛, q̈ and φ̇ may each be K's.
         biased = np.hypot(self.noisy[2] * K, np.linalg.norm(self.noisy[:2] * link[:, :2] / self.shares, axis=1))
         phi = self._deflection(part)
-        besides = late**2 + apart**2 + doubt**2 + biased**2 + self.average.square(phi)
-        std = np.sqrt(deviation**2 * self.average.alike + besides)
+        biases = late**2 + apart**2 + doubt**2 + biased**2 + self.average.square(phi)
+        std = np.sqrt(deviation**2 * self.average.alike + biases)
         taken = link[:, 0] * part.of["link_position"][2] + link[:, 1] * part.of["link_position"][1]
         torque = part.of["external_torque"][0] - self._weighs(part) - taken
         known = bool(np.all(self.noisy < MOST_NOISE**2)) and not self.look.blind
@@ -304,8 +304,8 @@ class ImpedanceCoupledFold(StateObserver):
                     - link[:-ahead, 1] * known.acceleration[ahead:]
                 )
                 left = spring - stiffness[:-ahead, 0] * known.deflection[ahead:]
-                told = left[np.isfinite(left)]
-                error += float(np.mean(told**2)) if told.size else np.inf
+                finite = left[np.isfinite(left)]
+                error += float(np.mean(finite**2)) if finite.size else np.inf
             off.append(error)
         return float(1.0 / (MEMORIES[int(np.argmin(off))] * speed))
 
@@ -320,7 +320,7 @@ class ImpedanceCoupledFold(StateObserver):
         return deflection_of({role: values[0] for role, values in part.of.items()}, self.view)
 
     def _average_of(self, signals: JointSignals, phi: Array, known: Motion) -> AveragingError:
-        """Return the residual of what the loop takes for the spring's."""
+        """Return the residual of the loop's spring torque."""
         stiffness, link, _ = observe_coupled(self._loops()[0], *known, known.use, self.alpha, self.period, self.noise)
         spring = known.f - link[:, 0] * known.jerk - link[:, 1] * known.acceleration
         push, q = (
@@ -356,7 +356,7 @@ def quiet_window(device: Device, signals: JointSignals, tuning: ImpedanceCoupled
 
 
 def unexplained(known: Motion) -> float:
-    """Return what constant I, N and K leave of f, root mean square [N·m/s]: least squares over a whole log."""
+    """Return the RMS residual of f with constant I, N and K [N·m/s]: least squares over a whole log."""
     regressors = np.column_stack((known.jerk, known.acceleration, known.deflection))
     left = known.f - regressors @ np.linalg.lstsq(regressors, known.f, rcond=None)[0]
     return float(np.sqrt(np.mean(left**2)))

@@ -43,7 +43,7 @@ def build(device: Device, signals: JointSignals, tuning: PamTuning) -> PamSmooth
 
 
 class PamSmootherState(NamedTuple):
-    """Where the fold stands: the filter, the rows put aside, and how many of them have been given out, None while filtering."""
+    """State of the fold: the filter, the rows put aside, and how many of them have been given out, None while filtering."""
 
     filtered: PamFoldState
     spool: Spool
@@ -109,5 +109,5 @@ class PamSmoother(StateObserver):
         return state._replace(given=0)
 
     def findings(self, state: PamSmootherState) -> tuple[Finding, ...]:
-        """Return what the filter finds, and where the smoothed angle is not known."""
+        """Return the filter's findings, and where the smoothed angle is not known."""
         return self.filter.findings(state.filtered)

@@ -43,7 +43,7 @@ OTHERS = ("valve_1", "valve_2", "external_torque")
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
-# A pressure so far below that outside, which no valve can bring about, is no sensor's offset [1].
+# A pressure so far below that outside, which no valve can cause, is no sensor's offset [1].
 LARGEST_OFFSET = 0.1
 
 # A linear flow has one slope where the orifice into the muscle and that out of it have one each; and it never chokes. It is off
@@ -56,11 +56,11 @@ class PamTuning(UnfilteredTuning, frozen=True, forbid_unknown_fields=True, kw_on
 
     Attributes
     ----------
-    air : what the stiffness is told for: ``trapped`` (the valves are closed) or ``constant`` (the pressures are held)
+    air : the case that the stiffness is for: ``trapped`` (the valves are closed) or ``constant`` (the pressures are held)
     model : ``hybrid``, that of the rig, or a simpler one to compare with, as if the rig's were that (Shin §IV-B): see `as_if`
-    flow, force, friction : how far the rig is believed, one standard deviation as a share: of the valves' largest flow, of a
+    flow, force, friction : uncertainty of the rig, one standard deviation as a share: of the valves' largest flow, of a
         muscle's pull, of the friction's level
-    covariances : ``derived`` from the log's sensors and how far the rig is believed, or ``printed``: those of Shin §IV, whatever
+    covariances : ``derived`` from the log's sensors and the rig's uncertainty, or ``printed``: those of Shin §IV, whatever
         the log
     """
 
@@ -153,8 +153,8 @@ def _below_outside(role: str, pressure: Array, noise: float, device: Device) -> 
     if least < (1.0 - LARGEST_OFFSET) * outside:
         raise EstimatorError(
             f"joint '{device.joint}': {role} falls to {least / 1e3:.4g} kPa, below the {outside / 1e3:.4g} kPa outside,"
-            " which no valve brings about: it is not absolute. A signal of the rig may have an offset, what the sensor says at"
-            f' zero: offset = "-{outside / 1e3:.4g} kPa" where it tells the pressure above that outside'
+            " which no valve causes: it is not absolute. A signal of the rig may have an offset, the sensor's reading at"
+            f' zero: offset = "-{outside / 1e3:.4g} kPa" where it measures the pressure above that outside'
         )
     return [
         Finding(
@@ -171,7 +171,7 @@ def _below_outside(role: str, pressure: Array, noise: float, device: Device) -> 
 
 @dataclass(frozen=True, slots=True)
 class PamFoldState:
-    """Where the fold stands: the filter's state, samples seen, those at which it had lost the joint or did not know its angle,
+    """State of the fold: the filter's state, samples seen, those at which it had lost the joint or did not know its angle,
     and of the last its run, its stamp [ns], and how many in a row had no pressure by then.
     """
 
@@ -184,7 +184,7 @@ class PamFoldState:
     silent: int = 0
 
     def goes_on(self, piece: JointSignals) -> bool:
-        """Tell whether the filter knows its way into a piece: where commands alone were missing it does."""
+        """Return whether the filter continues into a piece: it does where commands alone were missing."""
         due = self.stamp + 1.5e9 * piece.period
         return bool(piece.run[0] == self.run and piece.stamps[0] < due and self.silent < LONGEST_GAP)
 
@@ -241,7 +241,7 @@ class PamEstimate(StateObserver):
         return followed, found
 
     def before(self, state: PamFoldState, piece: JointSignals) -> PamState:
-        """Return the filter's state before a piece, that before the first sample where it does not know its way into it."""
+        """Return the filter's state before a piece, that before the first sample where it does not continue into it."""
         return self.fold.start() if piece.starts[0] and not state.goes_on(piece) else state.filter
 
     def traced(self, state: PamFoldState, piece: JointSignals, found: UnscentedTrace) -> tuple[PamFoldState, Trace]:
@@ -252,13 +252,13 @@ class PamEstimate(StateObserver):
         return counted, Trace.of_rows(piece, {"total": columns})
 
     def _columns(self, found: UnscentedTrace, blind: NDArray[np.bool_]) -> Mapping[str, Any]:
-        told = self.fold.estimates(found)
+        estimates = self.fold.estimates(found)
         deviation = np.sqrt(np.einsum("nij,nij->ni", found.S, found.S))
-        if not self.fold.correct:  # how far a model alone is off nothing tells
+        if not self.fold.correct:  # nothing determines the error of a model alone
             deviation[:] = np.nan
         nothing = np.full(found.x.shape[0], np.nan)
         kind = "stiffness" if self.air == "trapped" else "stiffness_isobaric"
-        sigma, std = told[kind], _told(told[f"{kind}_std"])
+        sigma, std = estimates[kind], _known(estimates[f"{kind}_std"])
         lost = found.diverged | blind
         states = (
             ("link_position", Column.ANGLE),
@@ -266,14 +266,14 @@ class PamEstimate(StateObserver):
             *zip(PRESSURES, (Column.PRESSURE_1, Column.PRESSURE_2), strict=True),
         )
         extra = {name: found.x[:, i] for name, i in states} | {f"{name}_std": deviation[:, i] for name, i in states}
-        # Where the filter has lost the joint, or nobody says what a muscle does, nothing is told: a number would look like one.
-        columns = state_columns(nothing, told["torque"], sigma, std, np.isfinite(sigma) & ~lost)
+        # Where the filter has lost the joint, or a muscle's input is not known, the trace is NaN: a number would look valid.
+        columns = state_columns(nothing, estimates["torque"], sigma, std, np.isfinite(sigma) & ~lost)
         excited = columns.pop("excited")
-        columns |= {"flexibility_torque_std": _told(told["torque_std"]), **extra}
+        columns |= {"flexibility_torque_std": _known(estimates["torque_std"]), **extra}
         return {name: np.where(lost, np.nan, values) for name, values in columns.items()} | {"excited": excited}
 
     def findings(self, state: PamFoldState) -> tuple[Finding, ...]:
-        """Return where the pressures do not determine the angle, or are not what the model makes of the valves."""
+        """Return where the pressures do not determine the angle, or differ from the model's response to the valves."""
         found, joint = list(self.noticed), self.device.joint
         if state.anywhere:
             share = state.anywhere / state.seen
@@ -286,7 +286,7 @@ class PamEstimate(StateObserver):
 
 
 def _blind(rows: JointSignals, correct: bool) -> NDArray[np.bool_]:
-    """Return where nobody says what a muscle does: its pressure is missing, or not corrected with, and its valve's command is."""
+    """Return where a muscle's input is not known: its pressure is missing, or not corrected with, and its valve's command is."""
     blind = np.zeros(len(rows), dtype=np.bool_)
     for pressure, valve in zip(PRESSURES, ("valve_1", "valve_2"), strict=True):
         command = rows.roles.get(valve)
@@ -302,6 +302,6 @@ def _anywhere(found: UnscentedTrace) -> NDArray[np.bool_]:
         return np.asarray(np.abs(found.x[:, Column.ANGLE]) + deviation > 0.5 * np.pi)
 
 
-def _told(deviation: Array) -> Array:
-    """Return deviations, NaN for 0: of what nothing corrects, or a model has as a constant, nothing tells how far it is off."""
+def _known(deviation: Array) -> Array:
+    """Return deviations, NaN for 0: the error of a state that nothing corrects, or that is a model's constant, is not known."""
     return np.where(deviation > 0.0, deviation, np.nan)

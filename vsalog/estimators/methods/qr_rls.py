@@ -36,7 +36,7 @@ NAME = "qr-rls"
 SUMMARY = "integrated motor equation and QR-RLS (Flacco 2014); estimates motor inertia and damping too"
 
 # p0 times the usual regressor squared [1]. Stronger, and the prior shows until the deflection has been through its range;
-# weaker, and a direction that noise alone moves runs away in the first seconds.
+# weaker, and a direction that noise alone moves diverges in the first seconds.
 PRIOR_VARIANCE = 2e5
 
 
@@ -46,7 +46,7 @@ class QrRlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True)
     Attributes
     ----------
     forgetting : λ of eq. 21–22, 1 forgets nothing
-    p0 : the coefficients begin at zero with covariance p0 I, which keeps an unexcited direction from running away; the paper
+    p0 : the coefficients begin at zero with covariance p0 I, which keeps an unexcited direction from diverging; the paper
         begins without (inf). When absent, weak, from the log's largest deflection and set-point
     """
 
@@ -58,13 +58,13 @@ TUNING = QrRlsTuning
 
 
 class IntegratedFold(RegressionFold):
-    """The least-squares fold, with what the motor's own inertia tells: it is known to the rig and found in the log."""
+    """The least-squares fold, with a check of the motor's inertia: the rig has it, and the log determines it."""
 
-    # It fits their integrals.
+    # It fits the integrals of torques.
     fits_torque: ClassVar[bool] = False
 
     def findings(self, state: FoldState) -> tuple[Finding, ...]:
-        """Return where the motor's inertia is not the rig's: its torque's scale goes into both its inertia and the stiffness."""
+        """Return where the motor's inertia differs from the rig's: its torque's scale enters it and the stiffness."""
         another = []
         for equation, solver_state in zip(self.equations, state.solvers, strict=True):
             view = equation.transmissions[0]

@@ -46,7 +46,7 @@ class ResidualRlsTuning(RlsTuning, frozen=True, forbid_unknown_fields=True, kw_o
     modality : where the torque comes from: RESIDUAL (the motor equation), SENSOR (the torque sensor) or MODEL (the rig's
         nominal transmission)
     bandwidth : K_I of the residual [rad/s]; when absent three times that of the Savitzky–Golay filter before it, which then
-        decides what passes, and the residual's lag is short beside its window
+        decides what passes, and the residual's lag is short compared with its window
     matched : pass the regressors through the residual's lag too; the paper does not
     """
 
@@ -87,7 +87,7 @@ def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> R
         tuning = msgspec.structs.replace(tuning, bandwidth=bandwidth)
     else:
         tuning = keeping_window(device, signals, tuning, tuning.default_window)
-    # What is measured is noisy: the many terms of a basis would follow its noise until there is enough of it to average. But what
+    # Measured torques are noisy: the many terms of a basis would follow the noise until it averages out. But what
     # gives a spring its shape, the term after the first, is not the prior's: it made stiffnesses 3 to 6 % off, with 1 % claimed.
     p0 = tuning.initial_covariance(device, signals, 1e-3 if tuning.modality == "MODEL" else 0.01, second=True)
     needed = roles(device, signals.roles, tuning)
@@ -152,7 +152,7 @@ def _column(role: str) -> Callable[[Conditioned], NDArray[np.float64]]:
 def _model(device: Device, view: TransmissionView) -> Equation:
     if isinstance(view.nominal, UnknownTransmission):
         raise EstimatorError(
-            f"joint '{device.joint}': the MODEL modality needs a nominal transmission; the rig says type = \"unknown\""
+            f"joint '{device.joint}': the MODEL modality needs a nominal transmission; the rig has type = \"unknown\""
         )
 
     def torque(block: Conditioned) -> NDArray[np.float64]:
