@@ -33,9 +33,9 @@ class Arm(NamedTuple):
     row_noise : shape (M,), standard deviation [m/s² or rad/s²]
     Phi, before, after : shape (N, 4, 4), of each joint's `SampledObserver`
     K : shape (N,), stiffness [N·m/rad], for where an observer begins
-    farthest : shape (N,), deflection beyond which an observer has run away [rad]
+    farthest : shape (N,), deflection beyond which an observer has diverged [rad]
     coupling : shape (N, N), S, strictly upper triangular [kg·m²]
-    reach : least arm at which a joint's acceleration is believed [m]
+    reach : least arm at which a joint's acceleration is used [m]
     unit_noise : noise of an accelerometer that `reach` refers to [m/s²]
     period : T [s]
     """
@@ -59,7 +59,7 @@ class Arm(NamedTuple):
 
 
 class ArmState(NamedTuple):
-    """Where the observers stand.
+    """State of the observers.
 
     Attributes
     ----------
@@ -87,10 +87,9 @@ def observe_arm(
 ) -> tuple[Array, Array, Array, Integers, ArmState]:
     """Follow the states of all joints over a block of one run.
 
-    A missing encoder or torque sample is bridged by what the observer predicts, and an acceleration that no axis tells is taken
-    for zero; `since` says that nothing is known then. One joint's position that is wrong makes the accelerations of
-    all wrong, and these the positions: where a deflection is beyond what there can be, all observers begin again with the next
-    sample.
+    A missing encoder or torque sample is replaced by the observer's prediction, and an acceleration that no axis measures is
+    taken for zero; `since` says that nothing is known then. One joint's position that is wrong makes the accelerations of all
+    wrong, and these the positions: where a deflection is beyond its bound, all observers begin again with the next sample.
 
     Parameters
     ----------
@@ -102,7 +101,7 @@ def observe_arm(
     -------
     x : shape (n, N, 4), θ, q, θ̇, q̇
     acceleration, deviation : shape (n, N), q̈ and its standard deviation under the accelerometers' noise [rad/s²]
-    since : shape (n, N), see `ArmState`; `Since.LOST` where an observer has run away
+    since : shape (n, N), see `ArmState`; `Since.LOST` where an observer has diverged
     state : to go on with
     """
     n, joints = theta.shape
@@ -125,7 +124,7 @@ def axis_rows(arm: Arm, q: Array, dq: Array) -> tuple[Array, Array]:
 
 
 class Since(IntEnum):
-    """`since` of samples that no observer has a state of: it has not begun, or has run away there."""
+    """`since` of samples that no observer has a state of: it has not begun, or has diverged there."""
 
     NEVER = -1
     LOST = -2
@@ -263,7 +262,7 @@ def _run(
 ) -> None:  # fmt: skip
     count, joints = theta.shape
     q, dq, now, next_x = np.empty(joints), np.empty(joints), np.empty(4), np.empty(4)
-    # A direction in which no axis sees anything is kept at q̈ = 0 by what normal equations just keep of the least arm.
+    # A direction in which no axis sees anything is kept at q̈ = 0 by the least arm that the normal equations resolve.
     prior = ROUNDING * (reach / unit_noise) ** 2
     for s in range(count):
         beginning = begun[0] == 0
@@ -276,7 +275,7 @@ def _run(
                 continue
             begun[0] = 1
             for i in range(joints):
-                # At rest the spring bears the motor's torque.
+                # At rest the spring holds the motor's torque.
                 x[i, 0], x[i, 1], x[i, 2], x[i, 3] = theta[s, i], theta[s, i] - tau[s, i] / K[i], 0.0, 0.0
                 q[i], dq[i] = x[i, 1], 0.0
         else:

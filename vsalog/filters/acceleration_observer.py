@@ -1,4 +1,4 @@
-"""The observer of De Luca, Schröder, Thümmel (ICRA 2007) for one elastic joint: eq. 6 and 7, derived afresh, exact over a sample.
+"""The observer of De Luca, Schröder, Thümmel (ICRA 2007) for one elastic joint: eq. 6 and 7, derived again, exact over a sample.
 
 With x = (θ, q, θ̇, q̇) and the motor equation B θ̈ + D_θ θ̇ + D (θ̇ − q̇) + K (θ − q) = τ − Sᵀ q̈, the observer follows
 
@@ -11,9 +11,9 @@ is. The characteristic polynomial of A − L C is, with a = K/B, b = D/B and c =
 
 and comparing coefficients gives the gains. For D_θ = 0 they are those of the paper's remark 3.
 
-Print of De Luca 2007: eq. 4's f₄ lacks the link's friction d(q, q̇) of eq. 1, which changes nothing, for f₄ is what q̈ measures.
+Print of De Luca 2007: eq. 4's f₄ lacks the link's friction d(q, q̇) of eq. 1, which changes nothing, for q̈ measures f₄.
 Comparing coefficients gives L₃ = a₂ − (D/B) a₃ + (D² − K B)/B²; whether the paper's last denominator is B or B² the text at hand
-does not tell. Motor friction is taken to be compensated; its viscous part D_θ is kept here. Eq. 9 adds g₀, which has to be −g: an
+does not show. Motor friction is taken to be compensated; its viscous part D_θ is kept here. Eq. 9 adds g₀, which has to be −g: an
 accelerometer at rest reads upwards.
 """
 
@@ -137,7 +137,7 @@ def sampled_observer(motor: ElasticMotor, gains: Array, period: float, held: boo
 
 
 def error_variances(observer: SampledObserver, start: Array, count: int) -> Array:
-    """Return the variances of the error that white noise of the inputs and an unknown start leave, sample after sample.
+    """Return the variances of the error from white noise of the inputs and an unknown start, sample after sample.
 
     With e(k) = z(k) + after w(k), z(k+1) = Phi z(k) + (Phi after + before) w(k), and w(k) independent of z(k), so that the
     covariance of z settles to the solution of a discrete Lyapunov equation, Z − Phi^k Z Phiᵀ^k after k samples.
@@ -169,13 +169,13 @@ def error_variances(observer: SampledObserver, start: Array, count: int) -> Arra
 
 
 def error_powers(observer: SampledObserver, source: int, added: Array) -> Array:
-    """Return what an input's error makes of θ, q, θ̇, q̇ and q − θ in the mean, squared, shape (5,): the error as it is, not white.
+    """Return the mean squares in θ, q, θ̇, q̇ and q − θ from an input's error, shape (5,): the error as it is, not white.
 
     Parameters
     ----------
     observer : of `sampled_observer`
     source : the input
-    added : shape (N,), its error; it is taken to go round
+    added : shape (N,), its error; it is taken as periodic
     """
     Phi, before, after = observer
     spectrum = np.fft.rfft(added)
@@ -194,7 +194,7 @@ def error_powers(observer: SampledObserver, source: int, added: Array) -> Array:
 def _settled(Phi: Array, Q: Array) -> Array:
     """Return Z = Phi Z Phiᵀ + Q, that is Q + Phi Q Phiᵀ + …, by doubling the number of terms (Smith 1968).
 
-    A solver of linear equations finds them ill-conditioned where the eigenvalues of a slow observer all lie near 1.
+    A solver of linear equations finds them ill-conditioned where the eigenvalues of a slow observer are all near 1.
     """
     Z, power = Q, Phi
     while np.abs(power).max() > 1e-20:

@@ -1,10 +1,10 @@
-"""What stands between a joint's raw signals and an estimator: the pair of filters of Flacco 2014 §VI, or one of them.
+"""Preprocessing between a joint's raw signals and an estimator: the pair of filters of Flacco 2014 §VI, or one of them.
 
 Three settings, all folds over blocks:
 
 - ``kinematic``: causal. Positions and velocities by the MKKF, torques as they are.
-- ``pair``: causal output. What is learnt from passes through one and the same Savitzky–Golay filter, late by half a window;
-  what the stiffness is evaluated at is the MKKF's present deflection (Flacco 2014 eq. 30).
+- ``pair``: causal output. The data to fit pass through one and the same Savitzky–Golay filter, late by half a window;
+  the stiffness is evaluated at the MKKF's present deflection (Flacco 2014 eq. 30).
 - ``savitzky-golay``: non-causal. Both come from the Savitzky–Golay filter; the output is late by half a window and belongs to
   the window's centre.
 """
@@ -36,11 +36,11 @@ class Conditioned:
     Attributes
     ----------
     rows : the samples the output belongs to (their stamps, times and runs)
-    fit : role → values to learn from; also ``velocity:ROLE`` and ``acceleration:ROLE`` of the motor positions, and the velocity
-        of what else was asked for
+    fit : role → values to fit; also ``velocity:ROLE`` and ``acceleration:ROLE`` of the motor positions, and the velocity
+        of others asked for
     now : role → values to evaluate at (positions, deflections and the set-point)
-    use : shape (N,), where every value to learn from is there and the filters have settled
-    loading_fit, loading_now : transmission → shape (N,), whether it is being loaded; empty where nobody asks
+    use : shape (N,), where every value to fit is there and the filters have settled
+    loading_fit, loading_now : transmission → shape (N,), whether it is being loaded; empty where not asked for
     """
 
     rows: JointSignals
@@ -88,15 +88,15 @@ class Conditioner:
     window : of the Savitzky–Golay filter [s]
     degree : of the Savitzky–Golay filter
     shape : α of the MKKF (Flacco 2012 eq. 20)
-    settle : time the MKKF is given after a start before its output is learnt from [s]
+    settle : time the MKKF is given after a start before its output is used [s]
     rates : other positions and deflections whose velocity is wanted
     before : what the signals go through first; the roles it adds are filtered like torques
-    present : whether values to evaluate at are wanted too; without them `now` is empty, and only ``savitzky-golay`` can do
+    present : whether values to evaluate at are wanted too; without them `now` is empty, and only ``savitzky-golay`` works
 
     Raises
     ------
     FilterError
-        The window is beyond all measure, or the degree does not fit it.
+        The window is too long, or the degree does not fit it.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class Conditioner:
             for role in self.moving
         }
         self.settle = 100 if settle is None else round(settle / self.period)
-        # The weights are worked out before anything is known of the log's length.
+        # The weights are computed before the log's length is known.
         if kind != "kinematic" and window > LONGEST_RUN * self.period:
             raise FilterError(
                 f"a window of {window:.3g} s has more than {LONGEST_RUN} samples at {1.0 / self.period:.4g} Hz; shorten it with"
@@ -188,7 +188,7 @@ class Conditioner:
         for role in self.moving:
             raw = piece.roles[role]
             position, velocity, states[role] = kinematic_filter(raw, self.period, self.settings[role], states.get(role))
-            # The filter goes on over a missing sample, but what it predicts there is no measurement.
+            # The filter goes on over a missing sample, but its prediction there is no measurement.
             kalman[role] = np.where(np.isnan(raw), np.nan, position)
             if role in self.rated:
                 kalman[f"velocity:{role}"] = velocity

@@ -1,12 +1,12 @@
-"""A stiffness observer and a Kalman filter of the link in one loop: Serio et al. (2011) §III-A, eq. 8–9, derived afresh.
+"""A stiffness observer and a Kalman filter of the link in one loop: Serio et al. (2011) §III-A, eq. 8–9, derived again.
 
 The link's equation of motion, differentiated (eq. 4, with the derivatives that its print has lost),
 
     f = d/dt (τ_ext − g(q)) = I q⃛ + N q̈ + K φ̇ + Σ_u θ̇₂,
 
 is used twice at every sample: for I and N, which a Kalman filter finds in f − K̂ φ̇ (eq. 8), and for K, which the observer of
-eq. 6 follows in f − Î q⃛ − N̂ q̈ (eq. 9). Each takes the other's estimate for the truth: where f tells little, the loop may settle
-wherever it began. Print of Serio 2011: eq. 4, 5, 8 and 9 have q̈ and q̇ where these derivatives are one higher.
+eq. 6 follows in f − Î q⃛ − N̂ q̈ (eq. 9). Each takes the other's estimate as true: where f contains little information, the loop
+may settle wherever it began. Print of Serio 2011: eq. 4, 5, 8 and 9 have q̈ and q̇ where these derivatives are one higher.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ Flags = NDArray[np.bool_]
 
 
 class CoupledState(NamedTuple):
-    """Where the loop stands.
+    """State of the loop.
 
     Attributes
     ----------
     link : shape (2,), Î [kg·m²] and N̂ [N·m·s/rad]
     P : shape (2, 2), their covariance
-    stiffness : shape (3,), what has been learnt of K̂, its variance, and how much of the memory is filled
+    stiffness : shape (3,), the estimate of K̂, its variance, and how much of the memory is filled
     """
 
     link: Array
@@ -72,7 +72,7 @@ def observe_coupled(
     f : shape (N,), rate of the torque that moves the link from outside [N·m/s]
     jerk, acceleration : shape (N,), q⃛ [rad/s³] and q̈ [rad/s²]
     deflection_rate : shape (N,), φ̇ [rad/s]
-    use : shape (N,), which samples are learnt from
+    use : shape (N,), which samples are used
     alpha : gain α of the observer [1/rad]
     period : T [s]
     noise : assumed

@@ -1,11 +1,11 @@
 """Weights of a filter and of its own derivatives, all of which keep the same part of every frequency.
 
-The derivatives of a polynomial that Savitzky and Golay fit to a window are not those of what the fit is at the window's centre as
-the window moves on: the higher, the less is left of a motion that is fast for the window. At one swing per window a polynomial of
-degree 5 leaves 98 % of a position, 99 % of its first derivative and 93 % of its third, and where one is divided by the other the
-quotient is off by 6 %. Here the fit has weights (1 − x²)ᵐ, with which samples enter and leave the window so smoothly that what is
-fitted can be differentiated itself: one and the same filter for all orders.
-(Weights: Cleveland, JASA 74(368), 1979; derivatives by those of the kernel: Gasser and Müller, 1984.)
+The derivatives of a polynomial that Savitzky and Golay fit to a window are not those of the fitted value at the window's centre
+as the window moves on: the higher, the more they attenuate a motion that is fast for the window. At one swing per window a
+polynomial of degree 5 leaves 98 % of a position, 99 % of its first derivative and 93 % of its third, and where one is divided by
+the other the quotient is off by 6 %. Here the fit has weights (1 − x²)ᵐ, with which samples enter and leave the window so
+smoothly that the fitted value can be differentiated itself: one and the same filter for all orders. (Weights: Cleveland, JASA
+74(368), 1979; derivatives by those of the kernel: Gasser and Müller, 1984.)
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def derivative_weights(window: int, degree: int, derivatives: int, period: float
     weights = np.empty((derivatives + 1, window))
     for s in range(derivatives + 1):
         row = (-1.0) ** s * legendre.legval(x, legendre.legder(kernel, s))
-        # Samples are no integral: what is missing of a polynomial's derivative is put on top.
+        # A sum over samples is no integral: the missing part of a polynomial's derivative is added.
         wanted = legendre.legval(0.0, legendre.legder(identity, s, axis=0)) * np.ones(degree + 1)
         missing = np.linalg.solve(r.T, wanted) - q.T @ (row / root)
         weights[s] = (row + root * (q @ missing)) / (beyond * period) ** s

@@ -1,8 +1,8 @@
 """Values and derivatives of signals by one filter: a fold over blocks, late by half a window.
 
-Whatever is a sum of such derivatives has passed through one and the same filter: none of it is late against the rest, or smaller.
-Rates alone come from the Savitzky–Golay filter, which leaves less noise for its window; where higher derivatives are held against
-them, all come from `derivative_weights`.
+Whatever is a sum of such derivatives has passed through one and the same filter: no term is late against the others, or smaller.
+Rates alone come from the Savitzky–Golay filter, which leaves less noise for its window; where higher derivatives are compared
+with them, all come from `derivative_weights`.
 """
 
 from __future__ import annotations

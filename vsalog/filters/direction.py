@@ -16,10 +16,10 @@ def direction_start() -> Array:
 
 
 def loading_block(state: Array, phi: Array, band: float) -> tuple[Array, Flags]:
-    """Tell for each sample whether the deflection is moving away from zero.
+    """Return for each sample whether the deflection is moving away from zero.
 
     The direction turns when the deflection has come back from its last extreme by more than `band` (a play operator), so that
-    noise at a standstill turns nothing.
+    noise at a standstill does not turn it.
 
     Parameters
     ----------

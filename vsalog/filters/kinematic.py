@@ -35,7 +35,7 @@ class KinematicSettings:
 
     Attributes
     ----------
-    acceleration_variance : V_a, variance of the acceleration the motion model leaves out; the process noise is
+    acceleration_variance : V_a, variance of the acceleration missing in the motion model; the process noise is
         Q = V_a Γ Γᵀ with Γ = (T²/2, T)ᵀ [(unit/s²)²]
     variance_max, variance_min : measurement variance at rest and at high speed [unit²]
     shape : α of eq. 20, how sharply the variance falls
@@ -70,7 +70,7 @@ class KinematicSettings:
         FilterError
             No encoder has a step like that.
         """
-        # A signal without steps is trusted at every speed.
+        # A signal without steps is exact at every speed.
         resolution = resolution or 1e-12
         if not 1e-50 < resolution < 1e50:
             raise FilterError(
@@ -102,7 +102,7 @@ def kinematic_filter(
     z : shape (n,), measured positions; NaN where a sample is missing (the filter then predicts)
     dt : time since the previous sample [s], one value or shape (n,)
     settings : tuning
-    state : as a previous call returned it, shape (6,); None to start afresh
+    state : as a previous call returned it, shape (6,); None to start again
 
     Returns
     -------

@@ -1,13 +1,13 @@
-"""Inertia and damping of a link by an extended Kalman filter: Serio et al. (2011) eq. 10–12 and 21–25, derived afresh.
+"""Inertia and damping of a link by an extended Kalman filter: Serio et al. (2011) eq. 10–12 and 21–25, derived again.
 
 The link obeys I q̈ + N q̇ = u (eq. 10), u what acts on it. With a = 1/I and b = N/I it is q̈ = a u − b q̇, and over a sample
 
     q⁺ = q + T q̇ + ½ T² q̈,    q̇⁺ = q̇ + T q̈,
 
-with q̈ in its middle: u the mean of both samples, and the velocity there q̇ + ½ T q̈, so that q̈ = (a u − b q̇) / (1 + ½ b T); with
-the velocity at its beginning a and b would be off by ½ b T. Both are nearly constant. The link's position alone is measured.
+with q̈ in its middle: u the mean of both samples, and the velocity there q̇ + ½ T q̈, so that q̈ = (a u − b q̇) / (1 + ½ b T);
+with the velocity at its beginning a and b would be off by ½ b T. Both are nearly constant. The link's position alone is measured.
 
-Print of Serio 2011: eq. 11 calls 1/I x₃ and N/I x₄, but eq. 12 has q̈ = −x₃ q̇ − x₄ u: the two have changed places there, and u has
+Print of Serio 2011: eq. 11 calls 1/I x₃ and N/I x₄, but eq. 12 has q̈ = −x₃ q̇ − x₄ u: the two are exchanged there, and u has
 the wrong sign.
 """
 
@@ -32,20 +32,20 @@ class State(IntEnum):
 
 
 FIRST = 20.0
-"""Innovations as large as noise makes them that the mean of the innovations begins with."""
+"""Innovations of the expected size with which the mean of the innovations begins."""
 MOST_LOST = 3
-"""Times that a filter may lose its way before the link is known; what does so more often is no such link."""
+"""Times that a filter may diverge before the link is known; more often the link is another than assumed."""
 
 
 class LinkState(NamedTuple):
-    """Where the filter stands.
+    """State of the filter.
 
     Attributes
     ----------
     x : shape (4,), q [rad], q̇ [rad/s], 1/I [1/(kg·m²)], N/I [1/s]
     P : shape (4, 4), their covariance
     last : shape (5,), the last u [N·m], the running mean of normalised squared innovations, whether a run has begun, how often
-        1/I and N/I were forgotten because they had come to be impossible, and of how many innovations the mean is
+        1/I and N/I were forgotten because they had become impossible, and of how many innovations the mean is
     """
 
     x: Array
@@ -85,7 +85,7 @@ def link_start(noise: LinkNoise) -> LinkState:
 
 
 def restarted(state: LinkState) -> LinkState:
-    """Return the state at the beginning of another run: the link lies elsewhere, and is the same."""
+    """Return the state at the beginning of another run: the same link at another position."""
     return LinkState(state.x, state.P, np.array([0.0, state.last[1], 0.0, *state.last[3:]]))
 
 
@@ -106,7 +106,7 @@ def estimate_link(
     Returns
     -------
     x : shape (N, 4), states; NaN where the filter begins again
-    P : shape (N, 4, 4), covariances, as much larger as innovations are larger than the filter believes
+    P : shape (N, 4, 4), covariances, scaled by the excess of the innovations
     excess : shape (N,), that factor, at least 1; infinite once the filter has begun again more than `MOST_LOST` times
     state : to go on with
     """
@@ -133,7 +133,7 @@ def _run(
             P[:2, :], P[:, :2] = 0.0, 0.0
             P[0, 0], P[1, 1] = r * r, velocity * velocity
         else:
-            # What acts between two samples is taken as the mean of both; where one is missing nothing is known of it.
+            # The torque between two samples is taken as the mean of both; where one is missing it is not known.
             mean_torque = 0.5 * (last[0] + u[k])
             known = not np.isnan(mean_torque)
             if not known:
@@ -141,7 +141,7 @@ def _run(
             slower = 1.0 / (1.0 + 0.5 * x[3] * T)
             acceleration = slower * (x[2] * mean_torque - x[3] * x[1])
             middle = x[1] + 0.5 * T * acceleration
-            # What a force does: to position and velocity.
+            # The effect of a force on position and velocity.
             G[0], G[1] = 0.5 * T * T * slower, T * slower
             for i in range(2):
                 F[i, 1] = (1.0 if i == 1 else T) - G[i] * x[3]
@@ -149,7 +149,7 @@ def _run(
             x[0] += T * x[1] + 0.5 * T * T * acceleration
             x[1] += T * acceleration
             P[:, :] = F @ P @ F.T
-            # The torque's noise acts through a, which is in doubt itself: a link at rest must not teach that a is nothing.
+            # The torque's noise acts through a, which is uncertain itself: a link at rest must not drive a to zero.
             doubt = (x[2] * x[2] + P[2, 2]) * torque * torque if known else (velocity / T) ** 2
             for i in range(2):
                 for j in range(2):
@@ -168,7 +168,7 @@ def _run(
             if _is_lost(x, P, T, impossible):
                 x[:], P[:, :] = 0.0, 0.0
                 x[2], P[2, 2], x[3], P[3, 3] = first_a, mobility * mobility, first_b, decay * decay
-                # Where the link is, the next sample tells.
+                # The next sample measures where the link is.
                 last[1], last[2], last[4] = 1.0, 0.0, FIRST
                 last[3] += 1.0
                 xs[k], Ps[k], excess[k] = np.nan, np.nan, 1.0
@@ -181,7 +181,7 @@ def _run(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _is_lost(x: Array, P: Array, T: float, impossible: float) -> bool:
-    """Tell whether the filter has lost its way: 1/I or N/I negative by more than an `impossible` number of standard deviations, a
+    """Return whether the filter has diverged: 1/I or N/I negative by more than an `impossible` number of standard deviations, a
     link that would come to rest within a sample.
     """
     for i in (2, 3):

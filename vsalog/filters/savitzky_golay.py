@@ -68,7 +68,7 @@ def savgol_cutoff(window: int, degree: int) -> float:
     """Return the frequency at which the filter has lost 3 dB [rad per sample]; arguments as for `savgol_weights`."""
     value = savgol_weights(window, degree)[0]
     lags = np.arange(window) - savgol_lag(window)
-    # A polynomial of degree n turns n times in a window: half a turn more is lost for sure.
+    # A polynomial of degree n turns n times in a window: half a turn more is certainly lost.
     omegas = np.linspace(0.0, min(np.pi * (degree + 3) / window, np.pi), 200)
     passed = np.abs(np.exp(1j * np.outer(omegas, lags)) @ value) - np.sqrt(0.5)
     after = int(np.argmax(passed < 0.0))

@@ -10,7 +10,7 @@ subtracts nothing at all:
     ( √w ΔY   √w ΔX )         ( Ryy  Ryx )
     (  S_Rᵀ      0  )  = Q ·  (  0   Rxx ),   x ← x + Ryxᵀ e,  Ryyᵀ e = z − ŷ,   S ← Rxxᵀ.
 
-Points are drawn again between prediction and correction, as Shin's algorithm does: the correction then knows of the process
+Points are drawn again between prediction and correction, as Shin's algorithm does: the correction then includes the process
 noise. Print of Shin 2021: eq. 24 takes K Pyy Kᵀ off with a Pyy that already holds R (eq. 21), which is right, but K below it
 adds R again; K is Pxy Pyy⁻¹ here. Their points' index of eq. 13–15 begins at 1.
 
@@ -34,18 +34,18 @@ from vsalog.core.errors import FilterError
 Array = NDArray[np.float64]
 
 WATCHED = 100
-"""Samples over which it is watched how many innovations are beyond what the filter believes."""
+"""Samples over which innovations outside the filter's band are counted."""
 
 
 class Weight(IntEnum):
-    """What stands where in the weights that the compiled functions take."""
+    """Layout of the weights that the compiled functions take."""
 
     SPREAD, MEAN, COVARIANCE, OTHER = range(4)
 
 
 @dataclass(frozen=True, slots=True)
 class UnscentedWeights:
-    """Where sigma points lie and what they count.
+    """Places and weights of sigma points.
 
     Attributes
     ----------
@@ -89,14 +89,14 @@ class UnscentedWeights:
 
 
 class UnscentedTrace(NamedTuple):
-    """What a filter makes of N samples.
+    """A filter's estimates of N samples.
 
     Attributes
     ----------
     x : shape (N, n), states given the samples so far
     S : shape (N, n, n), lower factors of their covariances
     nis : shape (N,), innovation squared, normalised; NaN where nothing corrected
-    diverged : shape (N,), whether most of the latest samples lie beyond what the filter believes, or the state is not finite
+    diverged : shape (N,), whether most of the latest samples are outside the filter's band, or the state is not finite
     """
 
     x: Array
@@ -215,8 +215,8 @@ def unscented_filter(
     Parameters
     ----------
     transition : compiled function (X, first, u, p, Y) → None that writes the next state of each column X[:, i], i ≥ first, into
-        Y[:n, i]; X has shape (n, 2 n + 1), `u` and `p` are whatever the model needs. All points at once, so that what they
-        share is worked out once; with a lower factor, points along a later state share the earlier ones, to the last bit
+        Y[:n, i]; X has shape (n, 2 n + 1), `u` and `p` are what the model needs. All points at once, so that what they
+        share is computed once; with a lower factor, points along a later state share the earlier ones, to the last bit
     observation : likewise for the outputs, into Y[:m, i]
 
     Returns
@@ -227,7 +227,7 @@ def unscented_filter(
     Both change x, shape (n,), and S, shape (n, n), lower, S Sᵀ = P, in place. SQ and SR are lower factors of the process and
     the measurement noise, (n, n) and (m, m); `weights` is of `UnscentedWeights.packed`, `room` of `workspace`. z, shape (m,), may
     hold NaN: a missing output corrects nothing, and with none of them x and S stay as they are. `nis` is the innovation's
-    square normalised by what the filter expects, νᵀ Pyy⁻¹ ν, which is χ² of `used` degrees of freedom where the model holds.
+    square normalised by its expectation, νᵀ Pyy⁻¹ ν, which is χ² of `used` degrees of freedom where the model holds.
     `whole` is False where the negative W₀ would have left no covariance; the middle point's share is then left out, which is
     the larger covariance.
 
@@ -286,8 +286,8 @@ def unscented_filter(
         _draw(x, S, spread, X)
         observation(X, first, u, p, Y)
         share, columns, rows, c = np.sqrt(abs(middle)), used + n, n + m, 0
-        # Two opposite points as their difference and their sum: the states' own lie symmetrically, and their sums are nothing. So
-        # what of the outputs is even, and their noise, is brought to a triangle by itself first.
+        # Two opposite points as their difference and their sum: the states' own are symmetric, and their sums are zero. So
+        # the even part of the outputs, and their noise, is brought to a triangle by itself first.
         half = root / np.sqrt(2.0)
         for k in range(m):
             if np.isnan(z[k]):
@@ -354,7 +354,7 @@ def keep(
     k: int, x: Array, S: Array, nis: float, used: int, limits: Array, surprise: Array, xs: Array, Ss: Array, squares: Array,
     diverged: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """Write what the filter made of sample k into row k of `xs`, `Ss`, `squares` (left alone with no output used), `diverged`.
+    """Write the filter's estimate of sample k into row k of `xs`, `Ss`, `squares` (left alone with no output used), `diverged`.
 
     surprise[0] is the share of samples beyond the `limits`, and changes; a state that is not finite has diverged, too.
     """

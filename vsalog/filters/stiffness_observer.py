@@ -1,14 +1,14 @@
-"""The stiffness observer of Grioli and Bicchi, as Serio et al. (2011) use it on a measured torque: eq. 6 and 13, derived afresh.
+"""The stiffness observer of Grioli and Bicchi, as Serio et al. (2011) use it on a measured torque: eq. 6 and 13, derived again.
 
 The torque Σ(φ, θ₂) that a transmission bears changes by Σ̇ = K φ̇ + (∂Σ/∂θ₂) θ̇₂ (eq. 4). The observer follows K̂ by
 
     dK̂/dt = α e sgn φ̇,    e = Σ̇ − K̂ φ̇,
 
-and what the set-point's motion adds to e averages out as φ̇ changes sign. Over a sample in which Σ̇ and φ̇ are held its solution is
+and the set-point's contribution to e averages out as φ̇ changes sign. Over a sample in which Σ̇ and φ̇ are held its solution is
 K̂ → K̂ + (1 − exp(−α |φ̇| T)) (Σ̇/φ̇ − K̂), which is stable for every α; the print's Euler step (eq. 13) is its first order.
 
-Print of Serio 2011: eq. 14 takes B₁ q̈ and D₁ times a fourth difference of q off Σ̇. Such terms belong to the motor equation, with
-θ₁ and in Σ = B₁ θ̈₁ + D₁ θ̇₁ − τ₁; where Σ itself is measured there is nothing to take off.
+Print of Serio 2011: eq. 14 takes B₁ q̈ and D₁ times a fourth difference of q off Σ̇. Such terms belong to the motor equation,
+with θ₁ and in Σ = B₁ θ̈₁ + D₁ θ̇₁ − τ₁; where Σ itself is measured nothing is subtracted.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Flags = NDArray[np.bool_]
 
 
 def observer_start() -> Array:
-    """Return the state before the first sample: K̂, its variance, and how much has been learnt; shape (3,)."""
+    """Return the state before the first sample: K̂, its variance, and the filled part of the memory; shape (3,)."""
     return np.zeros(3)
 
 
@@ -36,13 +36,13 @@ def observe_stiffness(
     ----------
     state : of `observer_start` or of the block before
     torque_rate, deflection_rate : shape (N,), Σ̇ [N·m/s] and φ̇ [rad/s]
-    use : shape (N,), which samples are learnt from
+    use : shape (N,), which samples are used
     alpha : gain α [1/rad]
     period : T [s]
 
     Returns
     -------
-    stiffness : shape (N,) [N·m/rad], NaN before anything is learnt; the start at K̂ = 0 is taken out, as it is of any average
+    stiffness : shape (N,) [N·m/rad], NaN before any sample is used; the start at K̂ = 0 is corrected, as it is of any average
     deviation : shape (N,), its standard deviation if the samples' e were independent of one another [N·m/rad]
     learnt : shape (N,), 0 to 1, the part of the observer's memory that is filled
     state : to go on with
@@ -56,7 +56,7 @@ def observe_stiffness(
             gain = -np.expm1(-alpha * abs(rate) * period)
             if gain > 0.0:
                 single = torque_rate[k] / rate
-                # Of what has been learnt before: what a sample says of itself is no test of it.
+                # Of the estimate before: a sample is no test of itself.
                 off = single - total / weight if weight > 0.0 else 0.0
                 total += gain * (single - total)
                 variance = (1.0 - gain) ** 2 * variance + (gain * off) ** 2

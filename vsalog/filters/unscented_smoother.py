@@ -5,7 +5,7 @@ sigma points of a filtered state, their prediction x̂' with the covariance P', 
 
     D = C P'⁻¹,    x ← x + D (x'ₛ − x̂'),    P ← P + D (P'ₛ − P') Dᵀ.
 
-Here the next state is an observation of the one before it, x' = f(x) + q. What it would leave of the state's covariance, were it
+Here the next state is an observation of the one before it, x' = f(x) + q. The state's covariance, if it were
 known, is R Rᵀ = P − D P' Dᵀ, so the correction of `square_root_ukf` makes D and R at once, and nothing is subtracted:
 
     S ← triangle of (D S'ₛ, R).
@@ -35,7 +35,7 @@ def smoother_room(size: int, steps: int) -> Room:
 def _carry_back(x: Array, S: Array, R: Array, X: Array, Y: Array, A: Array) -> None:
     """Make the smoothed mean and factor of the next state, x and S, those of this one.
 
-    After a correction X[:, 0] is the filtered mean, Y[:, 0] what the next state is off its prediction by, and A has the factors
+    After a correction X[:, 0] is the filtered mean, Y[:, 0] the next state's prediction error, and A has the factors
     (P_yy, 0; P_xy, R) side by side.
     """
     n, rows = x.shape[0], 2 * x.shape[0]
@@ -78,8 +78,8 @@ def unscented_smoother(transition: Callable[..., None]) -> Callable[..., None]:
     -------
     back : compiled function (x, S, xs, Ss, u, p, steps, weights, SQ, room) → None
 
-    x, shape (n,), and S, shape (n, n), lower, are what the filter made of a sample; `xs` and `Ss` what the smoother made of the
-    next one, which `steps` steps of the model lie ahead. x and S become the smoother's. `room` is of `smoother_room`, all else is
+    x, shape (n,), and S, shape (n, n), lower, are the filter's estimate of a sample; `xs` and `Ss` the smoother's of the
+    next one, which is `steps` steps of the model ahead. x and S become the smoother's. `room` is of `smoother_room`, all else is
     as for the filter's `predict`. A component of the
     prediction without variance, to a float's digits, has no information on the state before.
     """

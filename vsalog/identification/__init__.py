@@ -1,1 +1,1 @@
-"""Identification: the rig's own numbers fitted to a log, before anything is asked about causes."""
+"""Identification: the rig's own numbers fitted to a log, before causes are searched."""

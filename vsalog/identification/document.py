@@ -27,8 +27,8 @@ class IdentifiedNumber(_Part, frozen=True):
     unit : SI; empty where it has none
     rig : the rig's own value
     value, low, high : identified, and its 95 % interval
-    determined : alone: the log tells it as well as a rig usually knows it; in combination: it would if others were known; not:
-        not even then
+    determined : alone: the log determines it as well as a rig usually knows it; in combination: it would if others were known;
+        not: not even then
     correlated_with : key of the number whose estimate depends most on its own; null where there is a single one
     correlation : of both estimates
     """
@@ -71,8 +71,8 @@ class SimulationError(_Part, frozen=True):
     part : "whole", "last third" where no log was held out, of a fit to the rest; "itself" where it is too short for that
     signal : role
     unit : SI
-    rig, identified : root mean square error of the rig as it stands, and with the numbers that were identified
-    noise_floor : what noise alone would leave
+    rig, identified : root mean square error of the rig as given, and with the numbers that were identified
+    noise_floor : error from noise alone
     spread : standard deviation of what was recorded
     """
 
@@ -100,7 +100,7 @@ class Identification(_Part, frozen=True, kw_only=True):
     settings : what was asked for
     numbers, combinations, errors : what was found
     correlations : joint → matrix of the estimates, in the order of `numbers`
-    findings : what a person should know
+    findings : what the user should know
     """
 
     version: int = 1

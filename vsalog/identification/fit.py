@@ -1,9 +1,9 @@
 """The fit of a joint's numbers to a log: output errors of its simulation in windows, the windows' beginnings free.
 
-The beginnings are taken out by variable projection (Golub and Pereyra 2003, Inverse Problems 19), the rest is a least-squares fit
-within bounds (Branch, Coleman and Li 1999, SIAM J. Sci. Comput. 21). Errors are weighed by their noise, or by what the fit leaves
-where that is more, and by how many samples count as one. The covariance is that of the scores in batches (Liang and Zeger 1986,
-Biometrika 73): neither the noise's colour nor what the model lacks is presumed.
+The beginnings are eliminated by variable projection (Golub and Pereyra 2003, Inverse Problems 19), the rest is a least-squares
+fit within bounds (Branch, Coleman and Li 1999, SIAM J. Sci. Comput. 21). Errors are weighted by their noise, or by the residual
+where that is larger, and by how many samples count as one. The covariance is that of the scores in batches (Liang and Zeger 1986,
+Biometrika 73): neither the noise's colour nor the model error is assumed.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Effort(NamedTuple):
 
     Attributes
     ----------
-    rounds : fits with weights of their own: the first from the noise alone, the other from what the first leaves
+    rounds : fits with weights of their own: the first from the noise alone, the other from the first's residual
     tolerance : reduction of half the sum of squares at which a fit ends; being off by a standard deviation adds 1/2
     search : relative reduction of the sum of squares at which a fit to a part of the windows ends: it chooses where to begin
     evaluations : simulations of the log after which a fit is given up
@@ -106,7 +106,7 @@ def fitted(
     joint : of the rig, as it is written
     unknowns : p of them
     windows : of the log
-    start : shape (p,), to begin the fit with; when absent it is searched, and so is whether recorded inputs are joined by lines
+    start : shape (p,), to begin the fit with; when absent it is searched, and so is whether recorded inputs are linear in between
         or held from sample to sample
     lever : that bound the set-point of the windows, see `lever.bound_by`
 
@@ -124,7 +124,7 @@ def fitted(
         if held is not None and _left(held) < _left(begin):
             search, begin, other = other, held, search
     fit = search.all_the_way(search.searched(begin).values)
-    # Few windows say little of it, all of them nearly everything.
+    # Few windows determine little of it, all of them nearly everything.
     if other is None or other.promises(fit.values, other.windows) >= search.promises(fit.values, search.windows):
         return fit
     there = other.all_the_way(fit.values)
@@ -148,7 +148,7 @@ class _Search:
         return self._from(values, self.windows, EFFORT.rounds)
 
     def otherwise_held(self) -> _Search | None:
-        """Return the same search with inputs that act from sample to sample, or that do not; none where commands alone do."""
+        """Return the same search with inputs that are held from sample to sample, or not; none where only commands act."""
         driving = player_of(as_felt(self.joint), self.windows.channels).driving()
         if not set(driving) - set(COMMANDS):
             return None
@@ -166,7 +166,7 @@ class _Search:
             return None
 
     def promises(self, values: Array, windows: Windows) -> float:
-        """Return the squares that the errors are left with where a step from some values does as its slopes say."""
+        """Return the squares of the errors after a step from some values, as its slopes predict them."""
         try:
             return _Objective(self.joint, self.unknowns, windows, values, self.lever).promised(values)
         except SimulationError:
@@ -209,14 +209,14 @@ class _Search:
 
 
 class _SettledError(Exception):
-    """No step promises anything: carries the values, shape (p,)."""
+    """No step predicts a gain: carries the values, shape (p,)."""
 
     def __init__(self, values: Array) -> None:
         self.values = values.copy()
 
 
 class _Objective:
-    """What a fit makes small: weighed errors, what beginnings make up for taken off, and how far unknowns are from the rig."""
+    """What a fit minimises: weighted errors without the effect of beginnings, and how far unknowns are from the rig."""
 
     def __init__(
         self, joint: Any, unknowns: tuple[Unknown, ...], windows: Windows, start: Array, lever: Lever | None
@@ -224,7 +224,7 @@ class _Objective:
         self.joint, self.unknowns, self.windows, self.lever = joint, unknowns, windows, lever
         self.at, self.shot = start.copy(), begun(*self._placed(start))
         self.near, self.slopes = self.shot, by_states(*self._placed(start), self.shot)
-        # First by the noise alone, and no more surely than the whole misfit lets it be.
+        # First by the noise alone, and no more certain than the whole misfit allows.
         rows, self.central = in_windows(self.shot, self._placed(start)[1]), False
         self.low, self.high = np.array([u.bounds for u in unknowns]).reshape(-1, 2).T
         self.weights = np.full(rows.shape[1], 1.0 / max(float(np.sqrt(np.mean(rows**2))), 1.0))
@@ -232,18 +232,18 @@ class _Objective:
     def weigh(self, values: Array) -> None:
         """Take weights from the simulation of some values.
 
-        From there on derivatives are those of parabolas: what errors of theirs would say of numbers that make up for each other
+        From there on derivatives are those of parabolas: their errors in directions of numbers that compensate each other
         must be far below the prior.
         """
         self.weights, self.central = weights_of(self._begun(values), self._placed(values)[1]), True
 
     @property
     def cost_of_noise(self) -> float:
-        """Half the sum of squares that is left where the weights are right, or more."""
+        """Half the residual sum of squares where the weights are right, or more."""
         return 0.5 * len(self.windows.spans) * self.weights.size
 
     def least(self, values: Array, tolerance: float) -> Array:
-        """Return the values that make it least, from some: a step promises less than a part of it, or gained less."""
+        """Return the values that make it least, from some: a step predicts a gain below a part of it, or gained less."""
 
         def jacobian(values: Array) -> Array:
             next(evaluations, None)
@@ -254,7 +254,7 @@ class _Objective:
 
         evaluations = counted("fit", range(EFFORT.evaluations), at_most=True)
         try:
-            # With errors of the simulation's own, steps that promise nothing are shortened again and again.
+            # With errors of the simulation's own, steps without a predicted gain are shortened again and again.
             return np.asarray(
                 least_squares(
                     self.residual, values, jacobian, (self.low, self.high), x_scale="jac",
@@ -267,20 +267,20 @@ class _Objective:
             evaluations.close()
 
     def residual(self, values: Array) -> Array:
-        """Return the weighed errors, and the unknowns, shape (n + p,); no step goes where nothing can be simulated."""
+        """Return the weighted errors, and the unknowns, shape (n + p,); no step goes where nothing can be simulated."""
         try:
             return np.concatenate([self._rows(values).ravel(), values])
         except SimulationError:
             return np.full(self.weights.size * len(self.windows.spans) + values.size, 1.0 / np.finfo(np.float64).eps)
 
     def jacobian(self, values: Array) -> Array:
-        """Return what the unknowns change in it, shape (n + p, p)."""
+        """Return its Jacobian, shape (n + p, p)."""
         self.near = self._begun(values)
         self.slopes = by_states(*self._placed(values), self.near)
         return np.concatenate([self._columns(values).reshape(-1, values.size), np.eye(values.size)])
 
     def promised(self, values: Array) -> float:
-        """Return the sum of the errors' squares that a step to where the slopes lead leaves, not weighed."""
+        """Return the sum of the errors' squares after a step that the slopes predict, not weighted."""
         J, rows = self.jacobian(values), self.residual(values)
         return float((np.square(rows).sum() - _reached(J, rows)) / self.weights[0] ** 2)
 
@@ -311,11 +311,11 @@ class _Objective:
     def _rows(self, values: Array) -> Array:
         rows = projected(bases_of(self.slopes), in_windows(self._begun(values), self._placed(values)[1]))
         if not np.isfinite(rows).all():
-            raise SimulationError("the simulation leaves what the model describes")
+            raise SimulationError("the simulation leaves the range of the model")
         return np.asarray(rows * self.weights)
 
     def _columns(self, values: Array) -> Array:
-        """Return what the unknowns change in the weighed errors, shape (W, L · roles, p)."""
+        """Return the Jacobian of the weighted errors, shape (W, L · roles, p)."""
         here, free = in_windows(self.near, self._placed(values)[1]), self.unknowns
 
         def moved(i: int, step: float) -> Array | None:
@@ -343,7 +343,7 @@ class _Objective:
 
 
 def _reached(J: Array, rows: Array) -> float:
-    """Return what a linear fit takes off the sum of squares of errors."""
+    """Return by how much a linear fit reduces the sum of squares of errors."""
     return float(np.square(np.linalg.qr(J)[0].T @ rows).sum())
 
 
@@ -351,8 +351,8 @@ def _reached(J: Array, rows: Array) -> float:
 class _Batches:
     """Independent parts of a log: of each Σ JᵀJ, shape (B, p, p), and the score Σ Jᵀr, shape (B, p).
 
-    A fit follows each part's errors, the more the fewer parts say most of an unknown: scores are made as large as they were by
-    what each says (CR2 of Bell and McCaffrey 2002, Survey Methodology 28), and a variance has the degrees of freedom that its
+    A fit follows each part's errors, the more the fewer parts determine an unknown: scores are scaled back by
+    each part's share (CR2 of Bell and McCaffrey 2002, Survey Methodology 28), and a variance has the degrees of freedom that its
     expectation and variance under white errors give (Satterthwaite).
     """
 
@@ -376,7 +376,7 @@ class _Batches:
         A = self.informations.sum(axis=0) + np.eye(self.scores.shape[1])
         size = np.sqrt(np.diag(A))
         eigenvalues, vectors = np.linalg.eigh(A / np.outer(size, size))
-        # Where rounding hides what is known of a direction, only the prior is sure to be.
+        # Where rounding hides the information on a direction, only the prior's counts.
         known = eigenvalues > size.size * np.finfo(np.float64).eps * eigenvalues[-1]
         spread = np.sqrt(np.where(known, eigenvalues, 1.0 / np.max(size) ** 2))
         return np.asarray(vectors / size[:, None] / spread)
@@ -407,6 +407,6 @@ class _Batches:
         own = np.einsum("kbi,bki->kb", through, by)
         Q = -through @ through.transpose(0, 2, 1)
         Q[:, np.arange(own.shape[1]), np.arange(own.shape[1])] += own
-        # What the prior says is certain.
+        # The prior's part is certain.
         total = np.trace(Q, axis1=1, axis2=2) + np.sum(inverse**2, axis=1)
         return np.asarray(total**2 / np.maximum(np.sum(Q**2, axis=(1, 2)), np.finfo(np.float64).tiny))

@@ -1,6 +1,6 @@
-"""What a log tells of each number: alone, in combination with others only, or not at all.
+"""How far a log determines each number: alone, in combination with others only, or not at all.
 
-A log tells a number where it says as much of it as a rig usually knows, or more: the variance is half of that of the rig's
+A log determines a number where it contains at least as much information on it as a rig: the variance is half of that of the rig's
 tolerance, or of the default one of its kind.
 """
 
@@ -19,14 +19,14 @@ Array = NDArray[np.float64]
 
 
 def determined(fit: Fit) -> list[Determined]:
-    """Return for each number of a fit how far the log tells it."""
+    """Return for each number of a fit how far the log determines it."""
     usual = _usual(fit) ** 2
-    told, alone = halved(np.diag(fit.covariance) / usual), halved(1.0 / (1.0 + np.diag(fit.information)) / usual)
-    return ["alone" if m else "in combination" if a else "not" for m, a in zip(told, alone, strict=True)]
+    posterior, alone = halved(np.diag(fit.covariance) / usual), halved(1.0 / (1.0 + np.diag(fit.information)) / usual)
+    return ["alone" if m else "in combination" if a else "not" for m, a in zip(posterior, alone, strict=True)]
 
 
 def halved(variance: Array) -> NDArray[np.bool_]:
-    """Tell whether posterior variances, in units of what is usual for their kinds, say that a log tells as much as that."""
+    """Return whether a log determines as much as is usual, by posterior variances in units of what is usual for their kinds."""
     return np.asarray(variance <= 1.0 / 2.0)
 
 
@@ -43,7 +43,7 @@ def correlations(fit: Fit) -> Array:
 def combinations(fit: Fit) -> Iterator[tuple[tuple[int, ...], tuple[float, ...]]]:
     """Yield indices of numbers that change together without effect, and by how many per cent where the first changes by one.
 
-    Per cent are of a number's own value; of its half-width where it lies at an end of its range, as a delay of zero.
+    Per cent are of a number's own value; of its half-width where it is at an end of its range, as a delay of zero.
     """
     usual = _usual(fit)
     values, vectors = np.linalg.eigh(fit.covariance / np.outer(usual, usual))

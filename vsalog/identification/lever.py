@@ -1,4 +1,4 @@
-"""The set-point of a joint whose lever is fitted: what was recorded is an angle, and the lever makes it a length."""
+"""The set-point of a joint whose lever is fitted: an angle was recorded, and the lever makes it a length."""
 
 from __future__ import annotations
 

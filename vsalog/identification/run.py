@@ -99,7 +99,7 @@ def identify(
 
     Parameters
     ----------
-    log : to learn from
+    log : to fit
     holdouts : other logs of the same machine, to judge the fit by
     options : what is asked for
     progress : called with the step that begins
@@ -219,7 +219,7 @@ def _scales(joint: Any, windows: Windows) -> Scales:
     speeds = [np.nanstd(v[1]) for role, v in channels.roles.items() if "position" in role and "commanded" not in role]
     speed = float(max(speeds, default=0.0)) or 1.0
     if not torques and getattr(joint, "drive", None) is not None:
-        # What the loop makes of the error that was recorded.
+        # The loop's torque from the recorded error.
         position = next(channels.raw[r] for r in ("motor_position", "link_position") if r in channels.raw)
         torques = [joint.drive.kp * np.nanstd(channels.raw["commanded_position"] - position)]
     return Scales(float(max(torques, default=0.0)) or 1.0, speed, channels.period)
@@ -228,7 +228,7 @@ def _scales(joint: Any, windows: Windows) -> Scales:
 def _errors(
     name: str, joint: Any, fit: Fit, where: str, part: Any, windows: Windows, lever: Lever | None
 ) -> list[ErrorThere]:
-    """Return how far the rig as it stands, and with a fit, is from windows that it was not fitted to."""
+    """Return how far the rig as given, and with a fit, is from windows that it was not fitted to."""
     windows = dataclasses.replace(windows, scale=fit.windows.scale, hold=fit.windows.hold)
     after = as_felt(placed(joint, fit.unknowns, fit.values))
     try:

@@ -1,4 +1,4 @@
-"""The numbers of a joint that a log is to tell, and how well each is known before."""
+"""The numbers of a joint that a log is to determine, and how well each is known before."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 class Spread(NamedTuple):
-    """How far a number may be off, and how far it is moved to see what it does.
+    """How far a number may be off, and how far it is moved for its slope.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class Unknown:
         return (number.low - number.value) / self.deviation, (number.high - number.value) / self.deviation
 
     def step(self, unknown: float) -> float:
-        """Return the change of the unknown that shows what it does."""
+        """Return the step of the unknown for its slope."""
         slope = self.slope(unknown)
         step = max(
             min(SPREAD.step, SPREAD.step * abs(self.value(unknown)) / slope or SPREAD.step), self.least_step / slope
@@ -157,7 +157,7 @@ def unknowns_of(
         if unknown is not None:
             found.append(unknown)
         elif asked:
-            raise DiagnosisError(f"'{number.key}' is exact: nothing is said of how far machines may differ in it")
+            raise DiagnosisError(f"'{number.key}' is exact: its kind has no tolerance")
     return found
 
 

@@ -30,19 +30,19 @@ class Law(IntEnum):
 
 
 class Element(IntEnum):
-    """What stands where in a transmission's row; its spring's own parameters come last, as many as it has."""
+    """Layout of a transmission's row; its spring's own parameters come last, as many as it has."""
 
     LAW, ADDED_CUBIC, ASYMMETRY, HALF_GAP, DRIFT, DAMPING = range(6)
     LOOP_TORQUE, LOOP_WIDTH, LOOP_EXPONENT, LOOP_SHAPE, SPRING = range(6, 11)
 
 
 class Friction(IntEnum):
-    """What stands where in a row that describes friction."""
+    """Layout of a row that describes friction."""
 
     VISCOUS, COULOMB, STATIC, STRIBECK, LOAD, BRISTLE, BRISTLE_DAMPING = range(7)
 
 
-# Formulas of effects, which stand as plain functions in `vsalog.effects`.
+# Formulas of effects, which are plain functions in `vsalog.effects`.
 TORQUES = tuple(key.table for effect in effects().values() for key in effect.keys if issubclass(key.table, BodyTorque))
 # Only what calls them is compiled again where they change.
 STAMP_OF_TORQUES = source_stamp(*dict.fromkeys(sys.modules[table.formula.__module__] for table in TORQUES))
@@ -60,7 +60,7 @@ planned = compiled(drive.planned)
 
 
 def _of_kind(kind: int, formula: Callable[..., float], others: Callable[..., float]) -> Callable[..., float]:
-    """Return what calls a formula where it is meant, and others where it is not."""
+    """Return code that calls a formula where its number is given, and others elsewhere."""
 
     @inlined
     def torque(which: int, x: float, v: float, t: float, p: Array, at: int) -> float:
@@ -141,7 +141,7 @@ def spring(
 
     Parameters
     ----------
-    numbers, at, width : where the transmission's row stands, and its length
+    numbers, at, width : where the transmission's row is, and its length
     u : deflection less the gap [rad]
     side : +1 or −1, whose half of an asymmetric spring is meant
     arm : lever arm [m]
@@ -178,7 +178,7 @@ def loop_rate(numbers: Array, at: int, z: float, rate: float, speed: float) -> f
 
 @inlined
 def loop_after(z: float, du: float, width: float, exponent: float, shape: float) -> float:
-    """Return what a change of the deflection makes of a loop's state z, in [−1, 1].
+    """Return a loop's state z, in [−1, 1], after a change of the deflection.
 
     The normalised Bouc–Wen loop over the deflection (Ikhouane and Rodellar 2007), by classical Runge–Kutta in parts of a tenth of
     its width, which is right to 1e-6; a hundred widths saturate any loop.

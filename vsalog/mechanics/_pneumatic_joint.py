@@ -6,7 +6,7 @@ reaches the friction's level) within a step, the moment is found by halving the 
 goes on in the other way. So the order of the method is kept through stick and slip, which the paper's implicit Euler form
 of the friction solves at order one. The equations are not stiff: air flows within seconds, the seesaw swings at some 20 Hz.
 
-This file imports no other compiled file, since numba's cache does not see changes in imports. The formulas stand in
+This file imports no other compiled file, since numba's cache does not see changes in imports. The formulas are in
 `vsalog.mechanics.pneumatics` and its neighbours too, with their derivations, for arrays.
 """
 
@@ -195,7 +195,7 @@ def _advance(
 def _ended(
     x: Array, way: int, external: float, air: Array, muscles: Array, seesaw: Array, friction: Array, held: bool
 ) -> bool:
-    """Tell whether what the seesaw does has come to its end: slipping where ψ̇ has turned, sticking where torque wins."""
+    """Return whether the seesaw's mode has ended: slipping where ψ̇ has turned, sticking where torque wins."""
     if way == Way.FREE or held:
         return False
     if way != Way.STICK:
@@ -226,7 +226,7 @@ def integrate_pam(
     inputs : shape (3, N − 1, 2S + 1), α₁, α₂ and the external torque [N·m] at the ends and the middles of the S steps in
         each period; a period has its own end value, so that a held input jumps at the border and not before
     step : [s], period / S
-    air : P_tank, P_out [Pa], R T [J/kg], k, critical ratio, k₁, k₂, and what a choked orifice lets through [kg/(s·m²·Pa)]
+    air : P_tank, P_out [Pa], R T [J/kg], k, critical ratio, k₁, k₂, and the flow of a choked orifice [kg/(s·m²·Pa)]
     muscles : shape (2, 16): L₀, D₁, D₂, D₃, force gain, leak area, A₁, A₂ [m²], code of the force model and its numbers
         (up to 6), rest length
     seesaw : r, J, k_s, M g

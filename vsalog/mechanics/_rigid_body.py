@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 class Body(IntEnum):
-    """What stands where in a link's numbers; the centre of mass has 3, the inertia about it 9."""
+    """Layout of a link's numbers; the centre of mass has 3, the inertia about it 9."""
 
     LENGTH, OFFSET, COS_TWIST, SIN_TWIST, ANGLE, MASS, CENTRE, INERTIA, END = 0, 1, 2, 3, 4, 5, 6, 9, 18
 
@@ -27,7 +27,7 @@ class Row(IntEnum):
 
 
 class Left(IntEnum):
-    """What the way out leaves in a link's row for the way back: rotation (9), ω, ω̇, v̇, force, moment, arm (3 each)."""
+    """What the outward pass stores in a link's row for the inward pass: rotation (9), ω, ω̇, v̇, force, moment, arm (3 each)."""
 
     ROTATION, OMEGA, ALPHA, ACCELERATION, FORCE, MOMENT, ARM, END = 0, 9, 12, 15, 18, 21, 24, 27
 
@@ -41,7 +41,7 @@ def _add_cross(a0: float, a1: float, a2: float, b0: float, b1: float, b2: float,
 
 @njit(error_model="numpy")
 def _add_centripetal(w: Array, k: int, r0: float, r1: float, r2: float, at: int) -> None:
-    """Add ω̇ × r + ω × (ω × r) to w[k, at:]; ω stands at 9, ω̇ at 12."""
+    """Add ω̇ × r + ω × (ω × r) to w[k, at:]; ω is at 9, ω̇ at 12."""
     x, y, z = w[k, 9], w[k, 10], w[k, 11]
     _add_cross(w[k, 12], w[k, 13], w[k, 14], r0, r1, r2, w, k, at)
     _add_cross(x, y, z, y * r2 - z * r1, z * r0 - x * r2, x * r1 - y * r0, w, k, at)
@@ -89,8 +89,8 @@ def inverse_dynamics(numbers: Array, at: int, count: int, field: int, weight: fl
 
     Parameters
     ----------
-    numbers, at, count : the links stand in numbers[at : at + 18 count]
-    field, weight : gravity in the base's frame [m/s²] stands in numbers[field : field + 3] and is multiplied with `weight`
+    numbers, at, count : the links are in numbers[at : at + 18 count]
+    field, weight : gravity in the base's frame [m/s²] is in numbers[field : field + 3] and is multiplied with `weight`
     w, first : work array, shape (first + 5 + count or more, 27 or more); its rows Q, DQ, DDQ count from `first`
     """
     base = first + Row.BASE

@@ -1,8 +1,8 @@
-"""Dry friction of a motor, from how it was seen to move.
+"""Dry friction of a motor, from its measured motion.
 
-What friction does is known as far as the motion is: where the velocity is too small for its sign to be known, ideal friction
+Friction is known as far as the motion is: where the velocity is too small for its sign to be known, ideal friction
 may be anything between minus and plus its level, and bristles begin anywhere between their extremes. So both extremes are
-followed; their middle is what is taken for the friction, and half of what lies between them is the doubt.
+followed; their middle is taken as the friction, and half of their distance is the doubt.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def friction_block(
     state : of `friction_start` or a previous call
     friction : on the joint's side of the gear
     velocity : shape (N,) [rad/s]; NaN where it is not known
-    load : shape (N,), about how large the transmitted torque is [N·m], for how far bristles give way, and for the doubt
+    load : shape (N,), rough size of the transmitted torque [N·m], for how far bristles give way, and for the doubt
     floor : velocity whose sign is not known [rad/s]
     reach : for so many samples to either side of where the velocity changes its sign, it is not known either
     period : T [s]
@@ -89,7 +89,7 @@ def _compiled_rub(stamp: str) -> Callable[..., Any]:
                             bristles_after(high, dx, end, stiffness, middle),
                             bristles_after(low, dx, end, stiffness, middle),
                         )
-                        # What noise alone would wear down is not known to have gone.
+                        # A deflection that only noise would reduce is kept.
                         high, low = (max(high, up), min(low, down)) if unsure else (up, down)
                 # Beyond 1 where the level has fallen faster than the bristles, as it does over the Stribeck velocity.
                 top, bottom = high / limit, low / limit

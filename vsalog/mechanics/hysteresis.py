@@ -1,7 +1,7 @@
 """Hysteresis of a transmission, from the deflection that was measured.
 
-A loop remembers; what it remembers of the time before the log nobody knows. So it is followed from both extremes it could have
-begun with: their middle is what is taken for its torque, and half of what lies between them is the doubt, which dies away as the
+A loop has a memory, and its state before the log is not known. So it is followed from both extremes it could have
+begun with: their middle is taken as its torque, and half of their distance is the doubt, which decays as the
 deflection moves.
 """
 
@@ -41,15 +41,15 @@ def loop_start(transmission: Transmission) -> Array:
 def loop_block(state: Array, transmission: Transmission, phi: Array, slack: float = 0.0) -> tuple[Array, Array, Array]:
     """Return the torque of a transmission's loops over its deflection.
 
-    Noise alone, going to and fro, would wear down what a loop remembers. That is therefore kept until the deflection has moved by
-    more than `slack`, and what it does until then starts from there.
+    Noise alone, going to and fro, would erase a loop's memory. It is therefore kept until the deflection has moved by
+    more than `slack`, and the motion until then starts from there.
 
     Parameters
     ----------
     state : of `loop_start` or a previous call
     transmission : of the rig
     phi : shape (N,), deflection [rad]; the loops rest while it is NaN
-    slack : what noise may move the deflection by [rad]
+    slack : how far noise may move the deflection [rad]
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """Where the links of a chain are and how they move, and what an accelerometer on one of them reads.
 
 Everything is over time: q has the shape (…, N), and each result the same leading dimensions. Vectors are in the base's frame
-unless something else is said.
+unless stated otherwise.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A link with what it carries: one place for what a payload adds."""
+"""A link with what it carries: one place for a payload."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ published forms: the geometry of the braid (Tondu and Lopez 2000), a fitted expo
 stiffness is a polynomial (Wickramatunge and Leephakpreeda 2010). They take the pressure above the outside one, p = P − P_out;
 the linear model takes P itself, as its coefficients were fitted so.
 
-No model is cut off at zero: the paper's is not, and a muscle pushes where its fitted line says so.
+No model is cut off at zero: the paper's is not, and a muscle pushes where its fitted line does.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ def orifice_flow(air: Air, area: ArrayLike, upstream: ArrayLike, downstream: Arr
 
     With ϱ = P_down / P_up,  ṁ = A P_up / √(RT) · √(2k/(k − 1) (ϱ^(2/k) − ϱ^((k+1)/k))) where ϱ is above `critical_ratio`
     (subsonic); below it the flow is choked and stays what it is there. It turns round with the pressures, of which the paper,
-    whose pressures stay between outside and supply, says nothing.
+    whose pressures stay between outside and supply, does not speak.
 
     Parameters
     ----------

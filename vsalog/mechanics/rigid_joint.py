@@ -10,7 +10,7 @@ from vsalog.rig.parts import Link, Motor
 def as_one(motor: Motor, link: Link | None) -> Link:
     """Return what a motor and its link are together, as the joint feels them: B + M, D_θ + D_q, both dry frictions.
 
-    What makes friction depend on the load is the weight that the gear carries.
+    The load of load-dependent friction is the weight that the gear carries.
     """
     motor = motor.reflected
     if link is None:

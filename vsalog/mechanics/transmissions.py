@@ -1,8 +1,8 @@
 """Flexible transmissions: energy U(φ), flexibility torque τ_e = ∂U/∂φ and stiffness σ = ∂τ_e/∂φ, in SI.
 
-The functions dispatch on the structures of `vsalog.rig.schema`. NaN goes in and comes out as NaN. What the rig says of a
-spring beyond its nominal torque (added cubic, asymmetry, backlash, drift) is honoured; damping and hysteresis depend on more
-than the deflection and belong to the simulation.
+The functions dispatch on the structures of `vsalog.rig.schema`. NaN goes in and comes out as NaN. The rig's
+additions to a spring's nominal torque (added cubic, asymmetry, backlash, drift) are included; damping and hysteresis depend on
+more than the deflection and belong to the simulation.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def stiffness(
 def torque_and_stiffness(
     transmission: Transmission, phi: ArrayLike, setpoint: ArrayLike | None = None, time: ArrayLike = 0.0
 ) -> tuple[Array, Array]:
-    """Return both in one go, [N·m] and [N·m/rad].
+    """Return both at once, [N·m] and [N·m/rad].
 
     Parameters and errors are those of `flexibility_torque`.
     """
@@ -85,7 +85,7 @@ def elastic_energy(
 def reaction_torque(
     transmission: AwasTransmission, phi: ArrayLike, setpoint: ArrayLike, travel: float, time: ArrayLike = 0.0
 ) -> Array:
-    """Return ψ_e = ∂U/∂θ_c [N·m], what an AwAS' springs do to its secondary motor (Flacco 2012 eq. 52).
+    """Return ψ_e = ∂U/∂θ_c [N·m], the torque of an AwAS' springs on its secondary motor (Flacco 2012 eq. 52).
 
     Parameters
     ----------

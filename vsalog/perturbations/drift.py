@@ -1,6 +1,6 @@
 """Drift: the second half of a log alone.
 
-A fit takes a spring for the same throughout. Of one that softens as it warms up it has the average so far, which is off by half
+A fit assumes the same spring throughout. Of one that softens as it warms up it estimates the average so far, off by half
 of the change at the end of the log, and residuals, which are small, hardly show it. The fit to the second half alone is off by
 half as much: if the stiffness moves there by more than the noise of the second half allows, the spring has changed (Hausman,
 "Specification tests in econometrics", Econometrica 46(6), 1978). With noise that is the same throughout, half of the variance
@@ -21,8 +21,8 @@ from vsalog.perturbations.trials import Shift, Subject, Trial
 class Drift:
     """Runs on the second half.
 
-    Fits lag a linear change by half of what they have seen: that to the second half differs from that to the whole by a quarter
-    of the change over the log, and at the end of the log the whole's lags by half of the change.
+    Fits lag a linear change by half of the log they have used: that to the second half differs from that to the whole by a
+    quarter of the change over the log, and at the end of the log the whole's lags by half of the change.
     """
 
     name = "drift"

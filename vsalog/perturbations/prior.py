@@ -1,8 +1,8 @@
 """The prior that a recursion begins with: a weaker one.
 
-A recursion begins with coefficients of zero and some trust in them, which decides what the log does not show: usually well, for
+A recursion begins with coefficients of zero and a covariance, which decides what the log does not show: usually well, for
 springs are not far from what the prior expects. But where coefficients have to be large, as those of a set-point whose sign is
-not the rig's, the prior holds them back though the data would tell better, and residuals hardly show it.
+not the rig's, the prior biases them though the data determine them better, and residuals hardly show it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class WeakerPrior:
         return (Trial(subject.method.build(subject.device, subject.signals, tuning), subject.signals),)
 
     def findings(self, subject: Subject, shift: Shift) -> list[Finding]:
-        """Return the transmissions whose stiffness the prior holds back."""
+        """Return the transmissions whose stiffness the prior biases."""
         return [
             Finding(
                 code="prior.holds_back",

@@ -1,7 +1,7 @@
 """Encoder resolution: positions rounded once more, to coarser steps.
 
-What rounding adds repeats where a motion repeats, and while a joint rests it does not change at all: it averages out in no time,
-follows the motion, and is in no residual. But positions can be rounded to steps three times as large, the grid of which lies in
+The rounding error repeats where a motion repeats, and while a joint rests it does not change at all: it averages out in no time,
+follows the motion, and shows in no residual. But positions can be rounded to steps three times as large, with the grid at
 one of three places. Errors of either sign are then 8^½ times as large as those of the steps that are there, and the bias, which
 grows with the square, eight times. The former is taken, which is cautious.
 """
@@ -30,11 +30,11 @@ FINE_STEPS = 300.0
 class Quantisation:
     """Rounds positions to coarser steps.
 
-    A few trials tell a spread badly: a band of Student's t with as many degrees of freedom is wider than a normal one.
+    A few trials estimate a spread badly: a band of Student's t with as many degrees of freedom is wider than a normal one.
 
     Attributes
     ----------
-    grids : where those of the sensors lie in each trial [steps]: each sensor's everywhere, and no two sensors' always alike
+    grids : places of the sensors' grids in each trial [steps]: each sensor's everywhere, and no two sensors' always alike
     """
 
     grids = ((0, 0, 1), (1, 2, 0), (2, 1, 2), (0, 1, 2))

@@ -1,9 +1,9 @@
 """Sampling rate: every second sample alone.
 
 A motion that is hardly resolved, as of jerks at 50 Hz or of a torque that is switched between two samples, biases what is
-estimated from it: torques jump, derivatives lose what is fast. That repeats with the motion and is in no residual. But every
+estimated from it: torques jump, derivatives lose fast motion. That repeats with the motion and shows in no residual. But every
 second sample alone is a recording at half the rate, in which the error is twice to eight times as large. How far the estimate
-moves then, beyond what its band there allows, is no less than how far it is off (after Richardson's deferred approach to the
+moves then, beyond what its band there allows, is no less than its error (after Richardson's deferred approach to the
 limit).
 """
 
@@ -51,7 +51,7 @@ class SamplingRate:
             yield Trial(fold, half, slice(first, None, 2))
 
     def findings(self, subject: Subject, shift: Shift) -> list[Finding]:
-        """Return for which stiffness samples are too few, or that this cannot be tried."""
+        """Return for which stiffness samples are too few, or that this cannot be tested."""
         joint = subject.device.joint
         if not shift.supported:
             return [Finding(code="sampling.untried", joint=joint)]

@@ -1,7 +1,7 @@
 """Perturbations: changes of the signals or the tuning, and how far an estimate moves with them.
 
-Encoder steps that repeat with the motion, a motion that is hardly sampled, a prior that is too strong: each is in no residual.
-But it can be made larger, and the estimate be run again. How far it moves tells how far it is off already (simulation
+Encoder steps that repeat with the motion, a motion that is hardly sampled, a prior that is too strong: none shows in a residual.
+But it can be made larger, and the estimate be run again. How far it moves shows how far it is off already (simulation
 extrapolation: Cook and Stefanski, JASA 89, 1994).
 """
 
@@ -32,7 +32,7 @@ from vsalog.uncertainty.shift import Spread, beyond_noise, change, spread_over
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Samples that are tried [1], a minute at 1 kHz: what is in no residual repeats with the motion, and shows as soon as that has.
+# Samples that are tried [1], a minute at 1 kHz: such errors repeat with the motion, and show as soon as it repeats.
 TRIED_SAMPLES = PART
 
 
@@ -60,9 +60,9 @@ class Perturbation(Protocol):
     Attributes
     ----------
     name : one noun, unique
-    scale : what of a trial's shift the estimate itself is off by
+    scale : the estimate's own error as a part of a trial's shift
     while_learning : whether a shift falls while the recursion learns, so that it is counted sample by sample
-    uniform : whether it moves a stiffness by the same part everywhere, so that one number tells
+    uniform : whether it moves a stiffness by the same part everywhere, so that one number suffices
     own_noise : which part of a trial's variance its difference from the estimate has by noise alone
     """
 
@@ -76,7 +76,7 @@ class Perturbation(Protocol):
         """Return the trials, empty where the method refuses them all; None where the error cannot matter."""
 
     def findings(self, subject: Subject, shift: Shift) -> list[Finding]:
-        """Return what of a shift is worth reporting."""
+        """Return the findings about a shift."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,11 +87,11 @@ class Shift:
     ----------
     spreads : of each stiffness that moves, transmission by transmission and of the total
     significant : by which part at most, beyond what noise may do
-    overall : by which part, in the median of all samples, and what of that noise makes, one standard deviation
+    overall : by which part, in the median of all samples, and its noise, one standard deviation
     samples : the square of the part by which each tried sample moves beyond noise, shape (N,); where shifts fall while the
         recursion learns
     covariance : of the coefficients of each transmission's model
-    supported : whether some trial supports a stiffness where the estimate does; true where this supports none
+    supported : whether a stiffness is excited in some trial where it is in the estimate; true where it is excited nowhere
     """
 
     spreads: Mapping[str, Spread]
@@ -107,7 +107,7 @@ class Shift:
             return 0.0
         spread = self.spreads[name]
         found = spread.at(*_places(columns)[: len(spread.places)], count=len(columns["stiffness"])) ** 2
-        # What a recursion has not learnt yet it may know later, at the same deflection.
+        # An estimate that a recursion does not have yet it may have later, at the same deflection.
         own = self.samples.get(name, np.empty(0))[first : first + found.size]
         found[: own.size] = np.maximum(found[: own.size], own)
         return found
@@ -130,7 +130,7 @@ class Trials:
         return [found for kind, shift in self.shifts.items() for found in kind.findings(self.subject, shift)]
 
     def widened(self, trace: Trace, first: int = 0) -> Trace:
-        """Return rows of a trace, `first` of which have gone before, with standard deviations that count all shifts in.
+        """Return rows of a trace, after `first` others, with standard deviations that count all shifts in.
 
         What is too uncertain then is not excited.
         """
@@ -172,7 +172,7 @@ def run_trials(subject: Subject, perturbations: Sequence[Perturbation], base: Es
         if trials is not None:
             base = base or run(part.fold, part.signals)
             if follows_changes(part.fold):
-                # What it chose from the log is not what is perturbed, and takes the most time.
+                # Its choices from the log are not perturbed, and take the most time.
                 part = part._replace(fold=part.fold.settled(base.state))
                 trials = perturbation.trials(part) or ()
             shifts[perturbation] = _shift(perturbation, part, base, trials)

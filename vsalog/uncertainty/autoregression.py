@@ -1,4 +1,4 @@
-"""Coloured noise as an autoregression: fitted to residuals, and taken out of rows so that the noise left is white.
+"""Coloured noise as an autoregression: fitted to residuals, and removed from rows so that the remaining noise is white.
 
 Generalised least squares with an estimated covariance (Prais and Winsten, 1954): the predictors of every order come from
 Levinson's recursion on the residuals' autocovariance, so that the first rows after a gap are predicted by fewer, and all rows
@@ -24,7 +24,7 @@ class Autoregression(NamedTuple):
     Attributes
     ----------
     weights : shape (p + 1, p), row m predicts from the last m values, the latest first
-    deviation : shape (p + 1,), standard deviation of what row m does not predict
+    deviation : shape (p + 1,), standard deviation of the prediction error of row m
     """
 
     weights: Array
@@ -36,7 +36,7 @@ class Autoregression(NamedTuple):
         return int(self.weights.shape[1])
 
     def whitened(self, rows: Array, first: Flags) -> Array:
-        """Return rows less what the rows before predict of them, over the standard deviation of what is left.
+        """Return the prediction errors of rows from the rows before, over their standard deviation.
 
         Parameters
         ----------

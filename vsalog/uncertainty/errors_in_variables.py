@@ -1,15 +1,15 @@
-"""Errors-in-variables bias: what noise in regressors does to a fit that takes them for exact.
+"""Errors-in-variables bias: the effect of noise in regressors on a fit that takes them as exact.
 
 Where a deflection's noise e enters the regressors F as f' e, f' = ∂F/∂φ, and the torque y as ε, the normal equations are off by
-what does not average out, Σ f' E[e ε] − H ξ with the noise's own energy H = Σ E[e²] f' f'ᵀ: noise of the deflection itself makes
-a spring look softer, and noise of a motor's encoder, which the motor equation differentiates twice, makes it look stiffer. Both
-are counted as if they never cancelled. What is estimated has been biased already: where r is the part of a functional's
-information that is noise, the bias is 1/(1 − r) times what the estimate says, with the largest r of all functionals, for each is
-a combination of the same unknowns. What leaves a functional as it is by chance leaves it by the next order, r of itself.
+the terms that do not average out, Σ f' E[e ε] − H ξ with the noise's own energy H = Σ E[e²] f' f'ᵀ: noise of the deflection
+itself makes a spring look softer, and noise of a motor's encoder, which the motor equation differentiates twice, makes it look
+stiffer. Both are counted as if they never cancelled. The estimate itself is biased already: where r is the part of a functional's
+information that is noise, the bias is 1/(1 − r) times the estimate, with the largest r of all functionals, for each is a
+combination of the same unknowns. Noise that happens not to change a functional changes it in the next order, by r of itself.
 (Söderström, "Errors-in-variables methods in system identification", Automatica 43(6), 2007.)
 
-In an integral noise becomes a walk, which goes on in all samples after it, less its mean, which the integration constant takes
-up. With the weights w_k of the fit and W_j = Σ_{k≥j} w_k, an e_j has the energy W_j − W_j²/W of the run's W.
+In an integral noise becomes a random walk, which goes on in all samples after it, less its mean, which the integration constant
+takes up. With the weights w_k of the fit and W_j = Σ_{k≥j} w_k, an e_j has the energy W_j − W_j²/W of the run's W.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class RegressorNoise:
     Attributes
     ----------
     deflections : of each transmission; integrated along with the equation where that is an integral
-    direct : shape (n,), variance of what each regressor has of its own, whether integral or not; None for none
+    direct : shape (n,), variance of each regressor's own noise, whether integral or not; None for none
     """
 
     deflections: tuple[DeflectionNoise, ...]
@@ -80,7 +80,7 @@ class BiasState(NamedTuple):
     weight: Array
 
     def covariance(self, unknowns: Array) -> Array:
-        """Return the square of what the normal equations are off by, shape (n, n)."""
+        """Return the square of the normal equations' error, shape (n, n)."""
         H = self.energy + (self.once - self.twice / self.weight[0] if self.weight[0] > 0.0 else 0.0)
         off = H @ unknowns
         return np.outer(off, off) + np.outer(self.shared, self.shared)
@@ -113,18 +113,18 @@ def bias_block(
     E : shape (N, m, n), functionals, the first those of each transmission's stiffness, f'
     T : shape (N, m, n), P E
     unknowns, values : shapes (N, n) and (N, m), ξ̂ and E ξ̂
-    use, fresh : shape (N,), samples that are learnt from, and where an integral begins again
+    use, fresh : shape (N,), samples that are used, and where an integral begins again
     integral : whether the equation is an integral
     discount : what a sample's weight is multiplied with in the next
 
     Returns
     -------
-    state, and shape (N, m); infinite where most of what is known is noise, NaN while nothing is
+    state, and shape (N, m); infinite where most of the information is noise, NaN while there is none
     """
     new, bias = BiasState(*(x.copy() for x in state)), np.empty(T.shape[:2])
     own, shared = np.array([d.own for d in noise.deflections]), np.array([d.shared for d in noise.deflections])
     direct = np.zeros(T.shape[2]) if noise.direct is None else noise.direct
-    # Functionals picked from others lie strided in memory, which makes the loop several times as slow.
+    # Functionals picked from others are strided in memory, which makes the loop several times as slow.
     E, values, parts = np.ascontiguousarray(E), np.ascontiguousarray(values), np.empty(T.shape[1])
     _loop(integral)(own, shared, direct, E, T, unknowns, values, use, fresh, discount, parts, *new, bias)
     return new, bias
@@ -132,7 +132,7 @@ def bias_block(
 
 @cache
 def _loop(integral: bool) -> Callable[..., None]:
-    """Return the loop over samples, compiled for one kind of equation: what is for the other is left out."""
+    """Return the loop over samples, compiled for one kind of equation: code for the other is left out."""
 
     @compiled
     def run(
@@ -174,7 +174,7 @@ def _loop(integral: bool) -> Callable[..., None]:
                         shared[i] += with_torque[r] * E[k, r, i]
             largest = 0.0
             for m in range(asked):
-                off, beside, noise, information = 0.0, 0.0, 0.0, 0.0
+                off, common, noise, information = 0.0, 0.0, 0.0, 0.0
                 for i in range(n):
                     row = 0.0
                     for j in range(n):
@@ -183,11 +183,11 @@ def _loop(integral: bool) -> Callable[..., None]:
                             row += (once[i, j] - twice[i, j] / weight[0]) * T[k, m, j]
                     off += row * unknowns[k, i]
                     noise += row * T[k, m, i]
-                    beside += T[k, m, i] * shared[i]
+                    common += T[k, m, i] * shared[i]
                     information += T[k, m, i] * E[k, m, i]
                 parts[m] = noise / information if noise > 0.0 else 0.0
                 largest = max(largest, parts[m])
-                bias[k, m] = abs(off) + abs(beside)
+                bias[k, m] = abs(off) + abs(common)
             for m in range(asked):
                 first, next_order = bias[k, m] / (1.0 - min(largest, MOST_NOISE)), parts[m] * values[k, m]
                 bias[k, m] = math.sqrt(first**2 + next_order**2) if not parts[m] >= MOST_NOISE else math.inf

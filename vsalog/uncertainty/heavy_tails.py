@@ -1,8 +1,8 @@
-"""Weights of rows whose noise has heavier tails than the normal distribution: outliers count little, sound noise is not touched.
+"""Weights of rows whose noise has heavier tails than the normal distribution: outliers count little, normal noise is not changed.
 
 Student's t as a scale mixture of normal distributions (Lange, Little, Taylor, J. Am. Stat. Assoc. 84(408), 1989): a row that is
-off by u standard deviations has the weight (ν + 1)/(ν + u²). How heavy tails are, ν, is that of the largest likelihood, and none
-where a normal distribution has the least Bayesian information criterion.
+off by u standard deviations has the weight (ν + 1)/(ν + u²). How heavy tails are, ν, is that of the largest likelihood, and
+infinite where a normal distribution has the least Bayesian information criterion.
 """
 
 from __future__ import annotations

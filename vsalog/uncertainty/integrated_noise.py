@@ -1,7 +1,7 @@
 """Integrated noise: the random walk that white noise of a torque becomes in an integrated equation.
 
-A fit to an integral takes most of a walk for its own, because integrals are slow too: where the log is short, residuals do not
-show how large it is. But the noise of a torque is known, and what it makes of the score Σ F n, with n the sum of all noise so
+A fit to an integral absorbs most of a random walk, because integrals are slow too: where the log is short, residuals do not
+show how large it is. But the noise of a torque is known, and its effect on the score Σ F n, with n the sum of all noise so
 far, follows: with G_j = Σ_{k≥j} F_k its covariance is s² Σ_j G_j G_jᵀ, for steps of s = σ T.
 """
 
@@ -44,12 +44,12 @@ def walk_start(n: int) -> WalkState:
 def walk_block(
     state: WalkState, F: Array, use: Flags, fresh: Flags, directions: Array, discount: float
 ) -> tuple[WalkState, Array]:
-    """Go on with the sums; return what a walk of steps of variance one makes of functionals after each row.
+    """Go on with the sums; return the effect of a random walk of steps of variance one on functionals after each row.
 
     Parameters
     ----------
     F : shape (N, n), regressors, the first of which is one
-    use : shape (N,), rows that are learnt from
+    use : shape (N,), rows that are used
     fresh : shape (N,), where the integral begins again
     directions : shape (N, m, n), P times the functionals
     discount : λ², by which the weight of all rows before falls with each
@@ -72,7 +72,7 @@ def _run(
     n = H.size
     for k in range(F.shape[0]):
         if fresh[k] and rows[0] > 0.0:
-            # Less its own constant, which nobody asks for any more.
+            # Less its own constant, which is not needed any more.
             N = rows[0]
             squares = N * (N + 1.0) * (2.0 * N + 1.0) / 6.0
             for i in range(1, n):

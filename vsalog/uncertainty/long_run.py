@@ -1,7 +1,7 @@
-"""The long-run (HAC) covariance of a fit's score: what coloured and non-stationary residuals make of the unknowns.
+"""The long-run (HAC) covariance of a fit's score: the effect of coloured and non-stationary residuals on the unknowns.
 
 Least squares err by P Σ F e: the sum of the regressors times the noise, the *score*. Residuals are not white: filters smooth
-them, an encoder's noise differentiated twice lies far above the motion, a torque's noise integrated is a random walk, and a
+them, an encoder's noise differentiated twice is far above the motion, a torque's noise integrated is a random walk, and a
 model that does not fit leaves a slow pattern. Counting samples as if they were independent is wrong by factors either way. So
 regressors and residuals go through one orthonormal wavelet transform, and in each octave of frequency the variance of the
 residuals meets the energy of the regressors there:
@@ -16,14 +16,14 @@ innovations over their own standard deviation for noise of variance one: a fit d
 Where the equation is an integral its noise is a random walk, and no octave is the last one: there its increments are looked at,
 with sums of the regressors in their place (summation by parts), less each run's mean, which its integration constant takes up.
 A fit follows the walk, so that its residual changes more, slowly, than the noise does. In the slow octaves increments therefore
-have a fit of their own too, to which they are nearly white; it leaves more where a velocity changes by little more than its own
-noise. The smaller of the two counts.
+have a fit of their own too, to which they are nearly white; its residual is larger where a velocity changes by little more than
+its own noise. The smaller of the two counts.
 
-No octave has what never changes, as an offset that the basis cannot follow: the mean of the residuals meets the sum of the
+No octave contains a constant, such as an offset that the basis cannot follow: the mean of the residuals meets the sum of the
 regressors.
 
-That takes noise for stationary. Where it comes together with the motion, as what too few samples make of a jerk between long
-rests, its mean over the rests tells little of it. So the products of coefficients, the residuals' times the regressors', are
+That assumes stationary noise. Where noise comes together with the motion, as the error of too few samples in a jerk between long
+rests, its average over the rests does not describe it. So the products of coefficients, the residuals' times the regressors', are
 also summed batch by batch. Batches that are longer than noise lasts are independent, and the squares of their sums add up to
 the score's covariance, however the noise changes from one to the next. That is less certain, for it rests on the few batches in
 which much happens: it counts where it is more than chance would make of stationary noise (White, Econometrica 48(4), 1980; of
@@ -106,7 +106,7 @@ class Vector(IntEnum):
 
 
 class Octave(IntEnum):
-    """Columns of `octaves`, the last row of which is for what lies beyond.
+    """Columns of `octaves`, the last row of which is for the rest beyond.
 
     Inputs of its filters; coefficients; squares of the residuals' and of the fit's to increments; variance found.
     """
@@ -127,7 +127,7 @@ class Noise(IntEnum):
 
 
 class LongRunState(NamedTuple):
-    """What has been seen of regressors and residuals, for n unknowns. A few large arrays, for each costs time to compile.
+    """The statistics of regressors and residuals, for n unknowns. A few large arrays, for each costs time to compile.
 
     Attributes
     ----------
@@ -189,19 +189,19 @@ def long_run_block(
     forgetting: float,
     least: float = FEWEST_SAMPLES,
 ) -> tuple[LongRunState, Array]:
-    """Observe the residuals of a fit, and return what they make of functionals of the unknowns.
+    """Observe the residuals of a fit, and return their effect on functionals of the unknowns.
 
     Parameters
     ----------
     state : of `long_run_start` or a previous call
     F, y : shapes (N, n) and (N,), regressors and what they shall add up to
     residual : shape (N,), recursive residuals
-    use : shape (N,), samples that were learnt from
+    use : shape (N,), samples that were used
     fresh : shape (N,), samples at which an integral, and its constant, the first unknown, begin again
     T : shape (N, q, n), P E of functionals E
     integral : whether the equation is an integral
     forgetting : λ; a sample's part in P was discounted by λ² a step
-    least : samples without which nothing is said
+    least : samples below which nothing is reported
 
     Returns
     -------
@@ -239,7 +239,7 @@ def _observe(
 ) -> tuple[Array, NDArray[np.int64]]:  # fmt: skip
     """Change the state as `long_run_block` does, and look once more at the end where asked to.
 
-    Returns what was found of the score at the beginning and at each look, shape (looks + 1, 2, n, n), and from which sample on.
+    Returns the covariance of the score at the beginning and at each look, shape (looks + 1, 2, n, n), and from which sample on.
     """
     most = F.shape[0] // look_interval() + 3
     told, since = np.empty((most, *state.found.shape)), np.zeros(most, dtype=np.int64)
@@ -268,7 +268,7 @@ def _variances(T: Array, told: Array, since: NDArray[np.int64], clearly: float, 
                     for r in range(width):
                         stationary_row[r] = changing_row[r] = 0.0
                     for j in range(i, n):
-                        # What is off the diagonal is there twice.
+                        # Elements off the diagonal count twice.
                         a, b = told[look, Noise.STATIONARY, i, j], told[look, Noise.NONSTATIONARY, i, j]
                         times = 1.0 if j == i else 2.0
                         for r in range(width):
@@ -278,14 +278,14 @@ def _variances(T: Array, told: Array, since: NDArray[np.int64], clearly: float, 
                         stationary[r] += stationary_row[r] * work[4 + i, r]
                         changing[r] += changing_row[r] * work[4 + i, r]
                 for r in range(width):
-                    # Below zero is what rounding makes of what nothing tells.
+                    # Rounding makes a variance without data negative.
                     variance = stationary[r] if stationary[r] >= 0.0 else math.nan
                     out[begin + r, m] = changing[r] if changing[r] > clearly * variance else variance
 
 
 @cache
 def _loop(integral: bool, forgets: bool) -> Callable[..., int]:
-    """Return the loop over samples, compiled for what it is used for: the rest of it is left out."""
+    """Return the loop over samples, compiled for what it is used for: the rest is left out."""
 
     @compiled
     def run(
@@ -345,7 +345,7 @@ def _loop(integral: bool, forgets: bool) -> Callable[..., int]:
                 sums[Sum.TOTAL] += residual[k]
                 sums[Sum.SQUARES] += residual[k] * residual[k]
                 if sums[Sum.FILLED] == sums[Sum.BOX]:
-                    # The box is full: the batches end that end with it; what was before counts less in those that follow.
+                    # The box is full: the batches end that end with it; earlier data count less in those that follow.
                     sums[Sum.FILLED] = 0.0
                     boxes = int(scores[0, n]) + 1
                     for length in range(scores.shape[0]):
@@ -370,7 +370,7 @@ def _loop(integral: bool, forgets: bool) -> Callable[..., int]:
                                 for j in range(n):
                                     this[octave, i, j] *= kept
                                     closed[octave, i, j] *= kept
-                    # It is handed on from octave to octave, and empty then.
+                    # It is passed on from octave to octave, and empty then.
                     for i in range(n + 1):
                         value[i] = in_box[i] / math.sqrt(sums[Sum.BOX])
                         in_box[i] = 0.0
@@ -384,7 +384,7 @@ def _loop(integral: bool, forgets: bool) -> Callable[..., int]:
                         seen = int(octaves[octave, Octave.SEEN]) + 1
                         octaves[octave, Octave.SEEN] += 1.0
                         if octave == SLOW_OCTAVE and integral:
-                            # What changed since the last time is rotated into the fit to increments, and leaves its residual.
+                            # The change since the last time is rotated into the fit to increments, and leaves its residual.
                             size = math.sqrt(sums[Sum.SINCE])
                             sums[Sum.SINCE] = 0.0
                             for i in range(n + 1):
@@ -423,7 +423,7 @@ def _loop(integral: bool, forgets: bool) -> Callable[..., int]:
                                 this[octave, i, j] += detail[i] * detail[j]
                 due = int(sums[Sum.SAMPLES]) % every == 0 and sums[Sum.SAMPLES] >= least
             if due:
-                # What is known of the score is put together.
+                # The score's covariance is assembled.
                 enough = -1
                 for length in range(scores.shape[0]):
                     if scores[length, n] >= ENOUGH_BATCHES:
@@ -443,14 +443,14 @@ def _loop(integral: bool, forgets: bool) -> Callable[..., int]:
                     slope = min(max(now - last, fall), rise) if octave else 0.0
                     last = now
                     octaves[octave, Octave.VARIANCE] = math.exp(now)
-                # Regressors fall with frequency: what they have in an octave lies at its lower edge, where noise that goes with
-                # f^p, as the octave below tells, has (p + 1)/(2^(p + 1) − 1) of its mean over the octave.
+                # Regressors fall with frequency: their energy in an octave is at its lower edge, where noise that goes with
+                # f^p, as in the octave below, has (p + 1)/(2^(p + 1) − 1) of its mean over the octave.
                 beyond = octaves[OCTAVES, Octave.VARIANCE]
                 for octave in range(rings.shape[0]):
                     power = math.log2(octaves[octave, Octave.VARIANCE] / octaves[octave + 1, Octave.VARIANCE])
                     p = min(max(power, -STEEPEST_POWER), STEEPEST_POWER) + 1.0
                     part = p / math.expm1(p * math.log(2.0)) if p != 0.0 else 1.0 / math.log(2.0)
-                    # What is in no octave lies beyond the last.
+                    # The rest is beyond the last octave.
                     octaves[octave, Octave.VARIANCE] = octaves[octave, Octave.VARIANCE] * part - beyond
                 level = 0.0 if integral else sums[Sum.TOTAL] / sums[Sum.SAMPLES]
                 looks += 1

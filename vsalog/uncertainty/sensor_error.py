@@ -1,9 +1,9 @@
-"""What an encoder adds to a position, as it comes out of a filter.
+"""The error that an encoder adds to a position, behind a filter.
 
-White noise is told by its size. An encoder's steps are not white: where a motion takes few of them in a filter's window, what
-they add changes as slowly as the motion, passes the filter, and is largest in the rates where the position jumps. So they are
-tried out on the log's own motion, which is smoothed, given the noise that goes with the steps, and rounded to them once more,
-between the levels. Noise as large as a step leaves what is added white.
+White noise is described by its size. Quantisation is not white: where a motion passes few steps in a filter's window, the error
+changes as slowly as the motion, passes the filter, and is largest in the rates where the position jumps. So the steps are
+tested on the log's own motion, which is smoothed, given the noise that goes with the steps, and rounded to them once more,
+between the levels. Noise as large as a step leaves the error white.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
 
 Array = NDArray[np.float64]
 
-# So many samples of a log tell what its sensors add.
+# So many samples of a log determine its sensors' errors.
 ENOUGH = PART
 # So much of a step the motion is shifted by before it is rounded again.
 ROUNDING_SHIFTS = (0.25, 0.75)
-# What is looked at is the motion behind a filter so many times as long, of this degree: one as long still has the steps in it.
+# The motion is that behind a filter so many times as long, of this degree: one as long still has the steps in it.
 MOTION_WINDOWS, MOTION_DEGREE = 4, 5
-# What a sensor without noise and steps adds: this part of its largest value.
+# The error of a sensor without noise and steps: this part of its largest value.
 LEAST_NOISE = ROUNDING
 
 
 @dataclass(frozen=True, slots=True)
 class SensorError:
-    """What a sensor adds to a signal.
+    """The error that a sensor adds to a signal.
 
     Attributes
     ----------
-    white : standard deviation of white noise; 0 where steps are part of what it adds
-    rounding : samples of what rounding adds, and the noise before it, one series per shift; none where all of it is white
+    white : standard deviation of white noise; 0 where steps are part of the error
+    rounding : samples of the rounding error, and the noise before it, one series per shift; none where all of it is white
     before : standard deviation of that noise
     """
 
@@ -46,7 +46,7 @@ class SensorError:
     before: float = 0.0
 
     def product(self, a: Array, b: Array) -> float:
-        """Return the mean product of what two filters make of it; their weights, of one length, as `savgol_filter` takes them."""
+        """Return the mean product of the errors behind two filters; weights of one length, as `savgol_filter` takes them."""
         if not self.rounding:
             return self.white**2 * float(a @ b)
         both = np.stack((a, b))
@@ -57,11 +57,11 @@ class SensorError:
         return float(np.mean(products))
 
     def rms(self, weights: Array) -> float:
-        """Return the root mean square of what a filter makes of it."""
+        """Return the RMS error behind a filter."""
         return float(np.sqrt(self.product(weights, weights)))
 
     def whole(self, count: int) -> list[Array]:
-        """Return what rounding adds to each of the signal's `count` samples: mirrored at its ends, where it is not known."""
+        """Return the rounding error of each of the signal's `count` samples: mirrored at its ends, where it is not known."""
         before = [(count - series.size) // 2 for series in self.rounding]
         return [
             np.pad(series, (n, count - series.size - n), mode="reflect") if series.size > 1 else np.zeros(count)
@@ -70,7 +70,7 @@ class SensorError:
 
 
 def sensor_error(values: Array, window: int) -> SensorError:
-    """Tell what a sensor adds to a signal.
+    """Estimate the error that a sensor adds to a signal.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def sensor_error(values: Array, window: int) -> SensorError:
     longer = min(MOTION_WINDOWS * (window - 1) + 1, whole.size)
     motion = _smoothed(whole, savgol_weights(longer, min(MOTION_DEGREE, longer - 1))[0])
     shifted = [motion / step + shift for shift in ROUNDING_SHIFTS]
-    # Rounding alone looks like noise, too; what is seen beyond that is there before it.
+    # Rounding alone looks like noise, too; the excess is there before it.
     alone = noise_of(np.round(shifted[0]), 1.0) or 0.0
     before = max((noise / step) ** 2 - alone**2, 0.0) ** 0.5
     noises = before * np.random.default_rng(0).standard_normal(motion.size)

@@ -1,6 +1,6 @@
-"""By how much a second estimate differs from a first, beyond what noise makes of that.
+"""By how much a second estimate differs from a first, beyond its noise.
 
-An estimate moves most at the ends of what it was fitted to; in the middle of a swing it may stay where it is. So a shift is a
+An estimate moves most at the ends of what it was fitted to; in the middle of a swing it may not move at all. So a shift is a
 function of the deflection, and of the set-point where there is one.
 """
 
@@ -25,7 +25,7 @@ RANGES = 9
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """By which part of it a stiffness is off, as a function of what it depends on: the deflection, and the set-point where
+    """Relative error of a stiffness, as a function of what it depends on: the deflection, and the set-point where
     there is one.
 
     Attributes
@@ -137,7 +137,7 @@ def spread_over(places: Sequence[Array], counts: Flags, squares: Array) -> Sprea
 
 
 def beyond_noise(moved: Array, allowed: Array) -> Array:
-    """Return the covariance, shape (n, n), of what coefficients move by beyond `INTERVAL` of a covariance `allowed`.
+    """Return the covariance, shape (n, n), of the coefficients' change beyond `INTERVAL` of a covariance `allowed`.
 
     It is their outer product less the part of it that noise may make of a distance of n coefficients (James and Stein, 1961).
     """
