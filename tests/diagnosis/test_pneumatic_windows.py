@@ -96,7 +96,7 @@ def test_the_right_rig_is_as_good_as_noise_allows_and_the_wrong_one_is_not() -> 
     ("without", "said"),
     [
         (("valve_2",), "voltage of valve_2 is not recorded"),
-        (("pressure_1", "pressure_2"), "pressure_1 is not recorded, and nothing tells it"),
+        (("pressure_1", "pressure_2"), "pressure_1 is not recorded, and cannot be determined"),
     ],
 )
 def test_what_cannot_be_played_is_said(without: tuple[str, ...], said: str) -> None:

@@ -177,5 +177,5 @@ def test_a_real_bench_has_a_gain_in_each_of_its_runs(request):
 def test_a_deflection_alone_predicts_nothing():
     _, said = said_of(Truth(), ("deflection",))
     joint = next(iter(Rig.from_toml(BENCH).joints.values()))
-    with pytest.raises(SimulationError, match="no deflection is recorded of which a sensor says the torque"):
+    with pytest.raises(SimulationError, match="no deflection is recorded whose torque a sensor measures"):
         windows_of(joint, channels_of(signals(said, PERIOD)), False)

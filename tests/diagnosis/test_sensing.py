@@ -10,7 +10,15 @@ from vsalog.diagnosis.causes.base import with_part, with_signal
 from vsalog.effects.delay import shifted
 from vsalog.effects.eccentricity import Eccentricity
 from vsalog.residuals.channels import Channels
-from vsalog.residuals.sensing import at_joint, bare, motors_of, said, sensors_as_written, true_roles, whole_delays
+from vsalog.residuals.sensing import (
+    at_joint,
+    bare,
+    motors_of,
+    sensor_reading,
+    sensors_as_written,
+    true_roles,
+    whole_delays,
+)
 from vsalog.rig import Rig
 
 PERIOD = 2e-3
@@ -91,10 +99,10 @@ def test_all_of_a_sensor_at_once():
 
 
 def test_a_sensor_simulated_is_a_sensor_undone():
-    """`said` makes of the truth what `true_roles` makes the truth of."""
+    """`sensor_reading` makes of the truth what `true_roles` makes the truth of."""
     disc = Eccentricity(0.03, -0.2)
     joint = with_signal(joint_of(), "motor_position", gain=0.97, offset=0.1, drift=-0.01, delay=4e-3, eccentricity=disc)
-    m = said(joint, "motor_position", {"motor_position": wave(TIME)}, TIME)
+    m = sensor_reading(joint, "motor_position", {"motor_position": wave(TIME)}, TIME)
     stacked = np.stack([m, np.gradient(m, TIME), np.gradient(np.gradient(m, TIME), TIME)])
     found = undone(joint, motor_position=stacked)["motor_position"]
     np.testing.assert_allclose(found[0][20:-20], wave(TIME)[20:-20], atol=1e-6)

@@ -70,7 +70,7 @@ def _compiled_follow(stamp: str) -> Callable[..., Any]:
             if np.isnan(torque[k]) or np.isnan(arm[k]):
                 out[k], known = np.nan, 0
                 continue
-            # What is known of the rate follows from the samples before; a fresh start is at rest.
+            # The rate follows from the samples before; a new start is at rest.
             order = min(known, 4)
             own, before = damping * rates[order, 0] / period, 0.0
             for j in range(order):
@@ -115,7 +115,7 @@ def _compiled_solve(stamp: str) -> Callable[..., Any]:
         width = row.shape[0]
         soft = max(spring(row, 0, width, 0.0, 1.0, arm, t)[2], 1e-9)
         low, high, u = -limit, limit, min(max(guess, -limit), limit)
-        # Halved so often, bounds are known to the last bit.
+        # After so many halvings, bounds are known to the last bit.
         for _ in range(60):
             _, off, slope = spring(row, 0, width, u, 1.0 if u >= 0.0 else -1.0, arm, t)
             # At its singularity a mechanism's torque is no number: far too much.
@@ -143,7 +143,7 @@ def _compiled_solve(stamp: str) -> Callable[..., Any]:
             else:
                 low = max(low, u)
             trial = u - off / slope
-            # A bound that was never reached says nothing of where the deflection is: half way to it is too far at first.
+            # A bound that was never reached does not locate the deflection: half way to it is too far at first.
             if not (low < trial < high):
                 trial = 0.5 * (low + high)
             if trial == u:

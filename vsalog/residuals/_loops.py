@@ -1,4 +1,4 @@
-"""Compiled: what hysteresis makes of a deflection that was measured."""
+"""Compiled: the torque of hysteresis over a measured deflection."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def loop_torque(row: Array, elements: Array, phi: Array, slack: float = 0.0) -> 
     row : of `mechanics.transmissions.coded`
     elements : shape (n, 2), stiffness [N·m/rad] and limit [N·m] of the slip elements
     phi : shape (N,), deflection [rad]; the loops rest while it is NaN
-    slack : changes below this do not move the loops for good [rad]: noise goes to and fro and would wear them down
+    slack : changes below this do not move the loops for good [rad]: noise goes to and fro and would erase them
 
     Returns
     -------

@@ -4,7 +4,7 @@
     secondary      B_c θ̈_c + D_c θ̇_c + friction + ψ_e − τ_c    (Flacco 2012 eq. 12, 52)
     transmission   τ_sensor − τ_T(φ, φ̇, θ_c, t)
     link           M q̈ + D q̇ + friction + g(q) + Σ τ_T − τ_ext  (Flacco 2012 eq. 3, 7)
-    sensors        what two sensors say of one thing
+    sensors        two sensors of one quantity
 
 with φ = q − θ. A position that is not recorded follows from the torque sensor through the transmission, or, without a sensor,
 from the motor equation; that equation is then used up.
@@ -62,8 +62,8 @@ class Equation:
     side : of the joint it is about
     unit : SI
     residual : shape (N,), but for what is `shaped`
-    shaped : shape (N,), or 0: what is no filtered channel but made of them with corners or waves that the filter would have taken
-        off; it has yet to pass the filter
+    shaped : shape (N,), or 0: computed from filtered channels, with corners or waves that the filter would have removed;
+        it has yet to pass the filter
     rate : shape (N,), the velocity whose sign dry friction depends on; none where there is no friction
     """
 
@@ -82,13 +82,13 @@ class Equation:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What a joint did, as its rig and its channels say; each of shape (3, N): value and first and second derivative.
+    """The motion of a joint by its rig and its channels; each of shape (3, N): value and first and second derivative.
 
     Attributes
     ----------
     roles : the true roles
     motors : suffix → θ
-    link : q; none where nothing tells it
+    link : q; none where nothing determines it
     deflections : suffix → φ
     torques : suffix → τ_T, shape (N,), what the transmission transmits
     measured : suffixes whose τ_T is the torque sensor's, or the motor equation's, so that φ follows from it
@@ -148,10 +148,10 @@ def balance(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread: 
 
 
 def recorded(equation: Equation, motor: Motor, joint: Mechanical | RigidJoint, roles: Mapping[str, Array]) -> Equation:
-    """Return a motor's equation in what is recorded of what drives it: its torque, or the error of a commanded position.
+    """Return a motor's equation in its recorded input: its torque, or the error of a commanded position.
 
     Were all torques, inertias and gains smaller by one factor, the equations would be so, too, and noise would seem explained.
-    Formed in what is recorded they stay as they are: nothing tells a scale that all torques have in common.
+    Formed in recorded quantities they stay as they are: a scale that all torques have in common cannot be determined.
     """
     equation = scaled(equation, 1.0 / motor.torque_gain)
     if motor is getattr(joint, "motor", None):
@@ -160,7 +160,7 @@ def recorded(equation: Equation, motor: Motor, joint: Mechanical | RigidJoint, r
 
 
 def in_angles(equation: Equation, joint: Mechanical | RigidJoint, roles: Mapping[str, Array]) -> Equation:
-    """Return an equation of torques as errors of the position that make them where nothing else says how large torques are."""
+    """Return an equation of torques as the position errors that cause them where nothing else determines the scale of torques."""
     drive = getattr(joint, "drive", None)
     if drive is None or not is_commanded(joint, roles):
         return equation
@@ -168,7 +168,7 @@ def in_angles(equation: Equation, joint: Mechanical | RigidJoint, roles: Mapping
 
 
 def torque_unit(joint: Mechanical | RigidJoint, roles: Mapping[str, Array]) -> float:
-    """Return what a recorded torque says of a true one [1]: of the first motor that has one, else of a torque sensor."""
+    """Return a recorded torque over a true one [1]: of the first motor that has one, else of a torque sensor."""
     for suffix, motor in _motors(joint).items():
         if f"motor_torque{suffix}" in roles:
             return 1.0 / motor.torque_gain
@@ -188,7 +188,7 @@ def scaled(equation: Equation, factor: float) -> Equation:
 
 
 def motion_of(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread: Mapping[str, float]) -> Motion:
-    """Tell what a joint did; see `Motion`."""
+    """Return the motion of a joint; see `Motion`."""
     suffixes = list(_motors(joint))
     motors = {s: roles[f"motor_position{s}"] for s in suffixes if f"motor_position{s}" in roles}
     link = roles.get("link_position")
@@ -236,7 +236,7 @@ def transmitted(
 ) -> Array:
     """Return τ_T of a deflection, shape (3, N), and a lever arm: spring, damping, hysteresis.
 
-    Hysteresis takes no notice of changes below `slack` [rad], which noise makes.
+    Hysteresis ignores changes below `slack` [rad], which are noise.
     """
     torque = flexibility_torque(transmission, phi[0], arm, time)
     if transmission.damping:
@@ -250,7 +250,7 @@ def transmitted(
 def _felt(
     joint: Mechanical, suffix: str, roles: Mapping[str, Array], motors: Mapping[str, Array], time: Array
 ) -> Array | None:
-    """Return τ_T as the torque sensor says it, else as the motor equation does."""
+    """Return τ_T of the torque sensor, else of the motor equation."""
     if f"torque_sensor{suffix}" in roles:
         return remembered(_value, roles[f"torque_sensor{suffix}"])
     motor = _motors(joint)[suffix]
@@ -260,19 +260,19 @@ def _felt(
 
 
 def _transferred(motor: Motor, theta: Array, recorded: Array, time: Array) -> Array:
-    """Return what a motor's torque leaves for its transmission."""
+    """Return the part of a motor's torque that is left for its transmission."""
     return np.asarray(_moved(motor, theta) + _resisted(motor, theta, None, 0.0, time) - recorded[0])
 
 
 def _value(x: Array) -> Array:
-    """Return the value of what comes with its derivatives."""
+    """Return the value of a signal with its derivatives."""
     return np.asarray(x[0])
 
 
 def _deflected(transmission: KnownTransmission, torque: Array, arm: Array | None, time: Array, slack: float) -> Array:
     """Return φ and its derivatives under a torque, shape (3, N); the inverse of `transmitted`.
 
-    What damps and what is wound up in loops has its part in the torque that is felt: all of it is undone together.
+    Damping and loops are part of the transmitted torque: all of it is undone together.
     """
     largest = float(np.fmax.reduce(np.abs(torque)))
     elements = np.array([(e.stiffness, e.limit) for e in transmission.slip]).reshape(-1, 2)
@@ -294,7 +294,7 @@ def _limit(transmission: KnownTransmission) -> float:
 def slope_of(values: Array, time: Array) -> Array:
     """Return the derivative of evenly spaced samples, shape (N,): central differences of fourth order.
 
-    It is NaN next to what is not known. Those of second order would take a part in a hundred off what swings ten times a second.
+    It is NaN next to what is not known. Those of second order would attenuate a motion of 10 Hz by 1 %.
     """
     out = np.full_like(values, np.nan)
     if values.size > 4:
@@ -316,7 +316,7 @@ def _moved(motor: Motor, theta: Array) -> Array:
 
 
 def _resisted(motor: Motor, theta: Array, load: Array | None, slack: float, time: Array) -> Array | float:
-    """Return dry friction less what effects add."""
+    """Return dry friction less the torques of effects."""
     motor = motor.reflected
     return less_torques(motor.torques, motor.gear_ratio, theta, time, rubbing(motor.friction, theta, load, slack))
 
@@ -324,7 +324,7 @@ def _resisted(motor: Motor, theta: Array, load: Array | None, slack: float, time
 def less_torques(
     torques: tuple[BodyTorque, ...], ratio: float, x: Array, time: Array, resisting: Array | float
 ) -> Array | float:
-    """Return a torque that a motor or a link has to overcome, less what effects add, such as cogging or a push.
+    """Return a torque that a motor or a link has to overcome, less the torques of effects, such as cogging or a push.
 
     Parameters
     ----------
@@ -344,7 +344,7 @@ def _added(torques: tuple[BodyTorque, ...], ratio: float, x: Array, time: Array)
 
 
 def rubbing(friction: Friction, x: Array, load: Array | None, slack: float) -> Array | float:
-    """Return the torque of dry friction over a motion, shape (3, N); where it stands still it is not known."""
+    """Return the torque of dry friction over a motion, shape (3, N); at rest it is not known."""
     if not friction.rubs:
         return 0.0
     level = np.full_like(x[1], friction.coulomb)
@@ -386,7 +386,7 @@ def _secondary(joint: SerialJoint, motion: Motion, time: Array) -> list[Equation
 
 
 def _transmissions(joint: Mechanical, motion: Motion) -> list[Equation]:
-    """Return the equations of torque sensors, and of deflections that two sensors tell."""
+    """Return the equations of torque sensors, and of deflections that two sensors determine."""
     roles, equations = motion.roles, []
     for s, torque in motion.torques.items():
         if f"torque_sensor{s}" in roles and s not in motion.measured:
@@ -408,12 +408,12 @@ def _transmissions(joint: Mechanical, motion: Motion) -> list[Equation]:
 
 
 def _misread(gain: float, sensor: Array, torque: Array) -> Array:
-    """Return the difference of what a torque sensor says from what the rig has it say."""
+    """Return the difference of a torque sensor's reading from the rig's."""
     return np.asarray(gain * (sensor[0] - torque))
 
 
 def _gain(joint: Mechanical | RigidJoint, role: str) -> float:
-    """Return a sensor's gain: the equation is formed in what it says, so that a large gain makes nothing small."""
+    """Return a sensor's gain: the equation is formed in its readings, so that a large gain does not make it small."""
     return offered_roles(joint)[role].gain
 
 

@@ -5,10 +5,10 @@
     pressure_1, _2  Ṗ + k₂ (V̇/V) P − k₁ R T (m(P, u) − leak) / V              (eq. 4)
     link_position   ψ_sensor − ψ of a seesaw that is clamped
 
-One role of ψ, P₁ and P₂ may be missing: the torque meter tells it through the muscles' forces, which uses its equation up;
-without a meter the seesaw's equation tells a pressure. An angle that neither an encoder nor a meter nor a clamp tells leaves
-nothing: every equation holds it, and only a simulation of the seesaw under its muscles could say more.
-Without its valve's voltage a muscle has no equation of pressure. What a clamp bears is not measured: a clamped seesaw has none.
+One role of ψ, P₁ and P₂ may be missing: the torque meter determines it through the muscles' forces, which uses up its equation;
+without a meter the seesaw's equation determines a pressure. An angle without an encoder, a meter or a clamp leaves
+nothing: every equation holds it, and only a simulation of the seesaw under its muscles could determine it.
+Without its valve's voltage a muscle has no equation of pressure. A clamp's torque is not measured: a clamped seesaw has none.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def balance_pneumatic(
     if motion.link is not None:
         for index in (1, 2):
             if known(motion.roles, f"pressure_{index}", f"valve_{index}"):
-                # What the seesaw tells of a pressure holds only where the direction of its friction is known.
+                # The seesaw determines a pressure only where the direction of its friction is known.
                 derived = "seesaw" in motion.spent and f"pressure_{index}" not in roles
                 rate = _least_about(motion.link[1], time) if derived else None
                 equations.append(_filling(joint, motion.roles, index, rate))
@@ -73,11 +73,11 @@ def balance_pneumatic(
 def pneumatic_motion(
     joint: PneumaticJoint, roles: Mapping[str, Array], time: Array, spread: Mapping[str, float]
 ) -> Motion:
-    """Tell what a joint did; parameters as `balance.balance`.
+    """Return the motion of a joint; parameters as `balance.balance`.
 
     Returns
     -------
-    The angle as `link`, the muscles' torque as the only one of `torques`, what follows of a missing angle or pressure among the
+    The angle as `link`, the muscles' torque as the only one of `torques`, a missing angle or pressure among the
     `roles`, and in `spent` the name of the equation that it follows from
     """
     found, spent = dict(roles), frozenset[str]()
@@ -97,13 +97,13 @@ def pneumatic_motion(
 
 
 def _source(joint: PneumaticJoint, roles: Mapping[str, Array], missing: str) -> tuple[Array | None, str]:
-    """Return the angle or the pressure that is not recorded as a torque tells it, and the name of that torque's equation."""
+    """Return the missing angle or pressure by a torque, and the name of that torque's equation."""
     if "torque_sensor" in roles:
         return _told(joint, roles, missing, lambda _: roles["torque_sensor"][0]), "transmission"
     if missing == ANGLE or joint.seesaw.held_at is not None:
         return None, ""
     carried = _carried(joint, roles)
-    # Friction depends on the pressure that is looked for.
+    # Friction depends on the unknown pressure.
     return _told(joint, roles, missing, lambda x: carried + _dry(joint, {**roles, missing: x[None]})), "seesaw"
 
 
@@ -113,7 +113,7 @@ def _told(joint: PneumaticJoint, roles: Mapping[str, Array], role: str, torque: 
     Parameters
     ----------
     joint : of the rig
-    roles : all but the one that is looked for
+    roles : all but the one the unknown one
     role : that is looked for
     torque : of values of the role, shape (N,)
     """
@@ -128,7 +128,7 @@ def _told(joint: PneumaticJoint, roles: Mapping[str, Array], role: str, torque: 
     middle = 0.0 if turns else 0.5 * (air.supply_pressure + air.outside_pressure)
     x = np.full(roles[PRESSURES[0] if turns else ANGLE].shape[1], middle)
     least: Array | None = None
-    # Newton doubles the digits: so many rounds are enough from anywhere.
+    # Newton's method doubles the digits: so many rounds are enough from any start.
     for _ in range(12):
         left, before = off(x), x
         slope = (off(x + step) - left) / step
@@ -154,7 +154,7 @@ def _torques(joint: PneumaticJoint, motion: Motion, time: Array) -> list[Equatio
 def _least_about(rate: Array, time: Array) -> Array:
     """Return the slowest of the velocities about each sample, 0 where it turns or creeps.
 
-    A seesaw that stops sticks for a while, and the filter smears its stop; what sticks creeps, as tubes and threads give way.
+    A seesaw that stops sticks for a while, and the filter smears its stop; a sticking one creeps, as tubes and threads give way.
     """
     size = 2 * round(0.5 * ABOUT * WINDOW / max(float(time[1] - time[0]), 1e-9)) + 1
     known = np.nan_to_num(rate)
@@ -170,7 +170,7 @@ def _carried(joint: PneumaticJoint, roles: Mapping[str, Array]) -> Array:
 
 
 def _dry(joint: PneumaticJoint, roles: Mapping[str, Array]) -> Array:
-    """Return the torque of dry friction; where the seesaw stands still it is not known."""
+    """Return the torque of dry friction; at rest it is not known."""
     psi, p1, p2 = roles[ANGLE], roles["pressure_1"][0], roles["pressure_2"][0]
     pulls = muscle_pulls(joint, psi[0], p1, p2)
     return np.asarray(friction_level(joint, p1, p2, *pulls, psi[1]) * np.sign(psi[1]))

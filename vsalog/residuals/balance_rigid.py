@@ -72,7 +72,7 @@ def balance_rigid(
 
 
 def rigid_motion(joint: RigidJoint, roles: Mapping[str, Array], time: Array, spread: Mapping[str, float]) -> Motion:
-    """Tell what a joint did; see `Motion`. The motor's encoder tells it where there is one, before the gear as it is."""
+    """Return the motion of a joint; see `Motion`. The motor's encoder measures it where there is one, in front of the gear."""
     role = next((r for r in ("motor_position", "link_position") if r in roles), "")
     q = roles.get(role)
     torques = {"": remembered(_value, roles["torque_sensor"])} if "torque_sensor" in roles else {}

@@ -1,7 +1,7 @@
 """A joint's channels as recorded, passed through one and the same filter, and copies of them with noise like their own.
 
-Every equation is formed from channels that went through the same filter, so that what the filter does to one side of an
-equation it does to the other too.
+Every equation is formed from channels that went through the same filter, so that the filter changes both sides of an
+equation alike.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ Integers = NDArray[np.int64]
 DEGREE = 4
 """Of the polynomial that is fitted to each window: its second derivative is a parabola."""
 WINDOW = 0.03
-"""Seconds of a window: what swings ten times a second loses a part in a thousand of its second derivative."""
+"""Seconds of a window: a motion of 10 Hz loses 0.1 % of its second derivative."""
 WINDOWS = 5
-"""Windows of the filter over which the motion of a sensor that rounds is smoothed: so its steps average out.
+"""Windows of the filter over which the motion of a sensor that rounds is smoothed: so that its steps average out.
 
 From three on the noise of a sine's derivatives, at up to six steps a sample, is right to 6 %; with one it is 20 to 40 % less.
 """
@@ -39,7 +39,7 @@ THIN = 10
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """What a sensor adds to the truth: white noise of a standard deviation, then rounding to steps [both SI].
+    """The error that a sensor adds to the truth: white noise of a standard deviation, then rounding to steps [both SI].
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Channels:
     noise : role → of its sensor
     window : of the filter, in samples
     spread : role → standard deviation of its noise after the filter, were it white
-    every : of the filtered samples only every so-manieth is kept
+    every : of the filtered samples only every n-th is kept
     whole : the channels with all samples; none where these are they
     log : shape (N,), which of several logs each sample is of; none where there is one
     held : of each of several logs, its own sample time over the grid's: for so long its drive held a torque; empty for one log
@@ -96,7 +96,7 @@ class Channels:
         return int(self.time.shape[0])
 
     def thinned(self) -> Channels:
-        """Return the channels with as many filtered samples as still tell their motion: equations are formed so often."""
+        """Return the channels with as many filtered samples as still resolve their motion: equations are formed so often."""
         every = max(1, self.window // THIN)
         if every == 1:
             return self
@@ -145,8 +145,8 @@ class Channels:
     def with_noise(self, seed: int, only: str | None = None) -> Channels:
         """Return the channels with the noise of one more measurement added to what was recorded, filtered.
 
-        What is smooth is taken for the motion; noise is drawn and the sum rounded as the sensor rounds, from where its steps
-        happen to lie. So the error of an encoder that stands still, or moves slowly, is as it is: not white. A motion that is
+        The smooth part is taken as the motion; noise is drawn and the sum rounded as the sensor rounds, from where its steps
+        happen to be. So the error of an encoder at rest, or moving slowly, is realistic: not white. A motion that is
         smooth over one window only follows the steps of the one measurement, and rounded once more it hardly errs.
 
         Parameters
@@ -168,7 +168,7 @@ class Channels:
                 x, rng = measured[role], np.random.default_rng([seed, i])
                 values = _first_known(longer[role][0] if role in longer else x, self.roles[role][0], x)
                 added[role] = _sensed(values, self.noise[role], rng) - values
-        # The filter is linear: what it makes of the noise is added, and the motion is not filtered twice.
+        # The filter is linear: the filtered noise is added, and the motion is not filtered twice.
         filtered = _filtered(added, self.starts, self.period, self.window)
         roles = {role: self.roles[role] + more for role, more in filtered.items()}
         raw = {role: _first_known(self.roles[role][0], x) + added[role] for role, x in measured.items()}
@@ -176,7 +176,7 @@ class Channels:
 
 
 def _first_known(*signals: Array) -> Array:
-    """Return of several signals, shape (N,) each, the first that is a number, at every sample."""
+    """Return of several signals, shape (N,) each, the first finite one, at every sample."""
     out = signals[-1]
     for signal in signals[-2::-1]:
         out = np.where(np.isfinite(signal), signal, out)
@@ -189,7 +189,7 @@ def _pieces(values: NDArray[Any], edges: tuple[int, ...]) -> list[NDArray[Any]]:
 
 
 def span_of(values: Array) -> float:
-    """Return the greatest less the least of what is a number, 0 where nothing is."""
+    """Return the greatest less the least finite value, 0 where there is none."""
     finite = values[np.isfinite(values)]
     return float(np.ptp(finite)) if finite.size else 0.0
 
@@ -199,15 +199,15 @@ def channels_of(signals: JointSignals, several: bool = False) -> Channels:
 
     Parameters
     ----------
-    signals : bound without undoing what the rig says of the sensors
+    signals : bound without undoing what the rig states of the sensors
     several : whether its runs are logs of their own
     """
     period = signals.period
-    # Two samples more than a polynomial goes through exactly.
+    # Two samples more than a polynomial fits exactly.
     window = max(DEGREE + 3, round(WINDOW / period) | 1)
     raw = {role: np.ascontiguousarray(values) for role, values in signals.roles.items()}
     noise = {role: noise_in(values) for role, values in raw.items()}
-    # What is commanded in a few steps was not rounded to them, and a position that is commanded has no noise at all.
+    # A command of a few steps was not rounded to them, and a position that is commanded has no noise at all.
     noise |= {role: replace(own, step=0.0) for role, own in noise.items() if role.startswith("valve")}
     noise |= {role: Noise(0.0, 0.0) for role in noise if role.startswith("commanded")}
     noise |= {r: Noise(own.deviation, 0.0, own.share) for r, own in signals.interpolated.items() if r in noise}
@@ -236,7 +236,7 @@ def filtered(values: Array, starts: Flags, period: float, window: int) -> Array:
 
 
 def noise_in(values: Array) -> Noise:
-    """Tell white noise and steps of a channel from its samples."""
+    """Estimate white noise and steps of a channel from its samples."""
     step = step_of(values) or 0.0
     deviation = noise_of(values) or 0.0
     # Rounding alone looks like white noise of a third of a step wherever the signal moves.
@@ -245,11 +245,11 @@ def noise_in(values: Array) -> Noise:
 
 
 def _sensed(values: Array, noise: Noise, rng: np.random.Generator) -> Array:
-    said = values + noise.deviation * rng.standard_normal(values.size) if noise.deviation else values
+    reading = values + noise.deviation * rng.standard_normal(values.size) if noise.deviation else values
     if not noise.step:
-        return said
+        return reading
     shift = rng.uniform(-0.5, 0.5) * noise.step
-    return np.asarray(np.round((said + shift) / noise.step) * noise.step - shift)
+    return np.asarray(np.round((reading + shift) / noise.step) * noise.step - shift)
 
 
 def _filtered(
@@ -260,7 +260,7 @@ def _filtered(
     out = {}
     for role, values in raw.items():
         if role.startswith("valve"):
-            # A voltage steps, and the valve's map has corners: what is made of it passes the filter, see `Equation.shaped`.
+            # A voltage steps, and the valve's map has corners: what is computed from it passes the filter, see `Equation.shaped`.
             out[role] = np.stack([values, np.zeros_like(values), np.zeros_like(values)])
             continue
         if span_of(values) == 0.0:

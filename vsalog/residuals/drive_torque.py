@@ -1,4 +1,4 @@
-"""The torque of a drive that is commanded a position: what its loop makes of the command and of the measured position."""
+"""The torque of a drive that is commanded a position: the output of its loop from the command and the measured position."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def drive_torque(drive: PositionServo, channels: Channels, position: Array) -> A
     whole = channels if channels.whole is None else channels.whole
     late = (drive.delay + 0.5 * whole.period) / channels.period
     rates = channels.roles.get("commanded_velocity")
-    # What is held from sample to sample has no velocity but in its steps.
+    # A command that is held from sample to sample has no velocity but in its steps.
     rate = np.zeros_like(position) if rates is None else remembered(shifted, rates, -late)
     if drive.plans:
         reference = remembered(
@@ -51,7 +51,7 @@ def drive_torque(drive: PositionServo, channels: Channels, position: Array) -> A
 
 
 def _commanded(whole: Channels) -> Array:
-    """Return the commanded position, shape (N,); where a velocity is, its integral from where each run begins."""
+    """Return the commanded position, shape (N,); where a velocity is commanded, its integral from where each run begins."""
     if "commanded_position" in whole.raw:
         return whole.raw["commanded_position"]
     encoder = next(role for role in ("motor_position", "link_position") if role in whole.raw)
@@ -97,7 +97,7 @@ def _loop(
 
 
 def _integral(values: Array, starts: Flags, period: float) -> Array:
-    """Return the running integral of what is a number, from each run's beginning."""
+    """Return the running integral of the finite samples, from each run's beginning."""
     total = np.cumsum(np.where(np.isfinite(values), values, 0.0)) * period
     run = np.maximum.accumulate(np.where(starts, np.arange(values.size), 0))
     return np.asarray(total - total[run])

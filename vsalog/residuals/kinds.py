@@ -1,4 +1,4 @@
-"""What a diagnosis does otherwise for each kind of joint: the equations, and how the motion is reconstructed."""
+"""The parts of a diagnosis that depend on the kind of joint: the equations, and how the motion is reconstructed."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ Array = NDArray[np.float64]
 
 
 def balance_for(joint: Any) -> Balance:
-    """Return what forms the equations of a joint of this kind."""
+    """Return the function that forms the equations of a joint of this kind."""
     if isinstance(joint, RigidJoint):
         return balance_rigid
     return balance_pneumatic if isinstance(joint, PneumaticJoint) else balance
 
 
 def motion_for(joint: Any, roles: Mapping[str, Array], time: Array, spread: Mapping[str, float]) -> Motion:
-    """Tell what a joint of any kind did; parameters as `balance.balance`."""
+    """Return the motion of a joint of any kind; parameters as `balance.balance`."""
     if isinstance(joint, RigidJoint):
         return rigid_motion(joint, roles, time, spread)
     motion = pneumatic_motion if isinstance(joint, PneumaticJoint) else motion_of

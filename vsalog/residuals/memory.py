@@ -1,4 +1,4 @@
-"""What a search asks for again: it changes one value of a rig at a time, and most of the equations stay as they were."""
+"""Cached results of a search: it changes one value of a rig at a time, and most of the equations stay the same."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ T = TypeVar("T")
 class Memory:
     """Results of functions of arrays and of values that can be hashed, such as parts of a rig.
 
-    An array is known again by its identity; with what was made of it it is kept, so that no other takes its place. Neither the
+    An array is known again by its identity; it is kept with the result, so that no other takes its place. Neither the
     arrays that go in nor those that come out may be written to.
     """
 
@@ -26,7 +26,7 @@ class Memory:
         self._kept: OrderedDict[tuple[Any, ...], tuple[Any, int, tuple[Any, ...]]] = OrderedDict()
 
     def __call__(self, make: Callable[..., T], *inputs: Any) -> T:
-        """Return make(*inputs), which is worked out when it is not remembered."""
+        """Return make(*inputs), computed unless it is remembered."""
         key = (make, *((id(i), None) if isinstance(i, np.ndarray) else i for i in inputs))
         with self._lock:
             kept = self._kept.get(key)

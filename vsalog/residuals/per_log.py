@@ -24,12 +24,12 @@ class PerLog:
 
 
 def any_of(joint: Any) -> Any:
-    """Return a joint as it is in one of the logs: for what does not depend on its numbers."""
+    """Return a joint as it is in one of the logs: for results that do not depend on its numbers."""
     return joint.joints[0] if isinstance(joint, PerLog) else joint
 
 
 def in_last(joint: Any) -> Any:
-    """Return a joint as it is in the last log, which another one that is not known is likely to be nearest to."""
+    """Return a joint as it is in the last log, which is likely to be nearest to an unknown one."""
     return joint.joints[-1] if isinstance(joint, PerLog) else joint
 
 

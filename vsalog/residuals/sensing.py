@@ -1,4 +1,4 @@
-"""What the rig says of sensors and drives, undone: filtered channels become what the joint truly did, as the rig has it."""
+"""Sensors and drives of the rig, undone: filtered channels become the joint's true motion, as the rig has it."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ VALVES = ("valve_1", "valve_2")
 EARLIEST = 0.25
 """Part of a sample by which a channel may be early before a whole sample is counted.
 
-So what is on time, and what is half a sample late, as a held torque, are both far from where the count changes.
+So a channel on time, and one half a sample late, such as a held torque, are both far from where the count changes.
 """
-# Roles that no cause speaks of, and that are recorded as something else than the joint has: a lever arm as an angle.
+# Roles of no cause, which are recorded as another quantity than the joint has: a lever arm as an angle.
 BOUND = ("setpoint",)
 
 
 def bare(joint: Any, gains: bool = False) -> Any:
     """Return the joint as if its sensors and drives were perfect, so that its channels are bound as they were recorded.
 
-    What the rig says of roles in `BOUND` is undone by binding.
+    The rig's sensors of roles in `BOUND` are undone by binding.
 
     Parameters
     ----------
@@ -64,10 +64,10 @@ def bare(joint: Any, gains: bool = False) -> Any:
 
 
 def at_joint(joint: Any) -> Any:
-    """Return the joint with all that its motors have as the joint feels it, and all that its sensors say in the joint's units.
+    """Return the joint with all that its motors have as the joint feels it, and all readings of its sensors in the joint's units.
 
     So parameters are those of the equations: an offset is an angle or a torque whatever a sensor counts in, and a gain is
-    relative to what the rig says.
+    relative to the rig's.
     """
     changed = {name: getattr(joint, name).reflected for name in motors_of(joint)}
     scaled = {role: _per_gain(s) for role, s in offered_roles(joint).items() if role not in BOUND and s.gain != 1.0}
@@ -77,7 +77,7 @@ def at_joint(joint: Any) -> Any:
 
 
 def sensors_as_written(joint: Any, original: Any) -> Any:
-    """Return a joint's signals in what the sensors of another one count in; what did not change stays as it was."""
+    """Return a joint's signals in the units of another one's sensors; unchanged signals stay as they are."""
     plain, own, changed = offered_roles(at_joint(original)), offered_roles(joint), dict[str, Any]()
     for role, first in offered_roles(original).items():
         new, old = own[role], plain[role]
@@ -91,7 +91,7 @@ def sensors_as_written(joint: Any, original: Any) -> Any:
 
 
 def _per_gain(signal: Signal) -> Signal:
-    """Return a sensor as it is when what it says is divided by its gain."""
+    """Return a sensor as it is when its readings are divided by its gain."""
     return replace(_times_gain(signal, 1.0 / signal.gain), gain=1.0)
 
 
@@ -108,7 +108,7 @@ def _times_gain(signal: Signal, gain: float) -> Signal:
 
 
 def as_written(motor: Motor, original: Motor) -> Motor:
-    """Return a motor with its values on the side of the gear where another one has them; what did not change stays as it was."""
+    """Return a motor with its values on the side of the gear where another one has them; unchanged values stay as they are."""
     if original.side == "joint":
         return motor
     ratio, plain = original.gear_ratio, original.reflected
@@ -150,7 +150,7 @@ def position_role(motor: str) -> str:
 
 
 def each_sensor(joint: Joint, signals: JointSignals) -> dict[str, Array]:
-    """Return role → shape (N,), samples with what the rig says of each sensor undone, but for how late it is.
+    """Return role → shape (N,), samples with each sensor of the rig undone, but for its delay.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def each_sensor(joint: Joint, signals: JointSignals) -> dict[str, Array]:
 
 
 def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str, Array]:
-    """Undo what the rig says of sensors and drives.
+    """Undo the rig's sensors and drives.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str,
 
 
 def is_commanded(joint: Any, roles: Collection[str]) -> bool:
-    """Tell whether a joint is moved by what its drive is commanded, and no recorded torque is taken for that of its motor.
+    """Return whether a joint is moved by its drive's command, with no recorded torque taken as that of its motor.
 
     Parameters
     ----------
@@ -221,14 +221,14 @@ def is_commanded(joint: Any, roles: Collection[str]) -> bool:
 
 
 def whole_delays(joint: Joint, period: float) -> dict[str, int]:
-    """Return role or motor → whole samples of its delay, where there are any; what is left is −¼ to ¾ of a sample."""
+    """Return role or motor → whole samples of its delay, where there are any; the rest is −¼ to ¾ of a sample."""
     delays = {role: signal.delay for role, signal in offered_roles(joint).items() if role not in BOUND}
     delays |= {name: getattr(joint, name).torque_delay for name in motors_of(joint)}
     return {name: whole for name, d in delays.items() if (whole := int(np.floor(d / period + EARLIEST)))}
 
 
 def earlier(joint: Any, samples: Mapping[str, float], period: float) -> Any:
-    """Return a joint with samples taken off the delays of its sensors and drives; see `whole_delays`."""
+    """Return a joint with samples subtracted from the delays of its sensors and drives; see `whole_delays`."""
     if not samples:
         return joint
     motors, signals = motors_of(joint), {}
@@ -253,7 +253,7 @@ def read_earlier(joint: Any, samples: float, period: float) -> Any:
 
 
 def _without_series(deflection: Array, torque: Array, stiffness: float) -> Array:
-    """Take off a deflection what a spring in series with it gives way under a torque."""
+    """Subtract from a deflection that of a spring in series under a torque."""
     return deflection - torque / stiffness
 
 
@@ -276,20 +276,20 @@ def _acting(commanded: Array, late: float, gain: float, offset: float) -> Array:
 
 
 def _measured(m: Array, gain: float, errors: tuple[ReadingError, ...]) -> Array:
-    # They are small against what is measured: six rounds leave nothing of them.
+    # They are small against what is measured: six rounds remove them.
     x = measured(errors, m[0], gain, 6, 0.0)
     slope = gain + sum(e.slope(x) for e in errors)
     rate = m[1] / slope
     return np.stack([x, rate, (m[2] - sum(e.curvature(x) for e in errors) * rate**2) / slope])
 
 
-def said(joint: Any, role: str, truth: Mapping[str, Array], time: Array) -> Array:
+def sensor_reading(joint: Any, role: str, truth: Mapping[str, Array], time: Array) -> Array:
     """Return the reading of a sensor: gain · x(t − delay) + offset + drift · t + errors(x(t − delay)).
 
     Parameters
     ----------
     joint : of the rig
-    role : that the sensor plays
+    role : of the sensor
     truth : of a simulation, name → shape (N,)
     time : shape (N,) [s]
     """
@@ -314,5 +314,5 @@ def said(joint: Any, role: str, truth: Mapping[str, Array], time: Array) -> Arra
 
 
 def known(roles: Mapping[str, Array], *names: str) -> bool:
-    """Tell whether all of these roles are there."""
+    """Return whether all of these roles are there."""
     return all(name in roles for name in names)

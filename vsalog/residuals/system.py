@@ -1,9 +1,9 @@
 """The stacked residual system: every equation of a joint, averaged, decimated, and divided by its noise.
 
 Equations hold at every sample, but a second derivative of an encoder's steps is mostly noise. So each equation is averaged
-over a short bell (the weak form: by parts, the derivatives act on the bell), at every half of its width. What noise makes of
+over a short bell (the weak form: by parts, the derivatives act on the bell), at every half of its width. The noise of
 an average is measured, not derived: channels with noise like their own go through the same equations, and the covariance
-of what comes out whitens the equations together.
+of the results whitens the equations together.
 """
 
 from __future__ import annotations
@@ -48,17 +48,17 @@ class System:
     balance : forms the equations
     names, sides, units : of the equations, m of them
     bell : weights, shape (L,), sum 1
-    wide : the bell after the channels' filter, for what has yet to pass it
+    wide : the bell after the channels' filter, for signals that have yet to pass it
     centres : shape (R,), sample at the middle of each row
     usable : shape (m, N), samples that count
     weights : shape (R, m), share of a row's weight that counts; 0 where the row is not used
-    whiteners : pattern of used equations → shape (m, m), what makes their noise white and of variance 1
+    whiteners : pattern of used equations → shape (m, m), the matrix that makes their noise white and of variance 1
     pattern : shape (R,)
     covariance : shape (m, m), of the noise of the equations' rows
     hold : how long after its stamp a motor torque acts on average [s]
     exact : shape (m, m), the part of the covariance that filters leave, whatever the noise
     copies : channels that carry noise once more
-    early : samples by which all channels are read before what a joint says of them
+    early : samples by which all channels are read earlier than the joint has them
     """
 
     channels: Channels
@@ -149,7 +149,7 @@ class System:
                 more = remembered(_averages, equation.shaped, self.usable, i, self.wide, self.centres)
                 column = column + np.where(np.isnan(more), 0.0, more)
             out[:, i] = np.where(self.weights[:, i] > 0.0, column, 0.0)
-        # What a rig that is far off makes of a row must not stop the search.
+        # A row of a rig that is far off must not stop the search.
         return out if np.isfinite(out).all() else np.nan_to_num(out, nan=1e6, posinf=1e6, neginf=-1e6)
 
 
@@ -160,7 +160,7 @@ def build_system(
 
     Parameters
     ----------
-    joint : of the rig, as it stands
+    joint : of the rig, as given
     channels : filtered
     balance : forms the equations
     hold : see `System`
@@ -188,7 +188,7 @@ def build_system(
         channels, balance, names, tuple(e.side for e in equations), tuple(e.unit for e in equations), bell, wide, centres,
         usable, weights, {}, bits, np.eye(len(equations)), hold,
     )  # fmt: skip
-    # What noise adds is looked at without the whole samples of delays, see `linear.formed_of`.
+    # Noise is drawn without the whole samples of delays, see `linear.formed_of`.
     whole = whole_delays(any_of(joint), channels.period)
     near = each(joint, lambda one: earlier(one, whole, channels.period))
     if whole:
@@ -220,8 +220,8 @@ def _bell(period: float) -> Array:
 
 
 def _usable(equation: Equation, again: list[Equation], margin: int) -> Flags:
-    """Tell where an equation counts: where it is a number and the direction of the motion is known."""
-    # Channels may turn out to be late: what is shifted must not reach over a run's end.
+    """Return where an equation counts: where it is a number and the direction of the motion is known."""
+    # Channels may turn out to be late: a shifted window must not reach over a run's end.
     usable = np.convolve(~np.isfinite(equation.whole), np.ones(2 * margin + 1), mode="same") < 0.5
     usable[:margin] = usable[-margin:] = False
     if equation.rate is not None:
@@ -232,7 +232,7 @@ def _usable(equation: Equation, again: list[Equation], margin: int) -> Flags:
 
 
 def _size(equation: Equation, channels: Channels) -> float:
-    """Return the size of what is added up in an equation, in its unit, from the roles of that unit."""
+    """Return the size of the terms of an equation, in its unit, from the roles of that unit."""
     if equation.unit == "Pa/s":
         return max(
             (float(np.nanstd(v[1])) for role, v in channels.roles.items() if role.startswith("pressure")), default=0.0
@@ -258,14 +258,14 @@ def _covariance(noise: Array, used: Flags) -> Array:
 
 
 def whitener(covariance: Array, pattern: int) -> Array:
-    """Return what makes the noise of the equations that a pattern uses white and of variance 1, shape (m, m)."""
+    """Return the matrix that makes the noise of a pattern's equations white and of variance 1, shape (m, m)."""
     m = covariance.shape[0]
     own = [i for i in range(m) if pattern >> i & 1]
     out = np.zeros((m, m))
     part = covariance[np.ix_(own, own)]
     scale = np.sqrt(np.maximum(np.diag(part), 1e-300))
     correlation = part / np.outer(scale, scale)
-    # Measured over the rows that each pair has, a correlation may have directions of less than no noise.
+    # Measured over the rows that each pair has, a correlation may have directions of negative variance.
     values, vectors = np.linalg.eigh(correlation)
     if values.min() < 0.0:
         correlation = (vectors * np.maximum(values, 0.0)) @ vectors.T

@@ -1,6 +1,6 @@
 """The rig's simulation in windows, each begun again: multiple shooting, the states at the windows' beginnings free.
 
-A simulation that runs through a whole log drifts away for reasons of no interest, and one restarted from a measured state
+A simulation that runs through a whole log drifts away for irrelevant reasons, and one restarted from a measured state
 carries the noise of a derivative. So every window's state at its beginning is fitted, as unknowns that belong to no cause, and
 the residual is what the rig cannot explain within a window, whatever it began with.
 """
@@ -22,7 +22,7 @@ from vsalog.effects.delay import LATEST
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE
 from vsalog.residuals.channels import Channels, span_of
 from vsalog.residuals.per_log import PerLog, any_of
-from vsalog.residuals.sensing import known, said, true_roles
+from vsalog.residuals.sensing import known, sensor_reading, true_roles
 from vsalog.residuals.windows_bench import BenchPlayer
 from vsalog.residuals.windows_mechanical import MechanicalPlayer, free_motors, link_told, movable, remembers
 from vsalog.residuals.windows_pneumatic import PneumaticPlayer
@@ -38,23 +38,23 @@ FEWEST = 20
 MOST = 40
 """Windows of a long log that are simulated."""
 RUNS = 4
-"""Runs that they are chosen in."""
+"""Runs in which they are chosen."""
 WITHIN = 2.0
-"""Times their noise within which an equation closes, and times the mean square that its noise makes within which a simulation is
+"""Times their noise within which an equation closes, and times the mean square of its noise within which a simulation is
 right: noise is measured to about a third."""
 
 
 class Player(Protocol):
-    """What plays a joint of some kind in windows.
+    """What simulates a joint of some kind in windows.
 
     Attributes
     ----------
-    played : the joint without what is left out
+    model : the joint without the parts that are left out
     window : how long a window is to be [s]
-    settling : how long after a run's beginning what nobody measures is not known yet; windows may be shorter then [s]
+    settling : how long after a run's beginning unmeasured states are not known yet; windows may be shorter then [s]
     """
 
-    played: Any
+    model: Any
     window: float
     settling: float
 
@@ -63,11 +63,11 @@ class Player(Protocol):
         ...
 
     def followed(self) -> list[str]:
-        """Return the recorded roles that prescribe what the joint does, filtered."""
+        """Return the recorded roles that prescribe the joint's motion, filtered."""
         ...
 
     def answered(self) -> list[str]:
-        """Return the recorded roles that a simulation answers to."""
+        """Return the recorded roles that a simulation predicts."""
         ...
 
     def measured_states(self) -> Array:
@@ -90,7 +90,7 @@ class Player(Protocol):
 
 
 def player_of(joint: Any, channels: Channels) -> Player:
-    """Return what plays a joint of this kind.
+    """Return what simulates a joint of this kind.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def player_of(joint: Any, channels: Channels) -> Player:
     if movable(joint, channels):
         return MechanicalPlayer(joint, channels)
     if joint.link is None and not link_told(joint, channels) and isinstance(joint, ElasticJoint):
-        # No encoder says what the link did, and nothing how it would move: a torque sensor says how it pulled.
+        # No encoder measures the link, and nothing drives it: a torque sensor measures its torque.
         alone = RigidJoint(motor=joint.motor, signals=joint.signals)
         if free_motors(joint, channels) and known(channels.roles, "motor_position", "torque_sensor"):
             return RigidPlayer(alone, channels)
@@ -114,15 +114,15 @@ def player_of(joint: Any, channels: Channels) -> Player:
 
 @dataclass(frozen=True, slots=True)
 class Windows:
-    """Windows of a log that a joint's simulation is held against.
+    """Windows of a log that a joint's simulation is compared with.
 
     Attributes
     ----------
     channels : as recorded
     spans : first and last sample of each window, shape (W, 2)
-    roles : that the simulation answers to
+    roles : that the simulation predicts
     hold : whether recorded torques act from sample to sample
-    scale : role → error that noise makes, the sensors' and that of the recorded torques, by which errors are weighed; the
+    scale : role → error from noise, the sensors' and that of the recorded torques, by which errors are weighted; the
         sensors' alone where absent
     """
 
@@ -170,7 +170,7 @@ class Shot:
 
     @property
     def is_linear(self) -> bool:
-        """Whether most windows respond to their initial states as linearly as a Gauss–Newton step supposes."""
+        """Whether most windows respond to their initial states as linearly as a Gauss–Newton step assumes."""
         return 2 * self.far.size <= len(self.states)
 
     def part(self, chosen: Integers) -> Shot:
@@ -197,7 +197,7 @@ def windows_of(joint: Any, channels: Channels, hold: bool) -> Windows:
     roles = true_roles(joint, channels, 0.0)
     answered = tuple(r for r in player.answered() if span_of(channels.raw[r]) > 0.0)
     if not answered:
-        raise SimulationError("nothing is recorded that a simulation could be held against")
+        raise SimulationError("nothing is recorded that a simulation could be compared with")
     good = np.isfinite(player.measured_states()).all(axis=1)
     for role in answered:
         good &= np.isfinite(channels.raw[role])
@@ -206,7 +206,7 @@ def windows_of(joint: Any, channels: Channels, hold: bool) -> Windows:
             good &= np.isfinite(roles[role][0])
     edges = np.flatnonzero(np.diff(np.r_[False, good, False].astype(np.int8)))
     cuts = np.flatnonzero(channels.starts)
-    # Channels may turn out to be late or early: what a window begins with, and is driven by, must be known then too.
+    # Channels may turn out to be late or early: a window's initial state and inputs must be known then too.
     margin = round(LATEST / channels.period) + 2
     before = margin + round(player.settling / channels.period)
     runs = []
@@ -238,12 +238,12 @@ def shoot(joint: Any, windows: Windows, states: Array) -> Shot:
     ----------
     joint : of the rig
     windows : of the log
-    states : shape (W, n), what they begin with
+    states : shape (W, n), initial states
 
     Raises
     ------
     SimulationError
-        The motion leaves what the model describes.
+        The motion leaves the range of the model.
     """
     if isinstance(joint, PerLog):
         return _each_log(joint, windows, states)
@@ -255,7 +255,7 @@ def shoot(joint: Any, windows: Windows, states: Array) -> Shot:
             ends[w] = player.after(truth, int(windows.spans[w, 1]) - 1 - part.start)
         time = channels.time[part.start] + np.arange(part.stop - part.start) * channels.period
         for role in windows.roles:
-            errors[role][part] = channels.raw[role][part] - said(joint, role, truth, time)
+            errors[role][part] = channels.raw[role][part] - sensor_reading(joint, role, truth, time)
     return Shot(states, errors, ends)
 
 
@@ -298,8 +298,8 @@ def begun(
         states = player_of(joint, windows.channels).measured_states()[windows.spans[:, 0]]
     if not player_of(joint, windows.channels).free(states):
         return shoot(joint, windows, states)
-    # What is unstable curves the way from a beginning to what follows, the more the later it follows: the first part of a window
-    # shows its beginning well enough for the rest to be straight.
+    # An unstable motion depends on its beginning non-linearly, the more the later it is: the first part of a window
+    # shows its beginning well enough for the rest to be linear.
     for share in (0.1, 0.3) if near is None and not _remembers(joint, windows) else ():
         first = windows.first(share)
         states = _nearer(joint, first, shoot(joint, first, states), 1)[0].states
@@ -336,7 +336,7 @@ def begun_as(joint: Any, windows: Windows, shot: Shot, other: Shot) -> Shot:
 
 
 def _gone_on(joint: Any, windows: Windows, shot: Shot, far: Integers) -> tuple[Shot, Integers]:
-    """Begin windows that are far off where the windows before them end, one after another: what sticks there sticks on."""
+    """Begin windows that are far off where the windows before them end, one after another: a part may stick on."""
     spans = windows.spans
     for _ in range(far.size):
         follow = np.array([w for w in far if w > 0 and spans[w, 0] == spans[w - 1, 1]], dtype=np.int64)
@@ -350,8 +350,8 @@ def _gone_on(joint: Any, windows: Windows, shot: Shot, far: Integers) -> tuple[S
 
 
 def _remembers(joint: Any, windows: Windows) -> bool:
-    """Tell whether what is played goes on from one window to the next, so that none is played alone."""
-    return remembers(player_of(joint, windows.channels).played)
+    """Return whether the joint's state goes on from one window to the next, so that none is simulated alone."""
+    return remembers(player_of(joint, windows.channels).model)
 
 
 def _nearer(
@@ -361,11 +361,11 @@ def _nearer(
 
     Returns
     -------
-    The simulation, and the windows that are still far from what the derivatives promise
+    The simulation, and the windows that are still far from what the derivatives predict
     """
     J = by_states(joint, windows, shot) if slopes is None else slopes.copy()
     norms = np.linalg.norm(J, axis=1)
-    # What sticks does not notice how fast it was: a beginning is not led far away by what says next to nothing.
+    # A part that sticks forgets its velocity: a beginning must not be moved far by a slope with next to no information.
     J *= (norms > NEGLIGIBLE_SHARE * np.median(norms, axis=0))[:, None, :]
     promised = np.zeros(len(windows.spans))
     for _ in range(rounds):
@@ -373,11 +373,11 @@ def _nearer(
         step = np.stack([_least(J[w], r[w]) for w in range(len(r))])
         promised = np.mean((r - np.einsum("wln,wn->wl", J, step)) ** 2, axis=1)
         left = np.flatnonzero(_squares(shot, windows) > (1.0 + NEGLIGIBLE_SHARE) * promised)
-        # From Gauss–Newton to a short way down the slope.
+        # From Gauss–Newton to a short step of gradient descent.
         for damping in (0.0, 1e-3, 0.03, 1.0):
             if not left.size:
                 break
-            # What a window hardly shows, as the velocity of a link without an encoder, must not lead far from what is straight.
+            # A state that a window hardly shows, as the velocity of a link without an encoder, must not leave the linear range.
             if damping:
                 step[left] = np.stack([_least(J[w], r[w], damping) for w in left])
             shot, left = _better(joint, windows, shot, left, shot.states[left] - step[left])
@@ -388,7 +388,7 @@ def _better(joint: Any, windows: Windows, shot: Shot, some: Integers, states: Ar
     """Take new states in each of some windows where they are better; return the windows where they are not, too."""
     part, whole = windows.part(some), some
     if _remembers(joint, windows):
-        # What a run remembers goes on from its beginning.
+        # A run's memory goes on from its beginning.
         runs = np.cumsum(np.r_[True, windows.spans[1:, 0] != windows.spans[:-1, 1]])
         whole = np.flatnonzero(np.isin(runs, runs[some]))
     begin = shot.states.copy()
@@ -455,7 +455,7 @@ def _least(J: Array, r: Array, damping: float = 0.0) -> Array:
 
 
 def floor_of(windows: Windows, role: str) -> float:
-    """Return what the error of a role is weighed by."""
+    """Return the weight of a role's error."""
     if windows.scale is not None:
         return windows.scale[role]
     noise = windows.channels.noise[role].floor

@@ -1,4 +1,4 @@
-"""Transmissions whose ends nothing is known of but their motion: the measured deflection in, the torque sensor out."""
+"""Transmissions of which only the motion of the ends is known: the measured deflection in, the torque sensor out."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Flags = NDArray[np.bool_]
 
 
 class BenchPlayer:
-    """Plays the transmissions of a joint on their measured deflections; see `windows.Player`.
+    """Simulates the transmissions of a joint on their measured deflections; see `windows.Player`.
 
     Nothing has a beginning that could be fitted: loops follow the deflection through the whole log, as in the equations.
 
@@ -37,19 +37,19 @@ class BenchPlayer:
     window, settling = FREE.window, 0.0
 
     def __init__(self, joint: Any, channels: Channels) -> None:
-        self.joint, self.channels, self.played = joint, channels, joint
+        self.joint, self.channels, self.model = joint, channels, joint
         motion = motion_of(joint, true_roles(joint, channels), channels.time, channels.spread)
         self.deflections = {s: phi for s, phi in motion.deflections.items() if s not in motion.measured}
         self.torques = {s: motion.torques[s] for s in self.deflections}
         if not self.answered():
-            raise SimulationError("no deflection is recorded of which a sensor says the torque")
+            raise SimulationError("no deflection is recorded whose torque a sensor measures")
 
     def driving(self) -> list[str]:
-        """Return nothing: no torque drives what is followed."""
+        """Return nothing: no torque drives the motion."""
         return []
 
     def followed(self) -> list[str]:
-        """Return the sensors that tell the deflections, and the set-point."""
+        """Return the sensors that determine the deflections, and the set-point."""
         kinds = ("deflection", "link_position", "motor_position", "setpoint")
         return [r for r in self.channels.roles if r.startswith(kinds)]
 
@@ -59,7 +59,7 @@ class BenchPlayer:
         return [r for r in (*(f"torque_sensor{s}" for s in self.torques), *whole) if r in self.channels.roles]
 
     def measured_states(self) -> Array:
-        """Return the deflections, shape (N, n): all that a window's beginning has."""
+        """Return the deflections, shape (N, n): all states of a window's beginning."""
         return np.stack([phi[0] for phi in self.deflections.values()], axis=-1)
 
     def free(self, states: Array) -> Mapping[int, tuple[float, Flags]]:

@@ -1,4 +1,4 @@
-"""Joints with motors and transmissions, played in windows."""
+"""Joints with motors and transmissions, simulated in windows."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ class Lengths(NamedTuple):
     Attributes
     ----------
     window : of a window [s]
-    lead : of the measured motion that is played before a run of them for what nobody measures: bristles, loops and slip elements,
-        or a planned motion and an integral; longer than these remember at any usual speed [s]
+    lead : of the measured motion that is simulated before a run of them for unmeasured states: bristles, loops and slip elements,
+        or a planned motion and an integral; longer than the memory of these at any usual speed [s]
     """
 
     window: float
@@ -51,15 +51,15 @@ class Lengths(NamedTuple):
 
 FREE = Lengths(0.5, 0.5)
 COMMANDED = Lengths(10.0, 2.0)
-"""Of a joint that is commanded a position: its loop forgets within a second where it began."""
+"""Of a joint that is commanded a position: its loop forgets its beginning within a second."""
 NAME = "joint"
 SIMULATED = ("motor_position", "link_position", "deflection", "torque_sensor", "setpoint")
 
 
 class MechanicalPlayer:
-    """Plays a joint with motors; the states are (q, q̇, θ₁, θ̇₁, …). See `windows.Player`.
+    """Simulates a joint with motors; the states are (q, q̇, θ₁, θ̇₁, …). See `windows.Player`.
 
-    What the rig has no inertia of, and a motor whose torque is not recorded, moves as it was measured.
+    A body without an inertia in the rig, and a motor whose torque is not recorded, moves as it was measured.
 
     Parameters
     ----------
@@ -79,8 +79,8 @@ class MechanicalPlayer:
         self.lengths = COMMANDED if self.commanded else FREE
         self.window, self.settling = self.lengths.window, self.lengths.lead if self.commanded else 0.0
         self.moved, self.link_moves = self.measured()
-        self.played = self._with_stand_ins(joint)
-        self.machine = build({NAME: self.played})
+        self.model = self._with_stand_ins(joint)
+        self.machine = build({NAME: self.model})
         latest = max(getattr(joint, name).torque_delay for name in motors_of(joint))
         self.lead = int(np.ceil(latest / channels.period))
         roles = [torque_role(m) for m in self.moved]
@@ -88,12 +88,12 @@ class MechanicalPlayer:
         self.speeds, self.deflecting = self._speeds()
         self.steps, self.stiff = self._steps(self.machine, prescribed)
         if self.stiff and not self._sees_bristles():
-            plain = build({NAME: without_bristles(self.played)})
+            plain = build({NAME: without_bristles(self.model)})
             steps, stiff = self._steps(plain, prescribed)
             if not stiff:
-                self.machine, self.played = plain, without_bristles(self.played)
+                self.machine, self.model = plain, without_bristles(self.model)
                 self.steps, self.stiff = steps, stiff
-        follows = self.commanded or remembers(self.played)
+        follows = self.commanded or remembers(self.model)
         self.run_in = round(self.lengths.lead / channels.period) if follows else 0
         if self.commanded and "commanded_position" not in channels.raw:
             self.run_in = len(channels)  # a velocity's integral forgets nothing
@@ -102,21 +102,21 @@ class MechanicalPlayer:
         return machine.steps(self.channels.period, prescribed, self.speeds, COARSE, deflecting=self.deflecting)
 
     def _speeds(self) -> tuple[Array | float, float]:
-        """Return how fast bristles slide and springs deflect: of a motion that was measured that is known."""
-        if not remembers(self.played):
+        """Return how fast bristles slide and springs deflect: for a measured motion that is known."""
+        if not remembers(self.model):
             return BRISTLE_SPEED, DEFLECTING
         moved = self.measured_states()[:, 1::2]
         deflecting = np.fmax.reduce(np.abs(moved[:, 1:] - moved[:, :1]), axis=None, initial=DEFLECTING)
         return np.asarray(np.fmax.reduce(np.abs(moved), axis=0, initial=BRISTLE_SPEED)), float(deflecting)
 
     def _sees_bristles(self) -> bool:
-        """Tell whether any encoder sees how far bristles give way before they slide; others are ideal friction."""
-        roles = {"link": "link_position"} | {name: position_role(name) for name in motors_of(self.played)}
+        """Return whether any encoder resolves how far bristles give way before they slide; others are ideal friction."""
+        roles = {"link": "link_position"} | {name: position_role(name) for name in motors_of(self.model)}
         floors = {part: self.channels.noise[r].floor for part, r in roles.items() if r in self.channels.noise}
         if "secondary_motor" in floors:  # recorded as a lever arm
-            floors["secondary_motor"] /= abs(self.played.lever.travel)
+            floors["secondary_motor"] /= abs(self.model.lever.travel)
         finest = min(floors.values(), default=np.inf)
-        parts = (getattr(self.played, name) for name in (*motors_of(self.played), "link"))
+        parts = (getattr(self.model, name) for name in (*motors_of(self.model), "link"))
         frictions = [f for f in (getattr(part, "friction", None) for part in parts) if f is not None]
         return any(f.presliding_stiffness and f.breakaway / f.presliding_stiffness > finest for f in frictions)
 
@@ -166,9 +166,9 @@ class MechanicalPlayer:
         motors = [self._position(name, roles, motion.motors) for name in motors_of(joint)]
         link = motion.link
         if self.commanded and not link_told(joint, channels):
-            link = motors[0]  # what it is else is forgotten before a window begins
+            link = motors[0]  # another one is forgotten before a window begins
         if link is None:
-            raise SimulationError("the position of the link is not recorded, and nothing tells it")
+            raise SimulationError("the position of the link is not recorded, and cannot be determined")
         columns = [column for x in (link, *motors) for column in x[:2]]
         return np.stack(columns, axis=-1)
 
@@ -181,7 +181,7 @@ class MechanicalPlayer:
             return np.asarray(np.stack([lever.start - arm[0], -arm[1], -arm[2]]) / lever.travel)
         suffix = name.removeprefix("motor")
         if suffix not in motors:
-            raise SimulationError(f"the position of the {name} is not recorded, and nothing tells it")
+            raise SimulationError(f"the position of the {name} is not recorded, and cannot be determined")
         return np.asarray(motors[suffix])
 
     def free(self, states: Array) -> Mapping[int, tuple[float, Flags]]:
@@ -245,7 +245,7 @@ class MechanicalPlayer:
         return np.asarray(self.channels.time[part.stop - 1] + back * self.channels.period)
 
     def inputs(self, roles: Mapping[str, Array], part: slice, hold: bool) -> dict[str, Input]:
-        """Return what drives the machine: recorded torques, and motions where no torque is recorded."""
+        """Return the inputs of the machine: recorded torques, and motions where no torque is recorded."""
         channels, time, given = self.channels, self.times(part), dict[str, Input]()
         motion = motion_of(self.joint, roles, channels.time, channels.spread) if self.moved or self.link_moves else None
         for name in motors_of(self.joint):
@@ -264,9 +264,9 @@ class MechanicalPlayer:
 
 
 def acting(recorded: Array, time: Array, channels: Channels, first: int, hold: bool) -> TorqueInput:
-    """Return what drives a machine, recorded from a sample on: held from sample to sample, or smooth.
+    """Return the inputs of a machine, recorded from a sample on: held from sample to sample, or smooth.
 
-    What was held for another time than a sample has been interpolated; it acts half of that time later.
+    An input that was held for another time than a sample has been interpolated; it acts half of that time later.
     """
     held = channels.held_at(first)
     late = 0.5 * held * channels.period if hold else 0.0
@@ -274,14 +274,14 @@ def acting(recorded: Array, time: Array, channels: Channels, first: int, hold: b
 
 
 def remembers(joint: Any) -> bool:
-    """Tell whether a joint has bristles, loops or slip elements: what it does depends on what it did before."""
+    """Return whether a joint has bristles, loops or slip elements: its motion depends on its history."""
     parts = [getattr(joint, name) for name in joint.__struct_fields__]
     bristles = any(getattr(getattr(p, "friction", None), "presliding_stiffness", None) is not None for p in parts)
     return bristles or any(getattr(p, "bouc_wen", None) is not None or getattr(p, "slip", ()) for p in parts)
 
 
 def without_bristles(joint: Any) -> Any:
-    """Return the joint with ideal friction: what sticks does not give way."""
+    """Return the joint with ideal friction: a sticking part does not give way."""
     changed = {}
     for name in (*motors_of(joint), "link"):
         part = getattr(joint, name)
@@ -300,9 +300,9 @@ def free_motors(joint: Any, channels: Channels) -> list[str]:
 
 
 def movable(joint: Any, channels: Channels) -> bool:
-    """Tell whether anything of a joint can be moved by what acts on it, with all else moving as it was measured.
+    """Return whether any part of a joint can be moved by the inputs, with all else moving as it was measured.
 
-    This depends on what the rig has and the log records, not on values: all rigs that a search tries are played alike.
+    This depends on what the rig has and the log records, not on values: all rigs that a search tries are simulated alike.
     """
     roles = channels.roles
     if isinstance(joint, SerialJoint):
@@ -317,7 +317,7 @@ def movable(joint: Any, channels: Channels) -> bool:
 
 
 def link_told(joint: Any, channels: Channels) -> bool:
-    """Tell whether encoders say where the link is."""
+    """Return whether encoders determine where the link is."""
     suffixes = ("_1", "_2") if isinstance(joint, AntagonisticJoint) else ("",)
     roles = channels.roles
     return "link_position" in roles or any(

@@ -1,4 +1,4 @@
-"""Joints with pneumatic muscles, played in windows: the valves' voltages in, angle, pressures and torque out."""
+"""Joints with pneumatic muscles, simulated in windows: the valves' voltages in, angle, pressures and torque out."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SIMULATED = (ANGLE, "torque_sensor", *PRESSURES)
 
 
 class PneumaticPlayer:
-    """Plays a joint with muscles; the states are (ψ, ψ̇, P₁, P₂) with pressures in bar. See `windows.Player`.
+    """Simulates a joint with muscles; the states are (ψ, ψ̇, P₁, P₂) with pressures in bar. See `windows.Player`.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class PneumaticPlayer:
         for role in VALVES:
             if role not in channels.raw:
                 raise SimulationError(f"the voltage of {role} is not recorded, so that nothing drives its muscle")
-        self.joint, self.channels, self.played = joint, channels, joint
+        self.joint, self.channels, self.model = joint, channels, joint
         self.roles = true_roles(joint, channels, 0.0)
 
     def driving(self) -> list[str]:
@@ -64,12 +64,12 @@ class PneumaticPlayer:
         return [r for r in self.channels.roles if r in SIMULATED]
 
     def measured_states(self) -> Array:
-        """Return the states as rig and filter have them, shape (N, 4); a velocity that may be noise is none."""
+        """Return the states as rig and filter have them, shape (N, 4); a velocity that may be noise is zero."""
         channels = self.channels
         motion = pneumatic_motion(self.joint, self.roles, channels.time, channels.spread)
         for role in (ANGLE, *PRESSURES):
             if role not in motion.roles:
-                raise SimulationError(f"{role} is not recorded, and nothing tells it")
+                raise SimulationError(f"{role} is not recorded, and cannot be determined")
         psi, (p1, p2) = motion.roles[ANGLE], (motion.roles[r][0] / bar for r in PRESSURES)
         noise = channels.noise[ANGLE].floor if ANGLE in channels.noise else 0.0
         own = noise * float(np.linalg.norm(savgol_weights(channels.window, DEGREE, 2, channels.period)[1]))

@@ -1,4 +1,4 @@
-"""Joints whose motor and link move as one, played in windows."""
+"""Joints whose motor and link move as one, simulated in windows."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ SIMULATED = ("motor_position", "link_position")
 
 
 class RigidPlayer(MechanicalPlayer):
-    """Plays a rigid joint; the states are (q, q̇). See `windows.Player`.
+    """Simulates a rigid joint; the states are (q, q̇). See `windows.Player`.
 
-    A link that the rig does not have pulls with what the torque sensor says.
+    A link that the rig does not have is replaced by the torque sensor's reading.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class RigidPlayer(MechanicalPlayer):
     Raises
     ------
     SimulationError
-        Neither the motor's torque nor what a drive is commanded is recorded: nothing drives the joint.
+        Neither the motor's torque nor a drive's command is recorded: nothing drives the joint.
     """
 
     def __init__(self, joint: Any, channels: Channels) -> None:
@@ -47,7 +47,7 @@ class RigidPlayer(MechanicalPlayer):
         return (), False
 
     def followed(self) -> list[str]:
-        """Return the torque sensor where it stands for the link."""
+        """Return the torque sensor where it replaces the link."""
         return ["torque_sensor"] if self._pulled() else []
 
     def answered(self) -> list[str]:
@@ -59,7 +59,7 @@ class RigidPlayer(MechanicalPlayer):
         channels = self.channels
         q = rigid_motion(self.joint, true_roles(self.joint, channels), channels.time, channels.spread).link
         if q is None:
-            raise SimulationError("the position of the joint is not recorded, and nothing tells it")
+            raise SimulationError("the position of the joint is not recorded, and cannot be determined")
         return np.stack([q[0], q[1]], axis=-1)
 
     def free(self, states: Array) -> Mapping[int, tuple[float, Flags]]:
