@@ -283,7 +283,7 @@ def test_names_are_never_paths(done, tmp_path):
         (("rig.toml", "-o", "/dev/null"), "dev/null"),
         (("lame.toml",), "inertia"),
         (("there.rig.toml", "-o", "there.csv"), "choose another name"),
-        (("rig.toml", "--scenario", "own.csv.toml", "-o", "own.csv"), "is what the simulation reads"),
+        (("rig.toml", "--scenario", "own.csv.toml", "-o", "own.csv"), "is read by the simulation"),
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_is_written(args, words, simulate, bench):

@@ -15,7 +15,7 @@ from vsalog.filters.link_ekf import LinkNoise, estimate_link, link_start, restar
 from vsalog.filters.stiffness_observer import observe_stiffness, observer_start
 from vsalog.reproduce.measure import with_noise
 from vsalog.reproduce.rows import Row
-from vsalog.reproduce.serio2011 import PRINTED, by_default, played_by
+from vsalog.reproduce.serio2011 import PRINTED, by_default, simulated_by
 from vsalog.simulation.experiments import awas_rig
 
 pytestmark = pytest.mark.share(3)
@@ -219,7 +219,7 @@ def test_serio_s_simulated_experiment_is_met():
     """Fig. 4: 5.1 % for the stiffness, 6.7 % for the damping, 9.8 % for the inertia."""
     rig = awas_rig()
     common = Row(item="", paper="", place="", quantity="")
-    rows = by_default(common, with_noise(played_by(rig, rig), [0]), PRINTED)
+    rows = by_default(common, with_noise(simulated_by(rig, rig), [0]), PRINTED)
     assert len(rows) == 3
     for row in rows:
         assert row.ours.median <= row.printed, row.quantity

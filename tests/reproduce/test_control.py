@@ -41,11 +41,11 @@ def test_the_filter_alone_tells_what_the_estimator_in_the_loop_tells(monkeypatch
     alone = shin_control._run(Study((7,)), task, 7, 1e-3, "printed")
 
     class Whole(LiveEstimate):
-        told = ()
+        estimates = ()
 
-        def take(self, k, said):
-            self.told = [*self.told, super().take(k, said)]
-            return self.told[-1]
+        def take(self, k, readings):
+            self.estimates = [*self.estimates, super().take(k, readings)]
+            return self.estimates[-1]
 
     monkeypatch.setattr(shin_control, "FilterAlone", Whole)
     whole = shin_control._run(Study((7,)), task, 7, 1e-3, "printed")

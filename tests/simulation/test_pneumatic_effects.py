@@ -182,7 +182,7 @@ def test_bad_starts_are_refused(start: Array, message: str) -> None:
 
 
 def test_a_motion_beyond_the_volumes_is_said() -> None:
-    with pytest.raises(SimulationError, match=r"after 0\.\d+ s the joint leaves what its model describes"):
+    with pytest.raises(SimulationError, match=r"after 0\.\d+ s the joint leaves the range of its model"):
         simulate_pneumatic(PAM, {**VALVES, "external_torque": lambda t: 400.0 * t}, seconds(1.0))
 
 

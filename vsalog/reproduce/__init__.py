@@ -1,1 +1,1 @@
-"""The papers' numbers, and ours: one module per paper, a catalogue of their items, and what they come out as."""
+"""The papers' numbers, and ours: one module per paper, a catalogue of their items, and their results."""

@@ -13,7 +13,7 @@ from vsalog.reproduce.rows import Result
 
 
 class ReproduceError(VsalogError):
-    """An item is asked for that is not there."""
+    """There is no such item."""
 
 
 @dataclass(frozen=True, slots=True)

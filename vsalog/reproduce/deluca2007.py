@@ -1,4 +1,4 @@
-"""De Luca, Schröder, Thümmel, ICRA 2007: what is said of the acceleration observer. No number of its errors is printed."""
+"""De Luca, Schröder, Thümmel, ICRA 2007: the statements about the acceleration observer. No number of its errors is printed."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ CHOSEN = "everything of the arm but the observer's frequency near 250 rad/s: pre
 
 @dataclass(frozen=True, slots=True)
 class Criteria:
-    """What the paper's statements, which are without numbers, are taken to mean.
+    """Thresholds for the paper's statements, which are without numbers.
 
     Attributes
     ----------
     rate : share within which the rate of decay is met
     alike : share within which errors are alike
-    blind : times as much noise, where a sensor sees nothing
-    heavier : mass of the forearm, which the observer does not know of, over the rig's
+    blind : times as much noise, where a sensor measures nothing
+    heavier : mass of the forearm, unknown to the observer, over the rig's
     """
 
     rate: float = 0.02
@@ -67,10 +67,10 @@ def observer(study: Study) -> Result:
     errors = [_errors(experiment) for experiment in noisy]
     rows = [
         stated.with_values(
-            quantity=f"rms error of the observed {what}", unit=unit, printed=said, compare="none",
+            quantity=f"rms error of the observed {what}", unit=unit, printed=statement, compare="none",
             ours=Spread.of([e[name] for e in errors]), remark="vsalog's default is the paper's frequency here",
         )
-        for what, unit, name, said in STATES
+        for what, unit, name, statement in STATES
     ]  # fmt: skip
     study.say("deluca2007: decay, payload, singular configurations")
     return Result([*rows, _decay(stated, motion), _heavier(stated, rig, noisy[0], study), *_singular(stated, rig)], [])
@@ -88,7 +88,7 @@ def _errors(experiment: Experiment) -> dict[str, float]:
 
 
 def _decay(row: Row, motion: Experiment) -> Row:
-    """Theorem 1: how fast two observers of the same signals draw together, along the eigenvector that they do it by."""
+    """Theorem 1: how fast two observers of the same signals converge, along their eigenvector."""
     fold, signals = assemble(motion, OBSERVER, JOINT)
     assert isinstance(fold, AccelerationFold)
     inputs = [part[:400] for part in fold.inputs(signals[:400])]
@@ -117,7 +117,7 @@ def _decay(row: Row, motion: Experiment) -> Row:
 
 
 def _heavier(row: Row, rig: RigFile, plain: Experiment, study: Study) -> Row:
-    """Remark 1: the same observer on an arm whose forearm is heavier than its rig says."""
+    """Remark 1: the same observer on an arm whose forearm is heavier than in its rig."""
     chain = _chain(rig)
     *before, last = chain.link
     heavy = with_fields(
@@ -155,7 +155,7 @@ def _singular(row: Row, rig: RigFile) -> list[Row]:
     )
     rows = []
     for where, q in places:
-        # A hair off, for right there the noise is without bound.
+        # Slightly off, for exactly there the noise is unbounded.
         ratio = _noise_gain(chain, mounting, q + np.array([0.0, 1e-3, 1e-3])) / usual
         rows.append(
             row.with_values(

@@ -55,12 +55,12 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class Trials:
-    """What is chosen, since the paper does not print it.
+    """Chosen values, which the paper does not print.
 
     Attributes
     ----------
-    softness : the spring's stiffness over what the controller takes it for
-    significant : an improvement is significant that leaves no more than this part
+    softness : the spring's stiffness over the controller's value
+    significant : an improvement is significant if no more than this part remains
     start, after : when the motion begins, and how long it is watched once it is over [s]
     """
 
@@ -79,7 +79,7 @@ CONDITIONS = (
 CHOSEN = (
     "everything of the arm and the motion but its length, 30 and 250 rad/s: preset kuka-kr15, scenario kuka-kr15-control, in"
     f" {' and '.join(f'{m.rise:g}' for m in MOTIONS)} s; the spring of axis 1 is {100 * (1 - TRIALS.softness):.0f} % softer than"
-    " controller and observer take it for"
+    " controller and observer assume"
 )
 
 
@@ -104,10 +104,10 @@ def motions(study: Study) -> Result:
         truth = runs[NAME].joints[AXIS].truth
         rows += [
             common.with_values(
-                quantity=f"rms error of the observed {what}", unit=unit, printed=said,
+                quantity=f"rms error of the observed {what}", unit=unit, printed=statement,
                 ours=Spread.of([root_mean_square(column(found, name), truth[name])]),
             )
-            for what, unit, name, said in STATES
+            for what, unit, name, statement in STATES
         ]  # fmt: skip
         rows += _improved(common.with_values(place=f"Fig. {motion.controlled}", compare="holds"), motion, runs)
         title = f"axis 1 over {motion.degrees:g}°"
@@ -162,7 +162,7 @@ def _improved(common: Row, motion: Motion, runs: Mapping[str, Experiment]) -> li
 
 
 def swung(motion: Motion, feedback: str, seed: int) -> Experiment:
-    """Play a motion under the controller, on an arm whose first spring is softer than the rig says."""
+    """Simulate a motion under the controller, on an arm whose first spring is softer than in the rig."""
     rig = Rig.preset("kuka-kr15")
     joint = rig.file.joint[AXIS]
     assert isinstance(joint, ElasticJoint)
@@ -178,8 +178,8 @@ def swung(motion: Motion, feedback: str, seed: int) -> Experiment:
         reference=reference(motion),
         tune={"frequency": f"{PAPER_FREQUENCY:g}"},
     )
-    played = simulate(
+    simulated = simulate(
         actual.file, scenario.inputs(rig.file), length, seed=seed, believed=rig.file, controllers={AXIS: control},
         estimator=LiveEstimate,
     )  # fmt: skip
-    return replace(played, rig=rig.file)
+    return replace(simulated, rig=rig.file)

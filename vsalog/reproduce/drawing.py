@@ -1,6 +1,6 @@
-"""Figures like the papers', as data: curves, panels, a surface, and a caption of what is the paper's and what was chosen.
+"""Figures like the papers', as data: curves, panels, a surface, and a caption with the paper's and the chosen conditions.
 
-A figure is described by what is in it: `over` makes a panel of named lines, whose names decide how they are drawn.
+A figure is described by its content: `over` makes a panel of named lines, whose names decide how they are drawn.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Panel(msgspec.Struct, frozen=True, kw_only=True):
     Attributes
     ----------
     title, x_label, y_label : with units
-    curves : what is drawn
+    curves : to draw
     log_x, log_y : logarithmic axes
     """
 
@@ -71,7 +71,7 @@ class Figure(msgspec.Struct, frozen=True):
     ----------
     name, title : for the file, and above the panels
     panels : one below the other, or side by side
-    caption : what is the paper's, and what was chosen
+    caption : the paper's and the chosen conditions
     side_by_side : the panels' place
     surface : left of the panels, where there is one
     """
@@ -124,10 +124,10 @@ def figure(
     Parameters
     ----------
     paper, number : "Flacco 2012", 6
-    title : what it shows
+    title : of the figure
     panels, side_by_side, surface : as for `Figure`
-    conditions : what is simulated
-    chosen : what of it the paper does not print
+    conditions : of the simulation
+    chosen : those that the paper does not print
     """
     name = f"{paper.lower().replace(' ', '')}-fig{number}"
     caption = f"Simulated: {conditions}. Chosen, not printed: {chosen}."

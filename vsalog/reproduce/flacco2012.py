@@ -35,7 +35,7 @@ TABLE_2: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "RESIDUAL": {"total": (18.97, 0.05)},
 }
 
-# §6.1 and §6.2. The residual's regressors are not passed through its lag, and learning begins with the first sample.
+# §6.1 and §6.2. The residual's regressors are not passed through its lag, and the fit begins with the first sample.
 CAUSAL: dict[str, str | float | bool] = {
     "filter": "kinematic",
     "matched": False,
@@ -76,9 +76,9 @@ class Table:
     truth : transmission → name of its true stiffness
     unit, scale : of the MSE, and its size in N²·m²/rad²
     after : end of the transient [s]
-    settings : what is tried, with the modalities it is tried for
+    settings : those to run, with their modalities
     reasons : settings' label → why it may be worse than printed
-    remark : what else one should know of the printed values
+    remark : remark on the printed values
     """
 
     item: str
@@ -115,7 +115,7 @@ VSA2_TABLE = Table(
         " the deflection it is compared with is not: with sensors without noise and steps the error stays, with the lag matched"
         " it falls below the printed MSREP, with the default filter below the printed MSE too; and what counts as transient is"
         " not printed: after 3 s these settings are at a fifth of it",
-        "the paper's, but with the lag matched": "the MKKF's lag, and what is left of the transient: after 3 s it is far"
+        "the paper's, but with the lag matched": "the MKKF's lag, and the rest of the transient: after 3 s the error is far"
         " below the printed value",
     },
 )
@@ -132,7 +132,7 @@ AWAS_TABLE = Table(
     ((AWAS_PAPER, MODALITIES), (DEFAULT, MODALITIES)),
     {},
     "over the whole run a stiffness of zero at one sample of 20001 costs 0.005 % by itself, the value printed for MODEL; in ours"
-    " the joint moves by less than the encoders' step for the first 20 ms or so, and no estimator learns from that",
+    " the joint moves by less than the encoders' step for the first 20 ms or so, and no estimator can use that",
 )
 
 
@@ -147,7 +147,7 @@ def awas_recordings(study: Study) -> list[Experiment]:
 
 
 def awas_residual(study: Study) -> list[Trace]:
-    """Return what the RESIDUAL modality with the paper's settings makes of them."""
+    """Return the results of the RESIDUAL modality with the paper's settings."""
     setting = AWAS_PAPER.with_tune(modality="RESIDUAL")
     return study.once("awas-residual", lambda: [estimate(e, setting) for e in awas_recordings(study)])
 
@@ -201,13 +201,13 @@ def torque_lines(trace: Trace, part: str, actual: Array, sensor: Array) -> dict[
 
 
 def sensed(experiment: Experiment, part: str, joint: str | None = None) -> Array:
-    """Return what the torque sensors of an antagonistic joint read, of one transmission or in total."""
+    """Return the readings of an antagonistic joint's torque sensors, of one transmission or in total."""
     measured = experiment.joints[experiment.joint if joint is None else joint].measured
     return np.asarray(np.sum([measured[f"torque_sensor_{i}"] for i in ("12" if part == "total" else part)], axis=0))
 
 
 def _characteristic(trace: Trace, part: str, title: str) -> Panel:
-    """Flexibility torque over deflection as finally estimated, and the residuals it was learnt from."""
+    """Flexibility torque over deflection as finally estimated, and the residuals it was fitted to."""
     phi, residual = column(trace, "deflection", part), column(trace, "residual", part)
     final = [column(trace, f"coefficient_{h}", part)[-1] for h in range(4)]
     grid = np.linspace(np.nanmin(phi), np.nanmax(phi), 200)

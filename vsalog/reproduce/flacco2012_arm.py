@@ -27,8 +27,8 @@ CHOSEN = (
     " where the paper's explores the whole workspace"
 )
 REASON = (
-    "the motors move slower than in the single joint (0.1–0.3 Hz), so their encoders' steps come one by one and are"
-    " differentiated into torque; vsalog's default finds the windows that see past them (0.2 and 0.4 s), and with one of 0.05 s"
+    "the motors move slower than in the single joint (0.1–0.3 Hz), so their encoders' steps are resolved one by one and"
+    " differentiated into torque; vsalog's default finds windows that average them (0.2 and 0.4 s), and with one of 0.05 s"
     " its errors are larger. The square wave's jumps add the causal filter's lag"
 )
 DIFFERS = (

@@ -1,7 +1,7 @@
 """Flacco et al., IJRR 2012, §8: the experiment on the AwAS and the second one that validates it, on a simulated machine.
 
-What the experiment is about is a machine that is not its data sheet: the spring that the paper finds is a quarter softer than the
-nominal one. Here a simulated AwAS has that spring, and the rig says what the data sheet says.
+The experiment is about a machine that differs from its data sheet: the spring that the paper finds is a quarter softer than the
+nominal one. Here a simulated AwAS has that spring, and the rig has the data sheet's.
 """
 
 from __future__ import annotations
@@ -68,13 +68,13 @@ PRINTED = Printed()
 AFTER = "after 1 s"
 CONDITIONS = (
     "AwAS, 20 s at 1 kHz from rest, sinusoidal torques of both motors, encoders and basis of §6.2; a machine with"
-    f" k_s = {PRINTED.spring} kN/mm where the rig says 0.01422"
+    f" k_s = {PRINTED.spring} kN/mm and 0.01422 in the rig"
 )
 CHOSEN = (
-    "the machine stands in for the paper's: nothing but its spring is off; 5 N·m at 0.5 Hz and 293 N·m at 0.1 Hz behind the gears"
+    "the machine replaces the paper's: nothing but its spring is off; 5 N·m at 0.5 Hz and 293 N·m at 0.1 Hz behind the gears"
     " (|φ| up to 0.012 rad, r from 50 to 100 mm), for validation 9 N·m at 0.35 Hz and 4 N·m at 1.1 Hz, torque noise 0.05 N·m rms"
 )
-DIFFERS = "a simulated machine, which has nothing that its model lacks but another spring, in place of the paper's"
+DIFFERS = "a simulated machine, whose model is complete but for another spring, in place of the paper's"
 FIRST: Mapping[str, Input] = {"motor_torque": sine(5.0, 0.5), "secondary_torque": sine(293.0, 0.1)}
 SECOND: Mapping[str, Input] = {
     "motor_torque": sum_of(sine(9.0, 0.35), sine(4.0, 1.1)),
@@ -114,7 +114,7 @@ def experiment(study: Study) -> Result:
                     ours=Spread.of(springs),
                     compare="none",
                     true_value=PRINTED.spring,
-                    remark="the printed k_s is the simulated machine's: the row says how close the method comes to it",
+                    remark="the printed k_s is the simulated machine's: the row shows how close the method comes to it",
                 )
             )
         rows += _validated(common, setting, recordings[0], traces, recordings, validation)
@@ -122,10 +122,10 @@ def experiment(study: Study) -> Result:
 
 
 def _played(torques: Mapping[str, Input]) -> Experiment:
-    """Play the machine with the softer spring, and let the log say what the data sheet says."""
+    """Simulate the machine with the softer spring, with the data sheet's rig in the log."""
     believed = awas_rig()
-    played = simulate(softer(believed), {"awas": torques}, 20.0, period=1e-3, ideal=True)
-    return replace(played, rig=believed)
+    simulated = simulate(softer(believed), {"awas": torques}, 20.0, period=1e-3, ideal=True)
+    return replace(simulated, rig=believed)
 
 
 def softer(rig: RigFile) -> RigFile:
@@ -180,7 +180,7 @@ def _validated(
     common: Row, setting: Setting, first: Experiment, traces: Mapping[str, list[Trace]], recordings: list[Experiment],
     validation: list[Experiment],
 ) -> list[Row]:  # fmt: skip
-    """Rows of what the coefficients but the dominant one bear, and of the frozen model on the second experiment."""
+    """Rows of the torque of the coefficients but the dominant one, and of the frozen model on the second experiment."""
     fold, _ = assemble(first, setting.with_tune(modality="RESIDUAL"))
     assert isinstance(fold, RegressionFold)
     others, frozen, data_sheet = [], [], []

@@ -1,6 +1,6 @@
-"""Figs. 21–24 of Flacco et al., IJRR 2012, §7: what the stability factor is good for, and what coarse encoders cost.
+"""Figs. 21–24 of Flacco et al., IJRR 2012, §7: the use of the stability factor, and the cost of coarse encoders.
 
-The figures are drawn without numbers; what the text says of them is held against ours.
+The figures are drawn without numbers; the text's statements are compared with ours.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """§7's encoders, and what its words are taken to mean.
+    """§7's encoders, and thresholds for its statements.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ def constant_factor(study: Study) -> Result:
             if experiment is experiments[0]:
                 curves[_factor(a)] = stiffness
     own = max(errors[None])
-    said: list[tuple[float | None, str, bool]] = [
+    statements: list[tuple[float | None, str, bool]] = [
         (None, "accurate and not upset by poor excitation", own < SWEEP.good),
         (SWEEP.constant[0], "large: sensitive to poor excitation, so worse than eq. 41", own < min(errors[1.0])),
         (SWEEP.constant[1], "between the two: worse than eq. 41", own < min(errors[SWEEP.constant[1]])),
@@ -142,7 +142,7 @@ def constant_factor(study: Study) -> Result:
             compare="holds",
             holds=holds,
         )
-        for a, text, holds in said
+        for a, text, holds in statements
     ]
     curves["actual"] = experiments[0].truth["stiffness"]
     panel = over(experiments[0].time, curves, "stiffness [N·m/rad]", by="actual")
@@ -155,7 +155,7 @@ def _factor(a: float | None) -> str:
 
 
 def _regression(experiment: Experiment, setting: Setting) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Return what the RESIDUAL modality learns from: regressors F, residuals y, ∂F/∂φ, and which samples count."""
+    """Return the data that the RESIDUAL modality fits: regressors F, residuals y, ∂F/∂φ, and which samples count."""
     fold, signals = assemble(experiment, setting.with_tune(modality="RESIDUAL"))
     assert isinstance(fold, RegressionFold)
     (equation,), (view,) = fold.equations, fold.device.transmissions
@@ -188,9 +188,7 @@ DEFAULT = Setting("vsalog's default", "residual-rls", {})
 VSA2_TRUTH = "stiffness_total"
 # Rows, figure and the paper's own RESIDUAL over the resolutions.
 Swept = tuple[list[Row], Figure, list[Spread]]
-TOO_COARSE = (
-    "with such encoders the deflection is no larger than a step or two, and the trace supports hardly any of it"
-)
+TOO_COARSE = "with such encoders the deflection is no larger than a step or two, and hardly any of the trace is excited"
 
 
 def sweep_vsa2(study: Study) -> Result:
@@ -222,7 +220,7 @@ def sweep_awas(study: Study) -> Result:
         holds=len(higher) == len(SWEEP.pulses),
     ).because(
         "with the paper's filter for coarse encoders the VSA-II, whose second motor moves at 1 Hz, has a floor of some 4 % from"
-        " the filter's lag, which the AwAS at 0.1 Hz does not feel; and the lever's profile (Fig. 10) is chosen"
+        " the filter's lag, which does not matter to the AwAS at 0.1 Hz; and the lever's profile (Fig. 10) is chosen"
     )
     return Result([*rows, row], [drawn])
 
@@ -250,7 +248,7 @@ def _sweep(
     common: Row, device: str, motion: Experiment, truth: str, after: float, paper: Setting, study: Study
 ) -> Swept:
     """Estimate with encoders of each resolution; return rows, figure and the paper's own RESIDUAL over the resolutions."""
-    # Steps of the encoders matter here, not the noise of the torques: two seeds tell, and MODEL has no noise at all.
+    # Steps of the encoders matter here, not the noise of the torques: two seeds are enough, and MODEL has no noise at all.
     recordings = {p: with_noise(_with_pulses(motion, p), study.seeds[:2]) for p in SWEEP.pulses}
     rows: list[Row] = []
     panels: list[Panel] = []
@@ -285,7 +283,7 @@ def _sweep(
 
 
 def _statements(common: Row, found: Mapping[str, Sequence[Spread]]) -> list[Row]:
-    """Return the numbers of one setting, and what the text says of the figure."""
+    """Return the numbers of one setting, and the text's statement on the figure."""
     default = common.settings == DEFAULT.label
     rows = [
         common.with_values(

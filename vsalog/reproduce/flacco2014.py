@@ -28,7 +28,7 @@ TABLE_1: Mapping[str, tuple[float, float]] = {
     "batch-ls": (102.64, 0.224),
     "residual-rls": (31.60, 0.07),
 }
-# §V, of the same transmission: what QR-RLS finds of the motor [N·mm·s²/rad], [N·mm·s/rad], and what is true.
+# §V, of the same transmission: the motor by QR-RLS [N·mm·s²/rad], [N·mm·s/rad], and the true one.
 TABLE_1_MOTOR = {"motor_inertia": (7.5135, 7.5), "motor_damping": (0.9148, 0.9)}
 # §VII, total stiffness: (MSE, MSREP) of QR-RLS and of the method it is compared with; and the motors' parameters.
 NOISY = {"qr-rls": (2.0919, 0.5162), "residual-rls": (92.2, 0.046)}
@@ -77,7 +77,7 @@ IDEAL_CONDITIONS = (
 )
 IDEAL_CHOSEN = "C = 1.8, link inertia 2 N·mm·s²/rad, m g l = 60 N·mm, link damping 5 N·mm·s/rad, 20 s"
 NOT_THE_DRIFT = (
-    "the paper lays the batch solution's error on the drift, but 0.01 N·mm/rad in 20 s is a share of 2e-5 of k, and that"
+    "the paper attributes the batch solution's error to the drift, but 0.01 N·mm/rad in 20 s is a share of 2e-5 of k, and that"
     " alone an MSREP of 4e-8 %"
 )
 
@@ -100,20 +100,20 @@ CUBIC_CHOSEN = (
     f" {NOISE['position']:g} rad rms on positions and {NOISE['torque']:g} N·m rms on torques, what counts as transient"
 )
 NOT_IDENTIFIED = (
-    "B θ̈ is less than a thousandth of the torque and far below its noise: no method can tell B from these signals, and neither"
+    "B θ̈ is less than a thousandth of the torque and far below its noise: no method can find B in these signals, and neither"
     " number means anything"
 )
 STARTING = (
-    "the window of 1 s is filled at 1 s and the coefficients begin without a prior, so 2 s is one second into learning; after"
+    "the window of 1 s is filled at 1 s and the coefficients begin without a prior, so 2 s is one second into the fit; after"
     " 2.4 s the MSE is at the printed one"
 )
 PRIOR = (
-    "the transient, which the MSE feels more than the MSREP: the coefficients begin at zero with a prior, which after 2 s still"
+    "the transient, which affects the MSE more than the MSREP: the coefficients begin at zero with a prior, which after 2 s still"
     " weighs where the deflection is large. After 3 s the MSE is below the printed one, and with a weaker prior (p0 a hundred"
     " times larger) after 2 s already"
 )
 LEARNING = (
-    "the transient, which the MSE feels more than the MSREP: after 2 s the deflection has hardly been through its range once, and"
+    "the transient, which affects the MSE more than the MSREP: after 2 s the deflection has hardly covered its range once, and"
     f" noise decides. Where {TRANSIENT} s are left out the MSE is at or below the printed one"
 )
 MOTOR_NOISE = (
@@ -125,7 +125,7 @@ ORDER_ONLY = (
 )
 ODD_PAIR = (
     "the printed MSE and MSREP do not fit each other: an MSE of 2.09 with an MSREP of 0.516 % is a stiffness of some 20 N·mm/rad,"
-    " but the VSA-II's is above 320, as the other pair, 92.2 and 0.046 %, says"
+    " but the VSA-II's is above 320, as the other pair, 92.2 and 0.046 %, shows"
 )
 
 
@@ -140,12 +140,12 @@ def table1(study: Study) -> Result:
             study.say(f"flacco2014-table1: {name}, {setting.label}")
             trace = estimate(experiment, setting)
             common = _common("flacco2014-table1", "Table I", setting, IDEAL_CONDITIONS, IDEAL_CHOSEN, 2.0)
-            # The paper leaves out the first 2 s here, and says so.
+            # The paper leaves out the first 2 s here, and states it.
             common = common.with_values(window_printed=True)
             remark = NOT_THE_DRIFT if name == "batch-ls" else ""
             for part in ("1", "2"):
                 errors = stiffness_errors([experiment], [trace], part, f"stiffness_{part}", 2.0, scale=1e6)
-                # One transmission is printed, without saying which; the drift is printed of the first.
+                # One transmission is printed, without stating which; the drift is printed of the first.
                 printed = TABLE_1[name] if part == "1" else (None, None)
                 rows += _errors(common, f"{name}, transmission {part}", printed, errors, "N²·mm²/rad²", PRIOR, remark)
             if name == "qr-rls" and setting is settings[0]:

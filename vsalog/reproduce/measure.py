@@ -30,12 +30,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """What is common to all items.
+    """Common to all items.
 
     Attributes
     ----------
     seeds : of the noise, none of them tried while settings were chosen; every number that depends on it is given over all
-    say : called with what is being done
+    say : called with the present step
     made : what items share, by a name of it and what it depends on
     """
 
@@ -72,7 +72,7 @@ class Setting:
 
     @property
     def whole_tune(self) -> dict[str, str | float | bool]:
-        """Return the tuning as a row states it, with what no `--tune` reaches."""
+        """Return the tuning as a row states it, with settings that no `--tune` reaches."""
         whole = dict(self.tune)
         if self.powers is not None:
             whole["powers"] = " ".join(map(str, self.powers))
@@ -86,7 +86,7 @@ class Setting:
 
 
 def estimate(experiment: Experiment, setting: Setting, joint: str | None = None) -> Trace:
-    """Run an estimator over what an experiment recorded.
+    """Run an estimator over an experiment's recording.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def estimate(experiment: Experiment, setting: Setting, joint: str | None = None)
 
 
 def assemble(experiment: Experiment, setting: Setting, joint: str | None = None) -> tuple[Fold, JointSignals]:
-    """Return an estimator for what an experiment recorded, and the signals bound; arguments as for `estimate`."""
+    """Return an estimator for an experiment's recording, and the signals bound; arguments as for `estimate`."""
     name = experiment.joint if joint is None else joint
     spec = experiment.rig.joint[name]
     found = method(setting.estimator)
@@ -207,7 +207,7 @@ def stiffness_errors(
         record = experiment.joints[experiment.joint if joint is None else joint]
         sigma, estimated = record.truth[truth], np.asarray(trace[part]["stiffness"], dtype=np.float64)
         start = round(after / experiment.period)
-        # What is not estimated yet counts as the zero that the papers' recursions begin with.
+        # A sample without an estimate counts as the zero that the papers' recursions begin with.
         whole = np.nan_to_num(estimated, nan=0.0)
         found.append(
             (
@@ -225,7 +225,7 @@ def with_noise(experiment: Experiment, seeds: Sequence[int]) -> list[Experiment]
 
     Parameters
     ----------
-    experiment : its rig says which sensors there are
+    experiment : its rig has the sensors
     seeds : one recording each
     """
     truths = {name: dict(record.truth) for name, record in experiment.joints.items()}

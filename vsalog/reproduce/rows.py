@@ -1,4 +1,4 @@
-"""What a reproduction comes out as: rows with a printed number and ours, and figures."""
+"""The results of a reproduction: rows with a printed number and ours, and figures."""
 
 from __future__ import annotations
 
@@ -58,20 +58,20 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     estimator, tune : what it was found with, as for `vsalog estimate`; `powers` of the basis and variances `V_a`, `V_max`,
         `V_min` of the kinematic filter are no `--tune` of it
     printed : the number, or the statement in our words; None where the paper prints none for this row
-    ours : the number over the seeds, or what is found of the statement
+    ours : the number over the seeds, or our finding on the statement
     whole_run : the same counted from the first sample
     window : which samples count for `ours`
-    window_printed : whether the paper leaves out the same samples, and says so
-    conditions : what is simulated
-    chosen : what the paper does not print and was chosen
+    window_printed : whether the paper leaves out the same samples, and states it
+    conditions : of the simulation
+    chosen : conditions that the paper does not print
     differs : how the conditions depart from the printed ones where they do, so that neither number is better
     compare : how the two are compared: an error is the better the ``lower``, a parameter the ``closer`` to its true value;
         a statement ``holds`` or not; ``none`` where a comparison would mean nothing
     true_value : of a parameter
     holds : of a statement
     reason : why ours is worse
-    remark : what else one should know of the printed number
-    reproducible : whether equal seeds give equal numbers; a time that something takes is none
+    remark : remark on the printed number
+    reproducible : whether equal seeds give equal numbers; a computing time is not
     """
 
     item: str
@@ -111,9 +111,9 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     def verdict(self) -> Verdict:
         """How ours compares with the printed number.
 
-        It is as printed where the median rounds to the printed digits. Else an error is better or worse where all seeds say so,
+        It is as printed where the median rounds to the printed digits. Else an error is better or worse where all seeds agree,
         and within our spread where they do not agree: what is printed is one draw of the noise. Where samples are left out that
-        the paper does not say it leaves out, and the whole run is above the printed number, both hold after the transient only.
+        the paper does not state as left out, and the whole run is above the printed number, both hold after the transient only.
         """
         if self.compare == "holds":
             return "holds" if self.holds else "does not hold"
@@ -143,7 +143,7 @@ def last_digit(printed: float) -> float:
 
 
 class Result(NamedTuple):
-    """What an item comes out as."""
+    """The results of an item."""
 
     rows: list[Row]
     figures: list[Figure]

@@ -2,7 +2,7 @@
 
 The paper's settings are run as printed: the stiffness observer with its gain on differences from one sample to the next, and
 the extended Kalman filter of §VII with its Q, R and P(0), written out here since `impedance` derives its own. The coupled
-observers of §III-A need a push of known size; both are held against one another where the link is pushed.
+observers of §III-A need a push of known size; the two are compared where the link is pushed.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ EXPERIMENT = {"stiffness": 38.2, "damping": 9.4, "inertia": 12.2}
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
-    """What §IV prints: the gain α [1/rad], and Q, R and P(0) of the filter as multiples of identities."""
+    """The values that §IV prints: the gain α [1/rad], and Q, R and P(0) of the filter as multiples of identities."""
 
     alpha: float
     Q: float
@@ -60,22 +60,24 @@ CHOSEN = (
     " ±0.1 rad and r over 50 to 100 mm; encoders and torque noise of the preset awas; all inertias and dampings as Flacco 2012"
     " eq. 53 has them"
 )
-IDEAL = f"{CHOSEN}; sensors without steps and noise, for the text lays the experiment's larger errors on its encoders"
-MACHINE = f"{CHOSEN}; a machine with k_s = 0.0107 kN/mm where the rig says 0.01422, as Flacco 2012 §8 found of the AwAS"
+IDEAL = (
+    f"{CHOSEN}; sensors without steps and noise, for the text attributes the experiment's larger errors to its encoders"
+)
+MACHINE = f"{CHOSEN}; a machine with k_s = 0.0107 kN/mm and 0.01422 in the rig, as Flacco 2012 §8 found of the AwAS"
 DIFFERS = "amplitudes and frequencies of the torques, on which the errors depend, are not printed"
 TORQUES: Mapping[str, Input] = {"motor_torque": sine(15.0, 2.0), "secondary_torque": sine(293.0, 0.1)}
 OTHER_METHOD = (
-    "another method than the paper's, for comparison: {} The first samples, before anything is learnt, do not count"
+    "another method than the paper's, for comparison: {} The first samples, before there is an estimate, do not count"
 )
 NOISE_DIFFERENCED = (
     "differences from one sample to the next of an encoder and of a noisy torque are mostly noise, which is followed"
 )
 NOISE_IN_RATE = (
-    "the printed R takes a velocity by differences, with an encoder's steps of 0.16 rad/s, for one of 0.001 rad/s, and noise in"
+    "the printed R assumes 0.001 rad/s for a velocity by differences, with an encoder's steps of 0.16 rad/s, and noise in"
     " the regressor biases the damping, which the link hardly shows"
 )
 FROM_NOTHING = (
-    "over the whole run the mean is without bound: with x(0) = 0 as printed the filter begins with an infinite inertia"
+    "over the whole run the mean is unbounded: with x(0) = 0 as printed the filter begins with an infinite inertia"
 )
 NOMINAL = (
     "the paper has no other truth than the nominal model; a machine whose spring is a quarter softer is off by a third"
@@ -86,15 +88,15 @@ def simulated(study: Study) -> Result:
     """Figs. 4 and 5: mean relative errors of the link's stiffness, damping and inertia."""
     study.say("serio2011: simulating")
     believed = awas_rig()
-    played = played_by(believed, believed)
-    recordings = with_noise(played, study.seeds)
-    softer_recordings = with_noise(played_by(softer(believed), believed), study.seeds)
+    nominal = simulated_by(believed, believed)
+    recordings = with_noise(nominal, study.seeds)
+    softer_recordings = with_noise(simulated_by(softer(believed), believed), study.seeds)
     common = Row(
         item="serio2011", paper=PAPER, place="Fig. 4", quantity="", unit="%", window="after 1 s", conditions=MOTION,
         chosen=CHOSEN, differs=DIFFERS,
     )  # fmt: skip
     study.say("serio2011: the paper's settings")
-    ideal, fourth = _as_printed(common.with_values(chosen=IDEAL), [played], SIMULATED, PRINTED)
+    ideal, fourth = _as_printed(common.with_values(chosen=IDEAL), [nominal], SIMULATED, PRINTED)
     loud = common.with_values(of="decoupled observers, sensors with steps and noise")
     noisy, _ = _as_printed(loud, recordings, SIMULATED, PRINTED)
     experiment = common.with_values(place="Fig. 5", chosen=MACHINE)
@@ -110,10 +112,10 @@ def simulated(study: Study) -> Result:
     return Result(rows, figures)
 
 
-def played_by(machine: RigFile, believed: RigFile, **more: Input) -> Experiment:
-    """Play Serio's two torques, and further inputs, on a machine; the log says what is believed of it."""
-    played = simulate(machine, {"awas": {**TORQUES, **more}}, 20.0, period=1e-3, ideal=True)
-    return replace(played, rig=believed)
+def simulated_by(machine: RigFile, believed: RigFile, **more: Input) -> Experiment:
+    """Play Serio's two torques, and further inputs, on a machine; the log has the nominal rig."""
+    experiment = simulate(machine, {"awas": {**TORQUES, **more}}, 20.0, period=1e-3, ideal=True)
+    return replace(experiment, rig=believed)
 
 
 def truth(recording: Experiment, what: str) -> Array:
@@ -179,12 +181,12 @@ def _as_printed(
 def link_filter(position: Array, torque: Array, period: float, tuning: Tuning) -> Array:
     """Return the states (q, q̇, 1/I, N/I) of the link by the extended Kalman filter as printed, shape (N, M, 4).
 
-    Eq. 10–12 and 21–25 with x₃ and x₄ in the places that eq. 11 gives them, for eq. 12 has them exchanged: q̈ = x₃ u − x₄ q̇. R is
-    2 × 2: position and velocity are measured, the latter by eq. 15.
+    Eq. 10–12 and 21–25 with x₃ and x₄ in the places that eq. 11 gives them, for eq. 12 has them exchanged: q̈ = x₃ u − x₄ q̇. R
+    is 2 × 2: position and velocity are measured, the latter by eq. 15.
 
     Parameters
     ----------
-    position, torque : shape (M, N), of M recordings [rad], and what acts on the link [N·m]
+    position, torque : shape (M, N), of M recordings [rad], and the torque on the link [N·m]
     period : T_c [s]
     tuning : Q, R and P(0)
     """
@@ -247,8 +249,8 @@ def _pushed(study: Study, common: Row) -> list[Row]:
     sensed = changed(joint.signals, external_torque=Signal(channel="/push.effort[link]", noise=0.05))
     rig = changed(believed, joint={"awas": changed(joint, signals=sensed)})
     push = sum_of(sine(5.0, 0.7), sine(5.0, 3.1), sine(5.0, 5.3))
-    # Over five seeds these errors spread by some percent of themselves: two tell.
-    recordings = with_noise(played_by(rig, rig, external_torque=push), study.seeds[:2])
+    # Over five seeds these errors spread by some percent of themselves: two are enough.
+    recordings = with_noise(simulated_by(rig, rig, external_torque=push), study.seeds[:2])
     inertia = _link(rig).inertia
     rows = []
     for name, tune, what in (
@@ -262,7 +264,7 @@ def _pushed(study: Study, common: Row) -> list[Row]:
         own = common.with_values(
             place="§III-A", of=what, settings=setting.label, estimator=name, tune=setting.whole_tune, compare="none",
             window="whole run", conditions=f"{MOTION}; the link is pushed by 5 N·m at 0.7, 3.1 and 5.3 Hz each",
-            remark="the paper prints no number: it says that the coupled observers depend on their initial guess",
+            remark="the paper prints no number: it states that the coupled observers depend on their initial guess",
         )  # fmt: skip
         rows += [_row(own, q, None, _relative(traces, recordings, q)) for q in ("stiffness", "inertia")]
     return rows

@@ -1,8 +1,8 @@
 """Shin, Ibayashi, Kogiso, IEEE/ASME Trans. Mechatronics 2021, §IV: angle and torque of pneumatic muscles from their pressures.
 
 The printed errors are those of a model against real muscles. Here a machine that differs from the rig takes their place: see
-`shin_machines` for by how much. As in the paper the angle is that of the free joint, the torque that of the joint clamped at 0°,
-and the error is counted over the whole run, its largest value by the range of the signal.
+`shin_machines` for the differences. As in the paper the angle is that of the free joint, the torque that of the joint clamped at
+0°, and the error is counted over the whole run, its largest value by the range of the signal.
 """
 
 from __future__ import annotations
@@ -45,20 +45,20 @@ TABLES = {"angle": "Table III", "torque": "Table IV"}
 
 CONDITIONS = {
     "angle": "two pneumatic muscles, pam-range: -22 to 20° at 200 to 700 kPa; the joint is free",
-    "torque": "two pneumatic muscles, pam-range: -2.7 to 2.6 N·m at 200 to 700 kPa; the joint is clamped at 0° (so says the rig)",
+    "torque": "two pneumatic muscles, pam-range: -2.7 to 2.6 N·m at 200 to 700 kPa; the joint is clamped at 0° (so is the rig)",
 }
 CHOSEN = "voltages (Fig. 8 has no numbers), the valves' map, the sensors, and the machines: " + STATED
 OTHER_MACHINE = (
     "printed: the authors' model on their recordings; ours: the rig's model on a simulated machine that differs from it as"
-    " stated. How far off a model is was chosen there, so this stands next to the printed number and is not compared"
+    " stated. How far off a model is was chosen there, so this is next to the printed number and is not compared"
 )
 TARGET = (
     "on simulated machines that differ from the rig as stated. The printed bound is on the authors' machine, whose model alone is"
-    " further off than ours are: what the filter leaves of the model's error has rows of its own"
+    " further off than ours are: the part of the model's error that the filter leaves has rows of its own"
 )
 PULL_IS_LEFT = (
-    "what is left is the muscles' pull, 3 % each, which pressures do not tell: with the true pressures the rig's torque is as far"
-    " off. The more of a model's error lies in the air, the more the filter takes off"
+    "the rest is the muscles' pull, 3 % each, which pressures do not show: with the true pressures the rig's torque is as far"
+    " off. The more of a model's error is in the air, the more the filter removes"
 )
 PRINTED_NOISE = (
     "the printed Q lets the angle wander by 0.18° in each millisecond: on a machine that is the rig's to the last digit this"
@@ -97,7 +97,7 @@ def errors_of(experiment: Experiment, setting: Setting, signal: str) -> tuple[fl
 
     Returns
     -------
-    infinity where the estimator tells nothing at some sample: a filter cannot win by silence
+    infinity where the estimator has no estimate at some sample: a missing one is no success
     """
     name, truth, scale = {
         "angle": ("link_position", "link_position", 180.0 / np.pi),
@@ -121,7 +121,7 @@ def measured(study: Study, signal: str, settings: Sequence[Setting]) -> list[Fou
 
 
 def recording(study: Study, seed: int, signal: str) -> Experiment:
-    """Return what a machine of the study recorded, for the angle or the torque."""
+    """Return the recording of a machine of the study, for the angle or the torque."""
     return study.once(("pam", seed, signal), lambda: recorded(seed, clamped=signal == "torque"))
 
 
@@ -175,7 +175,7 @@ def _with_printed(signal: str, of: str, setting: Setting, found: Found, printed:
 
 
 def _better_than_alone(signal: str, alone: Found, filtered: Mapping[str, Found]) -> list[Row]:
-    """Rows of what the filter leaves of the model's error, machine by machine: it hardly depends on how far off these are."""
+    """Rows of the part of the model's error that the filter leaves, machine by machine: it hardly depends on their deviations."""
     rows = []
     printed = UKF[signal][_BY_RANGE] / MODEL_ALONE[signal][_BY_RANGE]
     for setting in UKF_SETTINGS:
@@ -261,7 +261,7 @@ def sample_times(experiment: Experiment, setting: Setting, samples: int = 2000) 
         angles += [column(t, "link_position") for t in traces]
     _, whole = fold.step(fold.start(), signals[:samples])
     at_once = np.concatenate([column(t, "link_position") for t in whole])
-    # The first sample loads what the interpreter has not needed before.
+    # The first sample loads code that was not needed before.
     return times[1:], bool(np.array_equal(np.concatenate(angles), at_once, equal_nan=True))
 
 

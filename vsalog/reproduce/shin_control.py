@@ -1,4 +1,4 @@
-"""Shin 2021, Fig. 14: controllers of pneumatic muscles that read the pressures alone, on other machines than they know."""
+"""Shin 2021, Fig. 14: controllers of pneumatic muscles that read the pressures alone, on other machines than their model."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Trials:
-    """What is chosen here, since no paper prints it.
+    """Chosen values, which no paper prints.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ PAPER = "Shin 2021"
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What is controlled in Fig. 14.
+    """The controlled quantity of Fig. 14.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ END = {"pam-angle-control": 29.0, "pam-torque-control": 11.0}
 
 @dataclass(frozen=True, slots=True)
 class Controlled:
-    """A run: shape (N,) each, in SI; `estimated` is what the controller acts on."""
+    """A run: shape (N,) each, in SI; `estimated` is the controller's feedback."""
 
     time: Array
     reference: Array
@@ -96,23 +96,25 @@ class Controlled:
 
 
 class FilterAlone(LiveEstimate):
-    """The filter in the loop, without the stiffness that `pam-ukf` tells along with it: a controller does not read that."""
+    """The filter in the loop, without the stiffness that `pam-ukf` also estimates: a controller does not read that."""
 
     def prepare(self, dry: Recording) -> None:
         """Build the filter for signals like those of a run without feedback."""
         super().prepare(dry)
         assert isinstance(self.fold, PamEstimate)
-        self.filter, self.told = self.fold.fold.start(), list[dict[str, float]]()
+        self.filter, self.estimates = self.fold.fold.start(), list[dict[str, float]]()
 
-    def take(self, k: int, said: Said) -> dict[str, float]:
+    def take(self, k: int, readings: Said) -> dict[str, float]:
         """Return angle and torque after sample `k`."""
         fold: PamFold = self.fold.fold
-        given = [np.array([said[self.joint][r]]) if r in said[self.joint] else None for r in (*PRESSURES, *OTHERS)]
+        given = [
+            np.array([readings[self.joint][r]]) if r in readings[self.joint] else None for r in (*PRESSURES, *OTHERS)
+        ]
         self.filter, found = fold.block(self.filter, *given)  # type: ignore[arg-type]
         p1, p2, psi = (float(found.x[0, i]) for i in (Column.PRESSURE_1, Column.PRESSURE_2, Column.ANGLE))
-        told = {"link_position": psi, "flexibility_torque": float(joint_torque(fold.joint, psi, p1, p2))}
-        self.told.append(told)
-        return told
+        estimates = {"link_position": psi, "flexibility_torque": float(joint_torque(fold.joint, psi, p1, p2))}
+        self.estimates.append(estimates)
+        return estimates
 
 
 def pressures_alone(study: Study) -> Result:
@@ -156,7 +158,7 @@ def _drawn(task: Task, run: Controlled) -> list[Panel]:
 
 
 def _run(study: Study, task: Task, seed: int, period: float, covariances: str) -> Controlled:
-    """Control a machine that is not what the rig says."""
+    """Control a machine that differs from the rig."""
     study.say(f"shin-control: {task.title}, {covariances} covariances, machine {seed}")
     rig = Rig.preset("pam").file
     joint = rig.joint["pam"]
@@ -174,13 +176,13 @@ def _run(study: Study, task: Task, seed: int, period: float, covariances: str) -
         watchers.append(FilterAlone(rig, joint, name, tune))
         return watchers[-1]
 
-    played: Experiment = simulate(
+    simulated: Experiment = simulate(
         actual, {}, END[task.scenario], period=period, seed=seed, controllers={"pam": control}, believed=believed,
         estimator=watcher,
     )  # fmt: skip
-    told = np.array([each[COLUMNS[control.of]] for each in watchers[0].told])
-    estimated = np.append(told, told[-1])[: played.time.size]
-    return Controlled(played.time, np.asarray(reference(played.time)), played.truth[task.role], estimated)
+    estimates = np.array([each[COLUMNS[control.of]] for each in watchers[0].estimates])
+    estimated = np.append(estimates, estimates[-1])[: simulated.time.size]
+    return Controlled(simulated.time, np.asarray(reference(simulated.time)), simulated.truth[task.role], estimated)
 
 
 def steady_error(time: Array, reference: Array, truth: Array) -> float:

@@ -1,4 +1,4 @@
-"""Machines that are not what the rig says, for Shin 2021 §IV: in a simulation the model would be the machine otherwise."""
+"""Machines that differ from the rig, for Shin 2021 §IV: otherwise the simulation's model would be exact."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vsalog.simulation.simulate import simulate
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """What is off and by how much: every amount is drawn evenly between minus and plus that much, on its own.
+    """Largest deviations: each is drawn uniformly between minus and plus that much, independently.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ MACHINES = "simulated machines that differ from the rig as stated, in place of t
 
 
 def machine(joint: PneumaticJoint, seed: int) -> PneumaticJoint:
-    """Return what is really there where the rig says `joint`.
+    """Return the true joint where the rig has `joint`.
 
     Parameters
     ----------
@@ -97,12 +97,12 @@ def machine(joint: PneumaticJoint, seed: int) -> PneumaticJoint:
 
 
 def recorded(seed: int, *, clamped: bool, scenario: str = "pam-range", duration: float | None = None) -> Experiment:
-    """Return what another machine than the preset `pam` recorded, with the preset's rig as what is believed of it.
+    """Return the recording of another machine than the preset `pam`, with the preset's rig as the nominal one.
 
     Parameters
     ----------
     seed : of the machine and of the sensors' noise
-    clamped : at 0°, as in the paper where the torque is measured (§IV-A2); the rig says so too
+    clamped : at 0°, as in the paper where the torque is measured (§IV-A2); so is the rig
     scenario : its voltages
     duration : [s], the scenario's when absent
     """
@@ -115,8 +115,8 @@ def recorded(seed: int, *, clamped: bool, scenario: str = "pam-range", duration:
     inputs = Scenario.find(scenario, actual)
     length = inputs.file.duration if duration is None else duration
     # Classical Runge-Kutta misses less than a Pa and 1e-6 rad with two steps per millisecond: far below the sensors.
-    played = simulate(actual, inputs.inputs(actual), length, seed=seed, steps=2)
-    return with_fields(played, rig=believed)
+    simulated = simulate(actual, inputs.inputs(actual), length, seed=seed, steps=2)
+    return with_fields(simulated, rig=believed)
 
 
 def _with(rig: RigFile, joint: PneumaticJoint) -> RigFile:

@@ -1,4 +1,4 @@
-"""Shin 2021 §II-C, Fig. 4: what the parameters found by trial and error do to a step of the angle."""
+"""Shin 2021 §II-C, Fig. 4: the effect of the parameters found by trial and error on a step of the angle."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _area(joint: PneumaticJoint, factor: float) -> PneumaticJoint:
     return replace(joint, valve_1=valves[0], valve_2=valves[1])
 
 
-# Parameter → how it is changed, and whether the text says that it slows what comes to rest (steady) or speeds up what moves.
+# Parameter → how it is changed, and the text's statement: a smaller steady angle (steady), or a faster transient.
 PARAMETERS: dict[str, tuple[Callable[[PneumaticJoint, float], PneumaticJoint], str]] = {
     "T_p'": (lambda joint, factor: _friction(joint, factor, "muscle"), "steady"),
     "μ_s": (lambda joint, factor: _friction(joint, factor, "shaft_coefficient"), "steady"),
@@ -64,7 +64,7 @@ PARAMETERS: dict[str, tuple[Callable[[PneumaticJoint, float], PneumaticJoint], s
     "k₁": (lambda j, factor: replace(j, air=replace(j.air, inflow_index=factor * j.air.inflow_index)), "faster"),
     "k₂": (lambda j, factor: replace(j, air=replace(j.air, volume_index=factor * j.air.volume_index)), "faster"),
 }
-SAID = {
+STATEMENTS = {
     "steady": "the larger it is, the smaller the steady angle",
     "faster": "the larger it is, the faster the transient",
 }
@@ -88,7 +88,7 @@ def guideline(study: Study) -> Result:
         unit = "°" if kind == "steady" else "s"
         rows.append(
             Row(
-                item="shin-parameters", paper="Shin 2021", place="Fig. 4", of=name, printed=SAID[kind], compare="holds",
+                item="shin-parameters", paper="Shin 2021", place="Fig. 4", of=name, printed=STATEMENTS[kind], compare="holds",
                 quantity="angle at the end of a step" if kind == "steady" else "time to half of a step",
                 ours=" > ".join(f"{value:.3g} {unit}" for value in found),
                 holds=all(a > b for a, b in pairwise(found)), settings="the paper's model",
@@ -114,11 +114,11 @@ def step_response(joint: PneumaticJoint) -> Array:
         f"valve_{i}": table(times, np.array([STEP.bias, STEP.bias + sign * STEP.change]), held=True)
         for i, sign in ((1, 1.0), (2, -1.0))
     }
-    played = simulate(replace(rig, joint={"pam": joint}), {"pam": valves}, STEP.duration, ideal=True, steps=2)
-    return played.truth["link_position"]
+    simulated = simulate(replace(rig, joint={"pam": joint}), {"pam": valves}, STEP.duration, ideal=True, steps=2)
+    return simulated.truth["link_position"]
 
 
 def rise_time(time: Array, angle: Array) -> float:
-    """Return when half of the way is gone, after the step [s]."""
+    """Return when half of the way is covered, after the step [s]."""
     share = (angle - angle[0]) / (angle[-1] - angle[0])
     return float(time[np.argmax(share >= 0.5)]) - STEP.at

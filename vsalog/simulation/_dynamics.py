@@ -44,9 +44,9 @@ class Mode(IntEnum):
 
 
 class At(IntEnum):
-    """What stands where in a machine's integers.
+    """Layout of a machine's integers.
 
-    A machine is two arrays: numbers, and integers `at` that say where among the numbers each table begins. Structures of
+    A machine is two arrays: numbers, and integers `at` with the place among the numbers where each table begins. Structures of
     arrays would be easier to read, but every access counts a reference, which costs more than the arithmetic.
     """
 
@@ -198,7 +198,7 @@ def _accelerate_together(p: Array, at: Integers, x: Array, tau: Array, modes: In
         out[n + i] = w[first + i, n]
     for i in range(n):
         if modes[i] == 0:
-            # What holds a joint at rest must also balance what the others' accelerations do to it.
+            # The torque that holds a joint at rest must also balance the others' accelerations.
             for j in range(n):
                 w[Work.HOLDING, i] -= w[M + i, j] * out[n + j]
 
@@ -212,7 +212,7 @@ def derivative(p: Array, at: Integers, t: float, x: Array, tau: Array, modes: In
     p, at : the machine
     t : from the start [s]
     x : state
-    tau : shape (n,), torque on each link from outside and on each motor [N·m]; the acceleration of what is prescribed
+    tau : shape (n,), torque on each link from outside and on each motor [N·m]; the acceleration of prescribed motions
     modes : see above
     w : work array; afterwards its rows LEVEL and HOLDING are what the guards need
     """
@@ -226,7 +226,9 @@ def derivative(p: Array, at: Integers, t: float, x: Array, tau: Array, modes: In
         if weight != 0.0:
             carried = holding_torque(weight, p[at[At.GRAVITY] + 2 * j + 1], x[j])
             w[Work.FORCE, j] -= carried
-            if at[At.TRANSMISSIONS] == 0:  # motor and link are one, and the gear transmits what holds the link
+            if (
+                at[At.TRANSMISSIONS] == 0
+            ):  # motor and link are one, and the gear transmits the torque that holds the link
                 w[Work.TRANSMITTED, j] = abs(carried)
     for c in range(at[At.TORQUES]):
         row = at[At.TORQUE] + 3 * c
@@ -271,7 +273,7 @@ def _deform(p: Array, at: Integers, x: Array, modes: Integers, w: Array, out: Ar
 
 @njit(error_model="numpy")
 def friction_guard(at: Integers, i: int, x: Array, modes: Integers, w: Array) -> float:
-    """Return what is negative once the friction mode of degree of freedom `i` has ended; call `derivative` before."""
+    """Return a value that is negative once the friction mode of degree of freedom `i` has ended; call `derivative` before."""
     if modes[i] == Mode.FREE or at[at[At.FIXED] + i]:
         return 1.0
     if modes[i] == 0:
@@ -283,7 +285,7 @@ def friction_guard(at: Integers, i: int, x: Array, modes: Integers, w: Array) ->
 
 @njit(error_model="numpy")
 def side_guard(p: Array, at: Integers, i: int, x: Array, modes: Integers) -> float:
-    """Return what is negative once the deflection of transmission `i` has changed sides, where that matters."""
+    """Return a value that is negative once the deflection of transmission `i` has changed sides, where that matters."""
     row, side = at[At.ROWS] + at[At.WIDTH] * i, modes[at[At.DOFS] + i]
     gap = p[row + Element.HALF_GAP]
     if gap <= 0.0 and p[row + Element.ASYMMETRY] == 0.0:
@@ -295,7 +297,7 @@ def side_guard(p: Array, at: Integers, i: int, x: Array, modes: Integers) -> flo
 
 @njit(error_model="numpy")
 def way_guard(p: Array, at: Integers, i: int, x: Array, modes: Integers) -> float:
-    """Return what is negative once the deflection of transmission `i` has turned round, where that matters."""
+    """Return a value that is negative once the deflection of transmission `i` has turned round, where that matters."""
     if at[at[At.LOOPS] + i] < 0:
         return 1.0
     guard: float = modes[at[At.DOFS] + at[At.TRANSMISSIONS] + i] * deflection(p, at, i, x, modes)[1]
@@ -304,7 +306,7 @@ def way_guard(p: Array, at: Integers, i: int, x: Array, modes: Integers) -> floa
 
 @njit(error_model="numpy")
 def slip_guard(p: Array, at: Integers, e: int, x: Array, modes: Integers) -> float:
-    """Return what is negative once slip element `e` begins to slip, or stops."""
+    """Return a value that is negative once slip element `e` begins to slip, or stops."""
     mode, element = modes[at[At.DOFS] + 2 * at[At.TRANSMISSIONS] + e], at[At.ELEMENTS] + 3 * e
     if mode == 0:
         stuck: float = p[element + 2] - abs(x[at[At.FIRST_SLIP] + e])
@@ -315,7 +317,7 @@ def slip_guard(p: Array, at: Integers, e: int, x: Array, modes: Integers) -> flo
 
 @njit(error_model="numpy")
 def least_guard(p: Array, at: Integers, x: Array, modes: Integers, w: Array) -> float:
-    """Return what is negative once any mode has ended: the least of all guards; call `derivative` before."""
+    """Return a value that is negative once any mode has ended: the least of all guards; call `derivative` before."""
     least = 1.0
     for i in range(at[At.DOFS]):
         least = min(least, friction_guard(at, i, x, modes, w))
@@ -328,7 +330,7 @@ def least_guard(p: Array, at: Integers, x: Array, modes: Integers, w: Array) -> 
 
 @njit(error_model="numpy")
 def stop(at: Integers, x: Array, modes: Integers, w: Array) -> bool:
-    """Bring to rest what has stopped sliding, tentatively; tell whether anything has. `release` must follow."""
+    """Bring to rest, tentatively, degrees of freedom that have stopped sliding; return whether any has. `release` must follow."""
     stopped = False
     for i in range(at[At.DOFS]):
         if at[at[At.DRY] + i] and abs(modes[i]) == 1 and friction_guard(at, i, x, modes, w) < 0.0:
@@ -339,7 +341,7 @@ def stop(at: Integers, x: Array, modes: Integers, w: Array) -> bool:
 
 @njit(error_model="numpy")
 def release(at: Integers, modes: Integers, w: Array) -> None:
-    """Let slide what friction cannot hold; call `derivative` before."""
+    """Release what friction cannot hold; call `derivative` before."""
     for i in range(at[At.DOFS]):
         if modes[i] == 0 and not at[at[At.FIXED] + i] and abs(w[Work.HOLDING, i]) > w[Work.LEVEL, i]:
             modes[i] = 1 if w[Work.HOLDING, i] > 0.0 else -1

@@ -1,7 +1,7 @@
 """Compiled integration with a fixed step: Runge–Kutta of fourth order, or Rodas (fourth order too) where the equations are stiff.
 
 Inside a step nothing switches. When a guard of `_dynamics` is found negative at a step's end, the point where it became so is
-bisected, the step ends there, the modes change, and what is left of the step follows: ideal friction, gaps and loops cost no
+bisected, the step ends there, the modes change, and the rest of the step follows: ideal friction, gaps and loops cost no
 order.
 """
 
@@ -137,7 +137,7 @@ def _rodas(
             state[i] = x[i]
         width = 0.0
         if 0 <= j < size:
-            # As wide as the root of the rounding error of the coordinate, or of what it does in a step.
+            # As wide as the root of the rounding error of the coordinate, or of its change in a step.
             width = 1.5e-8 * max(abs(x[j]), abs(part * slope[j]), 1e-6)
             state[j] += width
             width = state[j] - x[j]
@@ -188,7 +188,7 @@ def _step(
 
 @njit(error_model="numpy", forceinline=True)
 def _switch(p: Array, at: Integers, t: float, x: Array, modes: Integers, w: Array, room: Array) -> None:
-    """Change the modes that have ended, and with them the state: what stops stands still, what slips is at its limit."""
+    """Change the modes that have ended, and with them the state: a part that stops is at rest, one that slips is at its limit."""
     turn(p, at, x, modes, w)
     if stop(at, x, modes, w):
         derivative(p, at, t, x, room[Room.TORQUES], modes, w, room[Room.SLOPE])
@@ -239,7 +239,7 @@ def _advance(
 
 
 class ServoRow(IntEnum):
-    """What stands where in a servo's row; `EVERY` is after how many steps it looks again, `DELAY` how many its torque is late."""
+    """Layout of a servo's row; `EVERY` is after how many steps it looks again, `DELAY` how many its torque is late."""
 
     DOF, KP, KD, KI, LIMIT, RESOLUTION, STEP, GAIN, OFFSET, DELAY, EVERY = range(11)
 
@@ -269,7 +269,7 @@ def _command(
 
 @njit(error_model="numpy")
 def _first_modes(p: Array, at: Integers, x: Array, modes: Integers) -> None:
-    """Set the modes that a state begins in; what could stick does."""
+    """Set the modes in which a state begins; parts that could stick do."""
     n, count = at[At.DOFS], at[At.TRANSMISSIONS]
     for i in range(n):
         v = x[n + i]

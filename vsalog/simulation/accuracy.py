@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """What may happen in one step; the defaults keep its error far below 1e-6, with a margin for springs that harden.
+    """Largest change in one step; the defaults keep its error far below 1e-6, with a margin for springs that harden.
 
     Attributes
     ----------
     angle : by which a vibration may turn [rad]
-    decay : part by which what is damped, or fills, may settle: rate · step
+    decay : part by which damping or filling may settle: rate · step
     """
 
     angle: float = 0.02

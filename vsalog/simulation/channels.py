@@ -52,7 +52,7 @@ DEFAULT_CHANNELS = {
 
 @dataclass(frozen=True, slots=True)
 class RecordedColumn:
-    """One channel to be: its role and full name, values as recorded, unit, stream (topic) and message type."""
+    """One channel to write: its role and full name, values as recorded, unit, stream (topic) and message type."""
 
     role: str
     name: str
@@ -72,7 +72,7 @@ def named_signals(joint: Joint) -> dict[str, Signal]:
 
 
 def topic_parts(joints: Collection[str]) -> dict[str, str]:
-    """Return joint → what it is called in a topic's name, by number too where two joints would be called the same."""
+    """Return joint → what it is called in a topic's name, with a number where two joints would have the same name."""
     plain = {name: re.sub(r"[^A-Za-z0-9_]", "_", name) or "_" for name in joints}
     plain = {name: f"_{part}" if part[0].isdigit() else part for name, part in plain.items()}
     several = Counter(plain.values())
@@ -80,7 +80,7 @@ def topic_parts(joints: Collection[str]) -> dict[str, str]:
 
 
 def is_lever_arm(role: str, signal: Signal) -> bool:
-    """Tell whether a role is a set-point that is recorded as a lever arm, not as the secondary motor's angle."""
+    """Return whether a role is a set-point that is recorded as a lever arm, not as the secondary motor's angle."""
     return role == "setpoint" and signal.unit is not None and matching(signal.unit, ("rad", "m")) == "m"
 
 
@@ -90,7 +90,7 @@ def recorded_columns(joint: Joint, measured: Mapping[str, Array]) -> list[Record
     Parameters
     ----------
     joint : of the rig
-    measured : role → shape (N,), what the sensors say, SI, on the joint's side, see `JointRecord`
+    measured : role → shape (N,), the sensors' readings, SI, on the joint's side, see `JointRecord`
 
     Raises
     ------
@@ -126,7 +126,7 @@ def _column(joint: Joint, role: str, signal: Signal, values: Array) -> RecordedC
         # A current drives the rotor, whatever side is named.
         usual, recorded = "A", recorded / (ratio * _torque_constant(joint, role))
     elif signal.side == "rotor":
-        # As binding undoes it: only what a motor has is on either side of a gear.
+        # As binding undoes it: only a motor's quantities may be on either side of a gear.
         if role.startswith(("motor_torque", "secondary_torque")):
             recorded = recorded / ratio
         elif role.startswith(("motor_position", "motor_velocity")) or (role == "setpoint" and usual == "rad"):

@@ -1,4 +1,4 @@
-"""Controllers: what drives a joint from what its sensors say, or from what an estimator makes of that; run by `control_loop`."""
+"""Controllers: they drive a joint by its sensors' readings, or by an estimator's results; run by `control_loop`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vsalog.simulation.scenario_schema import PiControlDrive, StateFeedbackDrive
 
 @dataclass(frozen=True, slots=True)
 class StateFeedback:
-    """A motor that is driven by the joint's whole state, and the torque that the planned motion takes (De Luca 2007 eq. 13).
+    """A motor that is driven by the joint's whole state, and the torque of the planned motion (De Luca 2007 eq. 13).
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class StiffnessControl:
     reference : of the device's stiffness, a function of an array of times [s] → [N·m/rad]
     position : of the link, likewise [rad]
     frequency : of the motors' position loops [rad/s]
-    bandwidth : at which an error of the stiffness is taken away [rad/s]
+    bandwidth : of the integral that corrects the stiffness [rad/s]
     feedback : where the stiffness comes from: an estimator's name; ``truth``; or ``none``: the rig's springs alone
     limit : the largest torque of a motor [N·m]
     tune : of the estimator, NAME → VALUE

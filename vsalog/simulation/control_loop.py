@@ -1,4 +1,4 @@
-"""Controllers in the loop: they receive what the sensors say, sample by sample, and what an estimator makes of that.
+"""Controllers in the loop: they receive the sensors' readings, sample by sample, and an estimator's results.
 
 A controller receives each sample when it is over, and what it commands then is held in the next one: it is late by one sample, as
 a digital controller is that computes for as long. It knows the joint as the rig has it, not as the machine is.
@@ -21,7 +21,7 @@ from vsalog.simulation.sensors import LiveSensors
 
 Array = NDArray[np.float64]
 Truth = Mapping[str, Mapping[str, Array]]
-# Makes an estimator: the rig as it is believed to be, a joint in it, the estimator's name, NAME → VALUE to tune it.
+# Makes an estimator: the nominal rig, a joint in it, the estimator's name, NAME → VALUE to tune it.
 EstimatorFactory = Callable[[RigFile, str, str, Mapping[str, str]], LiveEstimator]
 
 
@@ -31,7 +31,7 @@ class Loop(Protocol):
     Attributes
     ----------
     commands : role → shape (N,), what it commands, or a motor's position loop whose reference, shape (N, 2), it writes; filled as
-        time goes on; all of it is what it would do without feedback first
+        time goes on; first all of it is the command without feedback
     reads : joint → roles of the sensors that it needs
     """
 
@@ -46,8 +46,8 @@ class Loop(Protocol):
         """Look at a run without feedback, from which the estimator learns how noisy its sensors are."""
         ...
 
-    def act(self, k: int, said: Said, truth: Truth) -> None:
-        """Take what the sensors say of sample `k`, and command sample k + 1."""
+    def act(self, k: int, readings: Said, truth: Truth) -> None:
+        """Take the sensors' readings of sample `k`, and command sample k + 1."""
         ...
 
 
@@ -59,7 +59,7 @@ def made(
     Raises
     ------
     SimulationError
-        There is nothing to make it by.
+        No estimators were given.
     """
     if estimator is None:
         raise SimulationError(f"joint '{joint}': its controller reads '{name}', and no estimators were given")
@@ -79,6 +79,6 @@ class Controlled:
 
     def __call__(self, k: int, truth: Truth) -> None:
         """Read the sensors of these joints at sample `k`, and have their controllers act."""
-        said = self.sensors.read(k, truth)
+        readings = self.sensors.read(k, truth)
         for name in truth.keys() & self.loops.keys():
-            self.loops[name].act(k, said, truth)
+            self.loops[name].act(k, readings, truth)

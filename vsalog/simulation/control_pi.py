@@ -17,7 +17,7 @@ from vsalog.simulation.inputs import at_samples
 Array = NDArray[np.float64]
 
 VALVES = ("valve_1", "valve_2")
-# What a filter calls the quantities that are controlled.
+# A filter's names of the controlled quantities.
 COLUMNS = {"link_position": "link_position", "torque_sensor": "flexibility_torque"}
 
 
@@ -25,11 +25,11 @@ class PiLoop:
     """u = bias ± (T_P e + T_I ∫ e dt), e = reference − what is fed back (Shin 2021 §IV-C).
 
     The paper writes the integral as a sum of samples times T_I / T_step; as a gain per second T_I is what moves a valve by some
-    volts within a step of its references, and is taken so. The integral waits while a valve is at its end.
+    volts within a step of its references, and is taken so. The integral stops while a valve is at its end.
 
     Parameters
     ----------
-    rig, name : as it is believed to be, and the joint in it
+    rig, name : the nominal rig, and the joint in it
     control : as asked for
     time : shape (N,), uniform [s]
     estimator : makes what the controller reads, where that is no sensor
@@ -54,14 +54,14 @@ class PiLoop:
         if self.watcher is not None:
             self.watcher.prepare(dry)
 
-    def act(self, k: int, said: Said, truth: Truth) -> None:
+    def act(self, k: int, readings: Said, truth: Truth) -> None:
         """Command the valves for sample k + 1."""
         control = self.control
         if self.watcher is None:
-            fed_back = said[self.name][control.of]
+            fed_back = readings[self.name][control.of]
         else:
-            fed_back = self.watcher.take(k, said).get(COLUMNS[control.of], np.nan)
-        # Where nothing is known, the last value stands.
+            fed_back = self.watcher.take(k, readings).get(COLUMNS[control.of], np.nan)
+        # Where nothing is known, the last value is held.
         self.last = fed_back = fed_back if np.isfinite(fed_back) else self.last
         error = float(self.reference[k]) - fed_back
         moved = self.integral + error * self.period

@@ -33,7 +33,7 @@ FASTER = 1.5
 
 
 class Plan(NamedTuple):
-    """What a planned motion of the link takes: x_d, shape (N, 4), and the motor's torque τ_d, shape (N,)."""
+    """The states and torques of a planned motion of the link: x_d, shape (N, 4), and the motor's torque τ_d, shape (N,)."""
 
     states: Array
     torque: Array
@@ -44,7 +44,7 @@ class StateLoop:
 
     Parameters
     ----------
-    rig, name : as it is believed to be, and the joint in it
+    rig, name : the nominal rig, and the joint in it
     control : as asked for
     references : joint → planned position, shape (N,), of those of its chain that have one too; others stay at zero
     time : shape (N,), uniform [s]
@@ -53,7 +53,7 @@ class StateLoop:
     Raises
     ------
     SimulationError
-        The joint is of another kind, or the rig does not say what the controller has to know.
+        The joint is of another kind, or the rig lacks what the controller needs.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class StateLoop:
         if self.watcher is not None:
             self.watcher.prepare(dry)
 
-    def act(self, k: int, said: Said, truth: Truth) -> None:
+    def act(self, k: int, readings: Said, truth: Truth) -> None:
         """Command the torque for sample k + 1."""
         wanted = self.plan.states[k]
         if k + 1 >= len(self.plan.torque):
@@ -90,10 +90,10 @@ class StateLoop:
         if self.watcher is None:
             x = np.array([truth[self.name][role][0] for role in STATES])
         else:
-            read = self.watcher.take(k, said)
+            read = self.watcher.take(k, readings)
             x = np.array([read.get(role, np.nan) for role in STATES])
         if self.control.feedback == "motor":
-            # The link is taken to be where the motor is, but for the torsion that was planned.
+            # The link is taken to be where the motor is, but for the planned torsion.
             x[[1, 3]] = x[[0, 2]] + wanted[[1, 3]] - wanted[[0, 2]]
         error = np.where(np.isfinite(x), wanted - x, 0.0)
         self.commands["motor_torque"][k + 1] = self._command(self.plan.torque[k + 1] + self.gains @ error)
@@ -187,7 +187,7 @@ def _pair(frequency: float, damping: float) -> NDArray[np.complex128]:
     if damping < 1.0:
         turn = frequency * np.sqrt(1.0 - damping**2)
         return np.array([-damping * frequency + 1j * turn, -damping * frequency - 1j * turn])
-    # Those that are real stand apart: an algorithm that places poles wants them so.
+    # Real ones are distinct: an algorithm that places poles wants them so.
     return np.array([-frequency, -1.02 * frequency], dtype=np.complex128)
 
 

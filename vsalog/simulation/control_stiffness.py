@@ -2,12 +2,12 @@
 
 A feed-forward finds the set-point by the rig's springs: with m the deflection that holds the link's weight and p the
 co-contraction (the secondary motor's angle of a serial joint), σ(m, p) = σ_d. What the springs truly are need not be known: the
-stiffness that an estimator finds comes back (Flacco 2012 §9), and an integral takes away by which factor it differs:
+stiffness that an estimator finds comes back (Flacco 2012 §9), and an integral corrects the factor by which it differs:
 
     σ(m, p) = σ_d exp I,   İ = ω ln(σ_m / σ̂),
 
 with σ_m the reference as it arrives behind the motors' position loops. With the springs' own inverse before it the loop has the
-same speed ω wherever the stiffness is, and a spring that is softer everywhere by the same part is one number to be learnt.
+same speed ω wherever the stiffness is, and a spring that is softer everywhere by the same part is one number to be found.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ class Search(NamedTuple):
     Attributes
     ----------
     points : of the table of stiffness over set-point [1]: to a thousandth of its range
-    above : the stiffest that is in it, over the stiffest reference [1]: springs may be as much softer than the rig says
+    above : the stiffest that is in it, over the stiffest reference [1]: springs may be as much softer than in the rig
     shortest : lever arm in it, over the longest [1]
     steps : of the iteration for the deflection under the link's weight [1], each of which about halves the error
-    last_steps : of it in a sample, which begins with what the one before has found [1]
+    last_steps : of it in a sample, which begins with the result of the one before [1]
     """
 
     points: int = 1000
@@ -125,7 +125,7 @@ class StiffnessLoop:
 
     Parameters
     ----------
-    rig, name : as it is believed to be, and the joint in it
+    rig, name : the nominal rig, and the joint in it
     control : as asked for
     time : shape (N,), uniform [s]
     estimator : makes what the controller reads
@@ -133,7 +133,7 @@ class StiffnessLoop:
     Raises
     ------
     SimulationError
-        The joint's stiffness cannot be set, or the rig does not say what the controller has to know.
+        The joint's stiffness cannot be set, or the rig lacks what the controller needs.
     """
 
     def __init__(
@@ -165,28 +165,28 @@ class StiffnessLoop:
         if self.watcher is not None:
             self.watcher.prepare(dry)
 
-    def act(self, k: int, said: Said, truth: Truth) -> None:
+    def act(self, k: int, readings: Said, truth: Truth) -> None:
         """Write the references of the motors' loops for sample k + 1."""
-        found = self._found(k, said, truth)
+        found = self._found(k, readings, truth)
         if k + 1 >= self.wanted.size or self.control.feedback == NO_FEEDBACK:
             return
         low, high = self.table.stiffness[[0, -1]]
         if found > 0.0 and self.arriving[k] > low:
             change = self.control.bandwidth * self.period * float(np.log(self.arriving[k] / found))
             asked = self.wanted[k] * np.exp(self.integral)
-            if (low < asked or change > 0.0) and (asked < high or change < 0.0):  # at an end the integral waits
+            if (low < asked or change > 0.0) and (asked < high or change < 0.0):  # at an end the integral stops
                 self.integral += change
         following = slice(k + 1, k + 2)
         self._command(following, self.wanted[following] * np.exp(self.integral), self.begin, SEARCH.last_steps)
 
-    def _found(self, k: int, said: Said, truth: Truth) -> float:
-        """Return the stiffness that is fed back; NaN where the estimator is not sure of it."""
+    def _found(self, k: int, readings: Said, truth: Truth) -> float:
+        """Return the stiffness that is fed back; NaN where the estimate is not excited."""
         if self.control.feedback == TRUE_FEEDBACK:
             own = truth[self.name]
             return float(own.get("stiffness_total", own.get("stiffness", np.array([np.nan])))[0])
         if self.watcher is None:
             return np.nan
-        read = self.watcher.take(k, said)
+        read = self.watcher.take(k, readings)
         return read.get("stiffness", np.nan) if read.get("excited") else np.nan
 
     def _command(self, part: slice, stiffness: Array, begin: tuple[Array, Array], steps: int) -> None:
@@ -195,7 +195,7 @@ class StiffnessLoop:
         Parameters
         ----------
         part : of the samples
-        stiffness : that is asked of the nominal springs
+        stiffness : reference for the nominal springs
         begin : deflection m, and the stiffness of the unloaded joint as a part of it, to begin with
         steps : of the iteration
         """
@@ -204,7 +204,7 @@ class StiffnessLoop:
         for _ in range(steps):
             p = self.table.of(wanted * share)
             torque, found = self.springs.at(m, p)
-            # What is beyond the ends is not asked for more and more from step to step.
+            # A reference beyond the ends does not grow from step to step.
             nearer, same = m - (torque + load) / found, np.clip(wanted * share * wanted / found, *ends) / wanted
             known = np.isfinite(nearer) & np.isfinite(same)
             m, share = np.where(known, nearer, m), np.where(known, same, share)
@@ -245,9 +245,7 @@ def _springs(name: str, joint: Joint, loops: Mapping[str, Servo]) -> Springs:
         return Pair(joint, loops)
     assert isinstance(joint, SerialJoint)
     if joint.lever is None or joint.lever.travel == 0.0:
-        raise SimulationError(
-            f"joint '{name}': stiffness_control needs to know how the lever moves: give 'lever.travel'"
-        )
+        raise SimulationError(f"joint '{name}': stiffness_control needs the travel of the lever: give 'lever.travel'")
     return Series(joint.transmission, joint.lever, loops)
 
 

@@ -39,7 +39,7 @@ def loops_of(
     Raises
     ------
     SimulationError
-        A controller does not suit its joint, or the rig does not say what it has to know.
+        A controller does not suit its joint, or the rig lacks what it needs.
     """
     held = {n: given.reference for n, own in inputs.items() for given in own.values() if isinstance(given, Servo)}
     plans = {n: at_samples(reference, time) for n, reference in held.items()}

@@ -28,11 +28,11 @@ FLOAT64 = "std_msgs/msg/Float64"
 
 @dataclass(frozen=True, slots=True)
 class JointRecord:
-    """What happened to one joint, and what its sensors say of it.
+    """The motion of one joint, and its sensors' readings.
 
     Attributes
     ----------
-    measured : role → shape (N,), what the sensors say, SI, on the joint's side of the gear; a ``setpoint`` that is recorded in
+    measured : role → shape (N,), the sensors' readings, SI, on the joint's side of the gear; a ``setpoint`` that is recorded in
         a unit of length is the lever arm [m], else the secondary motor's angle [rad]
     truth : name → shape (N,), SI, on the joint's side: ``link_position``, ``link_velocity``, ``link_acceleration``,
         ``external_torque``, and per motor and transmission (with ``_1``, ``_2`` in an antagonistic joint) ``motor_position``,
@@ -54,16 +54,16 @@ class JointRecord:
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """Joints that were moved, watched by their sensors.
+    """Joints that were moved, and their sensors' readings.
 
     Attributes
     ----------
     name : of the experiment
-    rig : the rig as it is believed to be, with the channels of the recording; what a log of it would carry
+    rig : the nominal rig, with the channels of the recording; what a log of it would carry
     period : T [s]
     stamps : shape (N,), int64 ns since the epoch
     time : shape (N,), seconds from the start, k · T
-    joints : name in the rig → what happened to the joint
+    joints : name in the rig → its motion and readings
     """
 
     name: str
@@ -80,7 +80,7 @@ class Experiment:
 
     @property
     def measured(self) -> Mapping[str, Array]:
-        """What the first joint's sensors say."""
+        """The readings of the first joint's sensors."""
         return self.joints[self.joint].measured
 
     @property
@@ -94,7 +94,7 @@ class Experiment:
         return self.joints[self.joint].resolution
 
     def recording(self, truth: bool = False) -> Recording:
-        """Return what a reader would make of the experiment's log.
+        """Return the recording that a reader would give of the experiment's log.
 
         Parameters
         ----------

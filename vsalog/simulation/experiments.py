@@ -79,7 +79,7 @@ _ELASTIC_TORQUES: Torques = {
 
 
 class Play(TypedDict, total=False):
-    """How an experiment is played: without quantisation and noise, the noise's seed, duration and period [s], other torques."""
+    """Options of an experiment: without quantisation and noise, the noise's seed, duration and period [s], other torques."""
 
     ideal: bool
     seed: int
@@ -98,10 +98,10 @@ def vsa2_experiment(
     ----------
     number : 1 for the paper's torques, 50 sin 0.1πt and 50 sin 2πt N·mm; 2 for others, to validate with
     drift : ∂k/∂t of both springs [N·m/rad/s]; Flacco 2014 has 0.5e-6
-    inertia, damping : of both motors as they are [kg·m²], [N·m·s/rad], where they differ from what the rig says;
+    inertia, damping : of both motors as they are [kg·m²], [N·m·s/rad], where they differ from the rig's;
         Flacco 2014 has 7.5e-3 and 0.9e-3
-    rig : instead of the preset, with other sensors, say
-    play : 20 s at 1 kHz with the paper's torques where it says nothing else
+    rig : instead of the preset, such as with other sensors
+    play : 20 s at 1 kHz with the paper's torques unless stated otherwise
     """
     believed = vsa2_rig() if rig is None else rig
     joint = believed.joint["vsa2"]
@@ -124,7 +124,7 @@ def awas_experiment(
     number : 1 for the paper's motor torque, 0.3 sin 0.2πt N·m on the rotor (15 on the joint's side), and a secondary
         torque that moves the lever arm between 47 and 100 mm; 2 for others, to validate with
     drift : ∂k_s/∂t of the springs [N/m/s]
-    inertia, damping : of the primary motor's rotor as they are, where they differ from what the rig says
+    inertia, damping : of the primary motor's rotor as they are, where they differ from the rig's
     rig, play : as for `vsa2_experiment`
     """
     believed = awas_rig() if rig is None else rig
@@ -157,13 +157,13 @@ def _played(
     believed: RigFile, name: str, actual: Joint, number: int, table: Torques, *, ideal: bool = False, seed: int = 1,
     duration: float = 20.0, period: float = 1e-3, torques: Mapping[str, Input] | None = None,
 ) -> Experiment:  # fmt: skip
-    """Play the joint as it is, and let the log say what is believed of it."""
+    """Simulate the joint as it is, with the log carrying the nominal rig."""
     if number not in table:
         raise SimulationError(f"there is no experiment {number}, only {', '.join(map(str, table))}")
     machine, label = changed(believed, joint={name: actual}), f"{name}_exp{number}"
     inputs = {name: torques or table[number]}
-    played = simulate(machine, inputs, duration, period=period, seed=seed, ideal=ideal, name=label)
-    return replace(played, rig=believed)
+    simulated = simulate(machine, inputs, duration, period=period, seed=seed, ideal=ideal, name=label)
+    return replace(simulated, rig=believed)
 
 
 def _altered(motor: Motor, inertia: float | None, damping: float | None) -> Motor:

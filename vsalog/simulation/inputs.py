@@ -52,7 +52,7 @@ def loop_gains(motor: Motor, load: float, rate: float, least: float, period: flo
     inertia = own + load
     stiff = max(inertia * rate**2 + motor.damping * rate, least)
     damping = max(2.0 * math.sqrt(stiff * inertia) - motor.damping, 0.0)
-    # A sampled loop that takes more than a share of the motor's momentum per sample swings.
+    # A sampled loop that removes more than a share of the motor's momentum per sample oscillates.
     return stiff, min(damping, 0.3 * own / period)
 
 
@@ -70,7 +70,7 @@ class Motion:
 
 Signal = Callable[[Array], Array]
 
-# What a motor's role may be given; the link's external torque and a valve take a torque's form only.
+# Inputs that a motor's role may have; the link's external torque and a valve take a torque's form only.
 Input = TorqueInput | Servo | Motion
 
 
@@ -249,7 +249,7 @@ def table(times: Array, values: Array, held: bool = False) -> Signal:
     ----------
     times : rising, shape (n,) [s]
     values : shape (n,)
-    held : each value holds until the next; else straight lines join them
+    held : each value holds until the next; else they are interpolated linearly
     """
 
     def signal(t: Array) -> Array:
@@ -273,7 +273,7 @@ def sum_of(*parts: Callable[[Array], ArrayLike]) -> Signal:
 
 
 def bridged(values: Array) -> Array:
-    """Join what is missing for a sample or two by straight lines; longer silence begins a new run.
+    """Interpolate gaps of a sample or two linearly; a longer gap begins a new run.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Joints of a rig as one machine that the compiled integrator moves: which number stands where."""
+"""Joints of a rig as one machine that the compiled integrator moves: and its layout."""
 
 from __future__ import annotations
 
@@ -121,11 +121,11 @@ class Machine:
         return at
 
     def loop_state(self, transmission: int) -> int:
-        """Return where in the state the loop of a transmission stands, −1 for none."""
+        """Return where in the state the loop of a transmission is, −1 for none."""
         return int(self.at[self.at[d.At.LOOPS] + transmission])
 
     def slip_states(self, transmission: int) -> list[int]:
-        """Return where in the state the slip elements of a transmission stand."""
+        """Return where in the state the slip elements of a transmission are."""
         elements = [s.index for s in self.transmissions for _ in s.transmission.slip]
         return [int(self.at[d.At.FIRST_SLIP]) + e for e, owner in enumerate(elements) if owner == transmission]
 
@@ -152,7 +152,7 @@ class Machine:
         SimulationError
             More than `MOST_STEPS` are needed.
         """
-        with np.errstate(all="ignore"):  # numbers beyond all measure end as steps beyond all measure
+        with np.errstate(all="ignore"):  # huge numbers give a huge number of steps
             needed, stiff = self._needed(period, fixed, speeds, accuracy, deflecting)
         if not needed <= MOST_STEPS:
             raise SimulationError(
@@ -210,7 +210,7 @@ def build(joints: Mapping[str, Movable], chain: Chain | None = None) -> Machine:
     Parameters
     ----------
     joints : by name; those of a chain in its order
-    chain : that they form; its link inertia and gravity stand for those of the joints
+    chain : that they form; its link inertia and gravity replace those of the joints
 
     Raises
     ------
@@ -322,7 +322,7 @@ def _torques(links: Sequence[Link | None], motors: Sequence[MotorSlot]) -> Itera
 
 
 def _numbered(flags: NDArray[np.bool_], first: int) -> NDArray[np.int64]:
-    """Number what is flagged from `first` on; −1 for the rest."""
+    """Number the flagged elements from `first` on; −1 for the rest."""
     return np.where(flags, first + np.cumsum(flags) - 1, -1).astype(np.int64)
 
 
@@ -375,9 +375,9 @@ def _gravity(link: Link) -> tuple[float, float]:
 
 
 def _least_inertia(chain: Chain) -> Array:
-    """Return what a torque on one link of a chain has to accelerate at least, 1 / (M⁻¹)_ii, in many positions.
+    """Return the least inertia that a torque on one link of a chain accelerates, 1 / (M⁻¹)_ii, in many positions.
 
-    Payloads are left out: they only add to it.
+    Payloads are left out: they only increase it.
     """
     count = len(chain.link)
     # As many positions as show its extremes.

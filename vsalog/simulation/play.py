@@ -1,4 +1,4 @@
-"""Plays a machine: inputs in, the true motion of every joint out."""
+"""Simulates a machine: inputs in, the true motion of every joint out."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from vsalog.simulation.machine import BRISTLE_SPEED, DEFLECTING, Machine, MotorS
 
 Array = NDArray[np.float64]
 
-# Told sample and joint → name → truth of it.
+# Called with sample and joint → name → truth of it.
 Control = Callable[[int, Mapping[str, Mapping[str, Array]]], None]
 
 
@@ -48,12 +48,12 @@ def play(
     Parameters
     ----------
     machine : from `build`
-    inputs : joint → role → input; what is missing is zero; a `link_position` that is a motion prescribes the link's
+    inputs : joint → role → input; missing ones are zero; a `link_position` that is a motion prescribes the link's
     time : shape (N,), uniform [s]
     steps : integration steps per sample period; as many as the machine's fastest mode needs when absent
     start : joint → (q, q̇, θ₁, θ̇₁, …); rest when absent: the link hanging, or where its servo or its motion begins
-    restarts : sample → joint → (q, q̇, θ₁, θ̇₁, …), what positions and velocities are set to there; bristles, loops and slip
-        elements, which nobody measures, stay as they are
+    restarts : sample → joint → (q, q̇, θ₁, θ̇₁, …), the positions and velocities set there; bristles, loops and slip
+        elements, which are not measured, stay as they are
     control : called with sample and joint → name → truth, shape (1,), of each sample when it is over, to write what is held in
         the next one into an input that is an array
     speeds, deflecting : at which bristles and loops have to be followed, see `Machine.steps`
@@ -61,7 +61,7 @@ def play(
     Raises
     ------
     SimulationError
-        An input does not fit, or the motion leaves what the model describes.
+        An input does not fit, or the motion leaves the range of the model.
     """
     period = float(time[1] - time[0])
     prescribed = [m.index for m in machine.motors if isinstance(inputs.get(m.joint, {}).get(m.role), Motion)]
@@ -84,7 +84,7 @@ def play(
         restarted = restarts is not None and first in restarts
         if restarts is not None and restarted:
             _put(machine, restarts[first], x)
-        # The last sample ends the motion: its period is begun for the acceleration's sake, and goes nowhere.
+        # The last sample ends the motion: its period is begun only for the acceleration.
         _integrated(
             machine.numbers, at, stiff, first == 0 or restarted, period / count, float(time[first]), *drives.chunk(part), first,
             x, modes, work, room, states[part], accelerations[part],
@@ -163,10 +163,10 @@ class _Drives:
             commands = {role: inputs[slot.joint][role] for role in COMMANDS if role in inputs.get(slot.joint, {})}
             servo = drive_of(machine.joints[slot.joint])
             if commands and servo is not None and slot.role == "motor_torque":
-                told = {role: at_samples(_torque(slot.joint, command), time) for role, command in commands.items()}
-                self.commanded_of[slot.joint] = told
+                commanded = {role: at_samples(_torque(slot.joint, command), time) for role, command in commands.items()}
+                self.commanded_of[slot.joint] = commanded
                 begin = 0.0 if slot.joint not in start else float(start[slot.joint][2 if slot.index else 0])
-                reference = self._planned(servo, told, begin)
+                reference = self._planned(servo, commanded, begin)
                 self.servos.append((slot, _row_of_drive(slot, servo, self.period / steps, steps // looks), reference))
             elif isinstance(given, Motion):
                 self.splines[slot.index] = CubicSpline(time, at_samples(given.position, time))
@@ -176,7 +176,7 @@ class _Drives:
                 self.servos.append((slot, _row_of_servo(slot, given, self.period / steps, steps), reference))
             else:
                 self.torques[slot.index] = given
-                at_samples(given, time[:1] if callable(given) else time)  # refuses what does not fit
+                at_samples(given, time[:1] if callable(given) else time)  # refuses inputs that do not fit
         self.commands = np.zeros((time.size, looks, len(self.servos)))
         self.sums = np.zeros(len(self.servos))
 
@@ -186,9 +186,9 @@ class _Drives:
         Where no position is commanded it goes on from `begin` with the velocity.
         """
         late = servo.delay / self.period
-        told = {role: late_command(command, late, self.looks) for role, command in commands.items()}
-        rates = told.get("commanded_velocity", np.zeros(self.time.size * self.looks))
-        held = told.get("commanded_position", begin + rates.cumsum() * self.period / self.looks)
+        late_commands = {role: late_command(command, late, self.looks) for role, command in commands.items()}
+        rates = late_commands.get("commanded_velocity", np.zeros(self.time.size * self.looks))
+        held = late_commands.get("commanded_position", begin + rates.cumsum() * self.period / self.looks)
         if servo.plans:
             speed, acceleration = (
                 np.inf if one is None else one for one in (servo.speed_limit, servo.acceleration_limit)
@@ -209,7 +209,7 @@ class _Drives:
             i, motor = slot.index, slot.motor
             if i in self.torques:
                 torque = _over(self.torques[i], grid, self.time, motor.torque_delay)
-                # Beside what pushes the link, where motor and link are one.
+                # In addition to the external torque, where motor and link are one.
                 inputs[..., i] += delivered(torque, motor.torque_gain, motor.torque_offset, motor.torque_step)
         for i, spline in self.splines.items():
             inputs[..., i] = spline(grid, 2)
@@ -223,7 +223,7 @@ class _Drives:
         return inputs.reshape(-1, 3, n), prescribed, rows, reference, self.commands, self.sums
 
     def commanded(self, slot: MotorSlot) -> Array:
-        """Return the torque that was commanded at each sample: what is recorded of it."""
+        """Return the torque that was commanded at each sample, as it is recorded."""
         for k, (servo_slot, _, _) in enumerate(self.servos):
             if servo_slot.index == slot.index:
                 return self.commands[:, 0, k]
@@ -246,7 +246,7 @@ def _followed(servo: Servo, time: Array, looks: int) -> Array:
     """Return position and velocity that a servo follows, shape (N, looks, 2), of which it looks at the first of each sample."""
     given = servo.reference
     if isinstance(given, np.ndarray) and given.ndim == 2:
-        # As it is written while time goes on.
+        # As it is written during the run.
         return np.broadcast_to(given[:, None], (time.size, looks, 2))
     spline = CubicSpline(time, at_samples(given, time))
     followed = np.stack([spline(time), spline(time, 1)], axis=-1)
@@ -291,7 +291,7 @@ def _motion(name: str, given: Input) -> Motion:
 
 
 def _over(torque: TorqueInput, grid: Array, time: Array, delay: float) -> Array:
-    """Return a torque at the steps' stages; samples are held, and what was before the first is the first.
+    """Return a torque at the steps' stages; samples are held, and before the first one it is the first.
 
     In a step within which the sample changes its mean acts, so that a delay need not be a number of steps.
     """
@@ -358,7 +358,7 @@ def _moved(name: str, index: int, states: Array, accelerations: Array, n: int) -
 def _transmitted(
     machine: Machine, slot: TransmissionSlot, own: Mapping[str, Array], states: Array, time: Array
 ) -> dict[str, Array]:
-    """Return what a transmission did, by the names of its signals."""
+    """Return a transmission's signals by their names."""
     t, s = slot.transmission, slot.suffix
     phi = own["link_position"] - own[f"motor_position{s}"]
     rate = engaged(phi, t.backlash, own["link_velocity"] - own[f"motor_velocity{s}"])
@@ -391,6 +391,6 @@ def _require_finite(states: Array, time: Array) -> None:
     if bool(bad.any()):
         at = time[int(np.argmax(bad))]
         raise SimulationError(
-            f"the motion leaves what the model describes at t = {at:.3f} s (the integration diverges, or a mechanism such as a"
+            f"the motion leaves the range of the model at t = {at:.3f} s (the integration diverges, or a mechanism such as a"
             " VSA-II's is at its singularity): take smaller torques or a higher rate"
         )

@@ -1,4 +1,4 @@
-"""A joint of two pneumatic muscles, played: valve voltages in, the truth out."""
+"""Simulates a joint of two pneumatic muscles: valve voltages in, the truth out."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def simulate_pneumatic(
     start: Array | None = None,
     control: Callable[[int, Mapping[str, Array]], None] | None = None,
 ) -> dict[str, Array]:
-    """Play a pneumatic joint (Shin, Ibayashi, Kogiso 2021 eq. 11).
+    """Simulate a pneumatic joint (Shin, Ibayashi, Kogiso 2021 eq. 11).
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def simulate_pneumatic(
     -------
     name → shape (N,): ``link_position``, ``link_velocity``, ``link_acceleration``, ``pressure_1``, ``pressure_2``, ``valve_1``,
     ``valve_2`` (as commanded), ``muscle_force_1``, ``muscle_force_2``, ``transmission_torque`` (τ, what a torque meter on the
-    joint reads), ``friction_torque`` (T_f; what it holds where the joint sticks, 0 where it is clamped), ``stiffness``
+    joint reads), ``friction_torque`` (T_f; the holding torque where the joint sticks, 0 where it is clamped), ``stiffness``
     (−dτ/dψ with the air locked in), ``stiffness_isobaric`` (at constant pressures), ``external_torque``, ``mode`` (1 to 18)
 
     Raises
@@ -221,6 +221,6 @@ def _require_finite(joint: PneumaticJoint, states: Array, time: Array) -> None:
     last = int(np.argmin(finite)) - 1
     psi, _, p1, p2 = (float(v) for v in states[last])
     raise SimulationError(
-        f"after {time[last]:.6g} s the joint leaves what its model describes: at {psi:.3g} rad, {p1:.4g} and {p2:.4g} Pa a"
+        f"after {time[last]:.6g} s the joint leaves the range of its model: at {psi:.3g} rad, {p1:.4g} and {p2:.4g} Pa a"
         " muscle's volume or pressure comes to zero. Use valve voltages that turn it less far, or check volume_… and the units"
     )

@@ -1,4 +1,4 @@
-"""Replay: a rig's simulation driven by a recording's own inputs, to be held against what was recorded."""
+"""Replay: a rig's simulation driven by a recording's own inputs, to be compared with the recording."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 SMOOTHING = 21
-"""Samples that a cubic is fitted to, for positions and velocities to restart from, and for motions to prescribe."""
+"""Samples that a cubic is fitted to, for restarts and prescribed motions."""
 
 
 @dataclass(frozen=True, slots=True)
 class Replayed:
-    """What the simulation makes of a recording's inputs, on the recording's grid.
+    """The simulation of a recording's inputs, on the recording's grid.
 
     Attributes
     ----------
@@ -50,20 +50,21 @@ def replay(
     steps: int | None = None,
     held: bool = False,
 ) -> Replayed:
-    """Play joints on what a recording says of their inputs.
+    """Simulate joints with a recording's inputs.
 
-    A motor is driven by its drive and what is commanded of that; else by its recorded torque; where there is none, by its
+    A motor is driven by its drive and that one's command; else by its recorded torque; where there is none, by its
     recorded position, as prescribed. A set-point that is
     recorded without its motor's torque is prescribed. Every run of the recording begins with the measured state.
 
     Parameters
     ----------
     joints : one joint, or those of `chain` in its order
-    signals : by joint, on one grid; bound with `acting=False`, since the joints play gain, offset, delay and step of their motors
+    signals : by joint, on one grid; bound with `acting=False`, since the simulation applies gain, offset, delay and step of their
+        motors
     chain : that the joints form
     window : restart from the measured state every so often [s]; not within a run when absent
     steps : as for `play`
-    held : torques act from sample to sample, as a drive holds them; else they are joined by straight lines
+    held : torques act from sample to sample, as a drive holds them; else they are interpolated linearly
 
     Raises
     ------
@@ -102,7 +103,7 @@ def replay(
 
 
 def _inputs(machine: Machine, name: str, signals: JointSignals, states: Array, held: bool) -> dict[str, Input]:
-    """Return role → what the recording drives it with."""
+    """Return role → its input from the recording."""
     roles, time = signals.roles, signals.time[0] + np.arange(len(signals)) * signals.period
     given: dict[str, Input] = {}
     slots = [slot for slot in machine.motors if slot.joint == name]
@@ -128,7 +129,7 @@ def _kind(given: Input) -> str:
 
 
 def _recorded(torque_role: str, roles: Mapping[str, Array]) -> bool:
-    """Tell whether the position of the motor whose torque is meant follows from the recording."""
+    """Return whether the position of the motor with this torque follows from the recording."""
     if torque_role == "secondary_torque":
         return "setpoint" in roles
     position = torque_role.replace("torque", "position")
@@ -150,7 +151,7 @@ def _measured_states(machine: Machine, name: str, signals: JointSignals) -> Arra
             positions.append(None if arm is None else (joint.lever.start - arm) / joint.lever.travel)
         else:
             positions.append(roles.get(slot.role.replace("torque", "position")))
-    # A deflection tells the one of the two positions that is missing.
+    # A deflection determines the missing one of the two positions.
     suffixes = [slot.role.removeprefix("motor_torque") for slot in slots if slot.role != "secondary_torque"]
     for i, suffix in enumerate(suffixes):
         phi, q, theta = roles.get(f"deflection{suffix}"), positions[0], positions[1 + i]

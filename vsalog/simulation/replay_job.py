@@ -1,4 +1,4 @@
-"""One run of `simulate --replay`: a log in, the same log with what a simulation makes of its inputs out."""
+"""One run of `simulate --replay`: a log in, the same log with the simulation of its inputs out."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from vsalog.writers.recording_files import LogFiles, write_log
 
 Array = NDArray[np.float64]
 
-# Roles that a replay begins with or is driven by: what the rig says of these has to be in the log.
+# Roles that a replay begins with or is driven by: they have to be in the log if the rig names them.
 NEEDED = (
     "motor_position",
     "link_position",
@@ -64,7 +64,7 @@ class ReplayOptions:
     rate : samples per second of a table that has no time column [Hz]
     set : key → value, of the machine and of the rig that the log carries
     actual : key → value, of the machine alone
-    output : the log's path, whose ending tells the format
+    output : the log's path, whose ending gives the format
     """
 
     window: float | None = None
@@ -76,7 +76,7 @@ class ReplayOptions:
 
 @dataclass(frozen=True, slots=True)
 class JointReplay:
-    """What became of one joint.
+    """The replay of one joint.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class JointReplay:
         return float(np.sqrt(np.mean(off[there] ** 2))), float(np.std(measured[there]))
 
     def compared(self) -> list[str]:
-        """Return the measured roles that the simulation has an answer to: all that do not drive it."""
+        """Return the measured roles that the simulation predicts: all that do not drive it."""
         drives = {position_of(role) if how == "motion" else role for role, how in self.driven.items()}
         own = [role for role in self.signals.roles if role in self.simulated and role not in drives]
         return [role for role in own if np.isfinite(self.simulated[role] - self.signals.roles[role]).any()]
@@ -112,10 +112,10 @@ class ReplayJob:
     Attributes
     ----------
     log : that is replayed
-    rig : the machine that is played
+    rig : the machine that is simulated
     believed : the rig as the log has it
     signals : joint → its roles
-    left_out : joints that stand aside, and why
+    left_out : joints that are left out, and why
     """
 
     log: Path
@@ -132,7 +132,7 @@ class ReplayJob:
         Raises
         ------
         SimulationError
-            The rig lacks what a simulation needs, or the motion leaves what the model describes.
+            The rig lacks what a simulation needs, or the motion leaves the range of the model.
         """
         chain = self.rig.file.chain
         chained = [] if chain is None else [link.joint for link in chain.link]
@@ -205,7 +205,7 @@ def prepare_replay(source: Rig | str | Path | None, log: Path, options: ReplayOp
     Raises
     ------
     VsalogError
-        Something asked for is not there or not possible.
+        An option names something missing or impossible.
     """
     reader = open_reader(log, options.rate)
     believed = find_rig(log, reader.rig_text, source)
@@ -261,7 +261,7 @@ def _roles(joint: Joint, log: str, known: Collection[str]) -> list[str]:
 
 
 def _bound(recording: Recording, name: str, joint: Joint, roles: Collection[str]) -> JointSignals:
-    # The simulation does to a motor's torque what the rig says happens to it; binding must not have done it before.
+    # The simulation applies the rig's drive to a motor's torque; binding must not have applied it before.
     signals = bind([recording], name, joint, roles, acting=False)
     if len(signals.run_names) > 1:
         raise SimulationError(
@@ -283,7 +283,7 @@ def _joint(name: str, signals: JointSignals, replayed: Replayed) -> JointReplay:
 
 
 def position_of(torque_role: str) -> str:
-    """Return the role of the position of the motor whose torque is meant."""
+    """Return the role of the position of the motor with this torque."""
     return "setpoint" if torque_role == "secondary_torque" else torque_role.replace("torque", "position")
 
 

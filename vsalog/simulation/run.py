@@ -46,7 +46,7 @@ class Options:
     set : key → value, of the machine and of the rig that the log carries
     actual : key → value, of the machine alone
     truth : record the truth too
-    output : the log's path, whose ending tells the format
+    output : the log's path, whose ending gives the format
     """
 
     scenario: str | None = None
@@ -66,10 +66,10 @@ class Job:
 
     Attributes
     ----------
-    rig : the machine that is played
+    rig : the machine that is simulated
     rig_text : the rig that the log carries
     inputs : joint → role → what drives it
-    controllers : joint → what drives it from what its sensors say
+    controllers : joint → the controller that drives it by its sensors' readings
     believed : the rig as controllers know it, which is that of the log
     samples : of each channel, before any is dropped
     """
@@ -94,7 +94,7 @@ class Job:
         Raises
         ------
         SimulationError
-            The rig lacks what a simulation needs, or the motion leaves what the model describes.
+            The rig lacks what a simulation needs, or the motion leaves the range of the model.
         """
         file = self.scenario.file
         experiment = simulate(
@@ -137,7 +137,7 @@ def prepare(source: Rig | str | Path, options: Options) -> Job:
     Raises
     ------
     VsalogError
-        Something asked for is not there or not possible.
+        An option names something missing or impossible.
     """
     rig = given_rig(source)
     text = rig.to_toml() if isinstance(source, Rig) else _text(str(source), rig)
@@ -200,7 +200,7 @@ def _as_recorded(text: str, recording: Recording) -> str:
 
 
 def _text(source: str, rig: Rig) -> str:
-    """Return a rig's own text, with its comments; where it builds on a preset, whole, so that it stays what was played."""
+    """Return a rig's own text, with its comments; where it builds on a preset, whole, so that it stays what was simulated."""
     if source in presets() and not Path(source).is_file():
         return preset_text(source)
     text = Path(source).read_text(encoding="utf-8-sig") if Path(source).is_file() else source
@@ -208,12 +208,12 @@ def _text(source: str, rig: Rig) -> str:
 
 
 def _with_channels(rig: Rig) -> Rig:
-    """Return the rig with the usual channels in each joint that names none, so that the log's rig tells where they are."""
+    """Return the rig with the usual channels in each joint that names none, so that the log's rig names them."""
     joints: dict[str, Joint] = {}
     for i, (name, joint) in enumerate(rig.joints.items()):
         roles = joint.signals.__struct_fields__
         if all(getattr(joint.signals, role) is None for role in roles):
-            # In a rig of several joints each has channels of its own, numbered where names alone would not tell them apart.
+            # In a rig of several joints each has channels of its own, numbered where names alone would not be distinct.
             plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
             own = "" if len(rig.joints) == 1 else f"{plain}_" if plain == name else f"joint_{i}_{plain}_"
             usual = {role: signal.channel or "" for role, signal in named_signals(joint).items()}
@@ -226,7 +226,7 @@ def _with_channels(rig: Rig) -> Rig:
 
 
 def _as_written(rig: Rig, log_format: str) -> Rig:
-    """Return the rig with the channels' names as the log's format can hold them: a topic has no spaces, say."""
+    """Return the rig with the channels' names as the log's format can hold them: as a topic has no spaces."""
     if log_format not in MESSAGE_FORMATS:
         return rig
     joints: dict[str, Joint] = {}
@@ -250,7 +250,7 @@ def _name(source: str, scenario: Scenario) -> str:
 
 
 def file_name(text: str) -> str:
-    """Return a text in letters that mean nothing to a shell or a file system."""
+    """Return a text in letters without a meaning for a shell or a file system."""
     return re.sub(r"[^\w.-]+", "_", text).strip("._-")[:100] or "simulated"
 
 
@@ -265,4 +265,4 @@ def check_inputs(read: list[Path], files: LogFiles) -> None:
     for path in (files.log, files.rig):
         for source in read:
             if path is not None and path.exists() and source.is_file() and path.samefile(source):
-                raise WriteError(f"{path}: is what the simulation reads; choose another name with -o")
+                raise WriteError(f"{path}: is read by the simulation; choose another name with -o")

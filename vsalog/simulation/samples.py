@@ -34,7 +34,7 @@ from vsalog.writers.recording_tables import write_csv
 # The first experiments run as long as the paper's, the validating ones half as long, to keep the folder small.
 SECONDS = {1: 20.0, 2: 10.0}
 
-# What the CSV calls the elastic joint's channels, and in which units.
+# Names of the elastic joint's channels in the CSV, and in which units.
 CSV_CHANNELS = {
     "motor_position": Signal(channel="motor position", unit="deg"),
     "link_position": Signal(channel="link position", unit="deg"),
@@ -89,7 +89,7 @@ def make_samples(folder: Path, desr: Path | None = None) -> None:
     Raises
     ------
     ReadError
-        `desr` is not what it should be.
+        `desr` is not the expected file.
     WriteError
         A file cannot be written.
     """
@@ -107,17 +107,17 @@ def make_samples(folder: Path, desr: Path | None = None) -> None:
 
 def _write_csv_sample(folder: Path) -> None:
     rig = _with_signals(elastic_rig(), SingleSignals(**CSV_CHANNELS))
-    played = replace(elastic_experiment(1, seed=1, duration=SECONDS[1]), rig=rig)
-    # Encoder steps are 0.01°, the converter's 1 N·mm: rounding takes off what the conversion to rad and back adds.
-    write_csv(_rounded(played), folder / "sea_exp1.csv", time="s")
-    # The header tells the units, so the rig need not.
+    simulated = replace(elastic_experiment(1, seed=1, duration=SECONDS[1]), rig=rig)
+    # Encoder steps are 0.01°, the converter's 1 N·mm: rounding removes the error of the conversion to rad and back.
+    write_csv(_rounded(simulated), folder / "sea_exp1.csv", time="s")
+    # The header states the units, so the rig need not.
     channels = "".join(f'{role} = "{signal.channel}"\n' for role, signal in CSV_CHANNELS.items())
     write_text(folder / "sea_exp1.rig.toml", f'preset = "sea"\n\n[joint.sea.signals]\n{channels}')
 
 
 def _write_bag_sample(folder: Path) -> None:
-    played = elastic_experiment(2, seed=2, duration=SECONDS[1])
-    write_rosbag1(played.recording(), folder / "sea_exp2.bag")
+    simulated = elastic_experiment(2, seed=2, duration=SECONDS[1])
+    write_rosbag1(simulated.recording(), folder / "sea_exp2.bag")
     write_text(folder / "sea_exp2.rig.toml", 'preset = "sea"\n')
 
 

@@ -1,4 +1,4 @@
-"""Scenarios: what drives a rig's joints over time, from TOML to the inputs of `simulate`."""
+"""Scenarios: the inputs of a rig's joints over time, from TOML to the inputs of `simulate`."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ from vsalog.simulation.scenario_schema import (
 MOST_SINES = 2000
 """Sines of a multisine, at most: a finer spectrum than a log of minutes resolves, which costs as many evaluations per sample."""
 
-# The SI unit of what drives a role, by how the role's name begins or ends.
+# The SI unit of a role's input, by how the role's name begins or ends.
 TORQUE, ANGLE, VELOCITY, VOLTAGE, STIFFNESS = "N*m", "rad", "rad/s", "V", "N*m/rad"
 # Keys of a part that are in the role's unit.
 _ROLE_KEYS = ("value", "amplitude", "offset", "rms")
 _FREQUENCY_KEYS = ("frequency", "start_frequency", "end_frequency", "spacing", "lowest_frequency", "highest_frequency")
-# What a controller drives, of several the first that the joint has.
+# The roles that a controller drives, of several the first that the joint has.
 COMMANDED = {
     "state_feedback": (("motor_torque",),),
     "pi_control": (("valve_1", "valve_2"),),
@@ -62,8 +62,8 @@ class Scenario:
     Attributes
     ----------
     file : its structures
-    where : what messages call it
-    folder : which the paths in it start from
+    where : its name in messages
+    folder : that its paths are relative to
     """
 
     file: ScenarioFile
@@ -77,7 +77,7 @@ class Scenario:
         Raises
         ------
         SimulationError
-            There is no such file or scenario, or what it says is not possible.
+            There is no such file or scenario, or its content is not possible.
         """
         path = Path(source)
         if path.is_file():
@@ -96,7 +96,7 @@ class Scenario:
         Raises
         ------
         SimulationError
-            The text is no TOML, or what it says is not possible; the message names the key.
+            The text is no TOML, or its content is not possible; the message names the key.
         """
         try:
             tables = parse_toml(text)
@@ -258,7 +258,7 @@ def driven_roles(joint: Joint) -> tuple[str, ...]:
 
 
 def role_of(key: str) -> str:
-    """Return the role that a key of `Drives` drives: a motor's servo and its position stand for its torque."""
+    """Return the role that a key of `Drives` drives: a motor's servo and its position replace its torque."""
     return key if key in COMMANDS else key.replace("_servo", "_torque").replace("_position", "_torque")
 
 
@@ -277,7 +277,7 @@ def _all(drives: Drives, key: str) -> Parts:
 
 
 def _by_path(drives: Drives, key: str) -> dict[KeyPath, Parts]:
-    """Return the parts of a key by where they stand below it."""
+    """Return the parts of a key by their place below it."""
     drive = getattr(drives, key)
     if isinstance(drive, ServoDrive | StateFeedbackDrive | PiControlDrive | StiffnessControlDrive):
         return {(its,): getattr(drive, its) for its in _reference_units(key, "")}
@@ -368,7 +368,7 @@ def _check_frequency(text: str, path: KeyPath) -> None:
 
 
 def _check(file: ScenarioFile) -> None:
-    """Refuse what no single key can show to be wrong."""
+    """Refuse errors that no single key shows."""
     for name, drives in file.joint.items():
         taken: dict[str, str] = {}
         for key in Drives.__struct_fields__:

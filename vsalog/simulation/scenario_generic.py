@@ -1,4 +1,4 @@
-"""Scenarios that fit any rig: torques sized by what its transmissions, links and motors bear. All shares are chosen.
+"""Scenarios that fit any rig: torques sized to its transmissions, links and motors. All shares are chosen.
 
 A motor's torque stays within two bounds. It deflects the transmission to a share of its range and no further; and it does
 not swing the link round: where gravity holds the link, all motors together stay below the torque that lifts it to the
@@ -63,7 +63,7 @@ GENERIC = {
 
 @dataclass(frozen=True, slots=True)
 class Excitation:
-    """How far and how fast a rig is moved that no scenario is made for; a scenario's file says otherwise where that is wanted.
+    """How far and how fast a rig without a scenario of its own is moved; a scenario's file can state otherwise.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ EXCITATION = Excitation()
 
 @dataclass(frozen=True, slots=True)
 class _Drive:
-    """One motor of a joint, and what it may be given.
+    """One motor of a joint, and the limits of its input.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class _Drive:
     place : counts all drives of the rig, so that each gets frequencies of its own
     level : largest torque [N·m], or voltage about `centre` [V]
     top : highest frequency [Hz]
-    centre : what is added, the voltage of a valve that neither fills nor empties
+    centre : offset, the voltage of a valve that neither fills nor empties
     """
 
     key: str
@@ -208,7 +208,7 @@ def _driven(name: str, joint: Joint, rig: RigFile, place: int) -> Iterator[_Driv
         for i, (key, valve) in enumerate((("valve_1", joint.valve_1), ("valve_2", joint.valve_2))):
             centre = float(np.interp(0.5, valve.opening, valve.voltage))
             level = EXCITATION.valve * (valve.voltage[-1] - valve.voltage[0])
-            # The muscles take turns: what fills one empties the other.
+            # The muscles take turns: air fills one and leaves the other.
             yield _Drive(key, place + i, -level if i else level, 1.0, centre)
         return
     if drive_of(joint) is not None:
@@ -259,7 +259,7 @@ def _spring_torque(transmission: Transmission, joint: Joint) -> float:
 
 
 def _load_torque(name: str, joint: Joint, rig: RigFile, motor: Motor) -> float:
-    """Return what all motors of a joint may make together [N·m]."""
+    """Return the torque that all motors of a joint may make together [N·m]."""
     inertia, damping, gravity = _load(name, joint, rig)
     free = ((motor.inertia or 0.0) + inertia) * EXCITATION.acceleration + (motor.damping + damping) * EXCITATION.speed
     return EXCITATION.gravity * gravity if gravity > 0.1 * free else free
@@ -316,7 +316,7 @@ def servos(name: str, joint: Joint, rig: RigFile, place: int, period: float) -> 
         motors = [("", replace(motor, inertia=(motor.inertia or 0.0) + inertia), UnknownTransmission())]
         inertia = 0.0
     frequency = EXCITATION.swinging * (1.0 + 0.37 * (place % 8))
-    # What gravity pulls with at the end of a swing has to go through the springs, in addition to what the swing itself takes.
+    # Gravity's torque at the end of a swing goes through the springs, in addition to that of the swing itself.
     borne = 0.5 * sum(_spring_torque(transmission, joint) for _, _, transmission in motors)
     reach = asin(min(1.0, borne / gravity)) if gravity > 0.0 else EXCITATION.swing
     swing = Sine(amplitude=min(EXCITATION.swing, reach), frequency=frequency)

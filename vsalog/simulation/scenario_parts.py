@@ -37,9 +37,9 @@ def sum_of_parts(parts: Parts, unit: str, duration: float, folder: Path, path: K
     Parameters
     ----------
     parts : their values in SI
-    unit : the SI unit of what they drive
+    unit : the SI unit of their role
     duration : of the scenario [s]
-    folder : which the paths of files start from
+    folder : that the paths of files are relative to
     path : of the parts' key, for messages
 
     Raises

@@ -1,4 +1,4 @@
-"""The structures of a scenario file: what drives each joint of a rig, and for how long."""
+"""The structures of a scenario file: the inputs of each joint of a rig, and the duration."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ class Csv(Base, frozen=True, tag="csv", tag_field="type"):
     ----------
     file : path, from the scenario's folder
     column : name of the column or channel
-    unit : of the column; what the file says when absent, SI when neither says
+    unit : of the column; the file's when absent, SI when neither states one
     interpolation : ``linear``, or ``held``: each value holds until the next. Before and after, the ends hold
     rate : samples per second of a table without a time column [Hz]
     """
@@ -239,7 +239,7 @@ class StiffnessControlDrive(Base, frozen=True):
     Attributes
     ----------
     frequency : of the motors' position loops [rad/s]
-    bandwidth : at which an error of the stiffness is taken away, well below that [rad/s]
+    bandwidth : of the integral that corrects the stiffness, well below that [rad/s]
     feedback : where the stiffness comes from: an estimator's name, ``truth`` or ``none``
     limit : largest torque of a motor; none when absent [N·m]
     tune : of the estimator, NAME = "VALUE"
@@ -257,11 +257,11 @@ class StiffnessControlDrive(Base, frozen=True):
 
 
 class Drives(Base, frozen=True):
-    """What drives one joint; several parts of a role are summed, what is not named is zero.
+    """The inputs of one joint; several parts of a role are summed, a role that is not named is zero.
 
     A motor gets a torque, a servo or a prescribed position, on the joint's side of the gear, or its drive is commanded a
     position, a velocity, or both. A controller receives what the
-    joint's sensors say, and drives its motor or its valves.
+    joint's sensor readings, and drives its motor or its valves.
     """
 
     commanded_position: Parts = ()
@@ -291,11 +291,11 @@ class ScenarioFile(Base, frozen=True):
 
     Attributes
     ----------
-    name : what it is called, in the log's name too
+    name : also part of the log's name
     description : one line, which `vsalog simulate --list` prints
     duration : [s]
     period : sample time [s]
-    joint : what drives the joints, by their names in the rig
+    joint : inputs of the joints, by their names in the rig
     """
 
     name: str = ""

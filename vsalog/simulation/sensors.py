@@ -1,4 +1,4 @@
-"""What sensors make of the truth, as the rig's signals describe them: `Signal` says which effects there are."""
+"""The readings of sensors, as the rig's signals describe them: `Signal` lists the effects."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SENSED = {
 }
 ACCELEROMETER = {"accelerometer_x": 0, "accelerometer_y": 1, "accelerometer_z": 2}
 
-# What may be held from sample to sample: a cubic would overshoot where it jumps.
+# Roles that may be held from sample to sample: a cubic would overshoot where they jump.
 HELD = (*COMMANDS, "motor_torque", "secondary_torque", "external_torque", "valve")
 
 
@@ -46,7 +46,7 @@ class _Topic:
 
 
 def sense(joints: Truth, rig: RigFile, time: Array, seed: int, ideal: bool) -> dict[str, JointRecord]:
-    """Return what the sensors of each joint say: the roles that the rig names a channel for and that there is a truth of.
+    """Return the readings of each joint's sensors: the roles that the rig names a channel for and that there is a truth of.
 
     With x the truth, m(t) = gain · x(t − delay) + offset + drift · t + errors(x(t − delay)) + noise, rounded to the
     resolution. A recorded deflection without a resolution of its own is the difference of what the two encoders count.
@@ -58,7 +58,7 @@ def sense(joints: Truth, rig: RigFile, time: Array, seed: int, ideal: bool) -> d
     rig : with the signals of its joints
     time : shape (N,), seconds from the start
     seed : of all random numbers
-    ideal : without noise, steps, jitter and dropped samples; what is systematic stays
+    ideal : without noise, steps, jitter and dropped samples; systematic errors stay
 
     Raises
     ------
@@ -97,7 +97,7 @@ def sense(joints: Truth, rig: RigFile, time: Array, seed: int, ideal: bool) -> d
 
 
 class LiveSensors:
-    """Sensors that are read sample by sample, as a controller does; what they say is what `sense` says of the whole.
+    """Sensors that are read sample by sample, as a controller does; their readings are those of `sense` for the whole.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class LiveSensors:
     Raises
     ------
     SimulationError
-        A signal that is wanted is not recorded, or is late: what it says of a sample would be known later only.
+        A signal that is wanted is not recorded, or is late: its reading of a sample would be known later only.
     """
 
     def __init__(
@@ -133,21 +133,21 @@ class LiveSensors:
                 self.random[name, role] = _generator(seed, "joint", name, role)
 
     def read(self, k: int, truth: Truth) -> dict[str, dict[str, float]]:
-        """Return joint → role → what the sensor says of sample `k`, whose truth has shape (1,); call it once for each in turn."""
-        time, said = self.time[k : k + 1], dict[str, dict[str, float]]()
+        """Return joint → role → the sensor's reading of sample `k`, whose truth has shape (1,); call it once for each in turn."""
+        time, readings = self.time[k : k + 1], dict[str, dict[str, float]]()
         chain, motion = self.rig.chain, None
         for name in truth.keys() & self.signals.keys():
             signals = self.signals[name]
             if chain is not None and motion is None and any(role in ACCELEROMETER for role in signals):
                 motion = _chain_motion(truth, chain)
             own = {**truth[name], **_accelerations(name, motion, chain, signals)}
-            said[name] = {}
+            readings[name] = {}
             for role, signal in signals.items():
                 x, _ = _seen(self.rig.joint[name], role, signal, own, time, self.ideal)
                 if x is not None:
                     reading = _reading(signal, x, time, self.random[name, role], self.ideal)
-                    said[name][role] = float(reading[0])
-        return said
+                    readings[name][role] = float(reading[0])
+        return readings
 
 
 def _seen(
@@ -238,7 +238,7 @@ def _accelerations(
     mounting = None if place is None else links[place].accelerometer
     if chain is None or motion is None or place is None or mounting is None:
         raise SimulationError(
-            f"joint '{name}' has an accelerometer, but where it sits is not said: give the joint's [[chain.link]] an"
+            f"joint '{name}' has an accelerometer, but its place is not stated: give the joint's [[chain.link]] an"
             " accelerometer = { position = […], orientation = […] }, or leave the roles accelerometer_… out"
         )
     reading = specific_force(motion[place], mounting, chain.gravity)

@@ -1,4 +1,4 @@
-"""A rig, played: inputs in, what the sensors record and the truth out."""
+"""Simulates a rig: inputs in, the sensors' recording and the truth out."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def simulate(
     Parameters
     ----------
     rig : the machine; motors need an inertia, transmissions a type, and there must be links. Rigid joints
-        without an input stand still
+        without an input stay at rest
     inputs : joint → role → what drives it, on the joint's side of the gear: a torque [N·m] as a continuous function of an
         array of times [s], or one value per sample (N), held until the next; a `Servo`; a `Motion`. Roles are
         ``motor_torque`` (elastic, serial), ``motor_torque_1`` and ``_2`` (antagonistic), ``secondary_torque`` (serial),
@@ -55,7 +55,7 @@ def simulate(
     period : sample time T [s]
     steps : integration steps per period; as many as the fastest mode needs when absent
     seed : of all noise; equal seeds give equal recordings, bit for bit
-    ideal : sensors without noise, steps, jitter and dropped samples; what they have wrong stays
+    ideal : sensors without noise, steps, jitter and dropped samples; their systematic errors stay
     start : joint → initial state, (q, q̇, θ₁, θ̇₁, …) [rad, rad/s]; rest when absent
     controllers : joint → the controller that drives it, in addition to inputs or instead of them
     believed : the rig that controllers know; the machine itself when absent
@@ -65,7 +65,7 @@ def simulate(
     Raises
     ------
     SimulationError
-        The rig lacks what a simulation needs, an input does not fit, or the motion leaves what the model describes.
+        The rig lacks what a simulation needs, an input does not fit, or the motion leaves the range of the model.
     """
     if not (np.isfinite(duration) and duration > 0.0 and period > 0.0 and (steps is None or steps >= 1)):
         raise SimulationError("a simulation needs a positive duration, period and number of steps")
@@ -95,7 +95,7 @@ def simulate(
 def _with_commands(
     inputs: Mapping[str, Mapping[str, Input]], loops: Mapping[str, Loop]
 ) -> dict[str, Mapping[str, Input]]:
-    """Put what controllers command among the inputs, as the arrays that they write into."""
+    """Put the controllers' commands among the inputs, as the arrays that they write into."""
     for name, loop in loops.items():
         twice = sorted(set(inputs.get(name, {})) & set(loop.commands))
         if twice:
