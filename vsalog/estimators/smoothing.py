@@ -98,8 +98,8 @@ class Limits(NamedTuple):
         return np.asarray(np.geomspace(self.smoothest**3, self.roughest, 13))
 
     @property
-    def yields(self) -> Array:
-        """The part of the torque that a friction element may make: hypotheses, in the scale of the prior."""
+    def parts(self) -> Array:
+        """Parts of the torque that a friction element or a piece may make: hypotheses, in the scale of the prior."""
         return np.asarray(np.geomspace(self.smoothest, self.roughest, 3)) / self.prior
 
     @property
@@ -377,9 +377,11 @@ class Smoother:
         self.powers = np.zeros(self.size)
         self.powers[:n] = np.maximum(np.array(solver.powers) - 1.0, 0.0)
         self.knots = np.zeros(self.size, dtype=np.bool_)
-        self.knots[:n] = solver.pieces
-        self.slips = np.zeros(self.size, dtype=np.bool_)
-        self.slips[n : n + solver.shared] = True
+        at_knot = np.array(solver.powers) < 0
+        self.knots[:n] = at_knot
+        # Friction elements, and pieces of the set-point's range.
+        self.elements = np.zeros(self.size, dtype=np.bool_)
+        self.elements[:n], self.elements[n : n + solver.shared] = np.array(solver.pieces) & ~at_knot, True
         self.scale = self._scale()
         # A torque is what the unknowns add up to and what the rig has of the motor.
         self.rest = [
@@ -613,23 +615,26 @@ class Smoother:
         """Return the hypotheses of how smooth a spring is, of rows of the scaled unknowns, shape (m, active + 1).
 
         Of a power of the deflection the torque has r times as much as of the power before; the curvature changes from knot to
-        knot by so much. Deviations are geometric means over what the log makes probable of the first and of friction elements.
+        knot by so much. Deviations of the others are geometric means over what the log makes probable.
         """
-        powers, knots, slips = self.powers[self.active], self.knots[self.active], self.slips[self.active]
+        powers, knots, elements = self.powers[self.active], self.knots[self.active], self.elements[self.active]
         bends = LIMITS.bends if knots.any() else np.ones(1)
         # A polynomial is as probable as all others together.
         before = np.log(np.r_[0.5, np.full(bends.size - 1, 0.5 / max(bends.size - 1, 1))])
-        found = []
-        for own, bend in zip(before, bends, strict=True):
-            priors = [
-                np.where(knots, bend, np.where(slips, part, 1.0)) * ratio**powers
-                for ratio in LIMITS.ratios
-                for part in (LIMITS.yields if slips.any() else np.ones(1))
-            ]
-            evidence = np.array([log_likelihood(triangle, prior) for prior in priors])
-            mean = np.exp(_normalised(evidence) @ np.log(priors))
-            found.append(Smoothness(float(own + np.logaddexp.reduce(evidence) - np.log(evidence.size)), mean))
-        return tuple(found)
+        rest = np.where(elements, LIMITS.parts[-1], 1.0)
+
+        def each(rest: Array) -> tuple[Smoothness, ...]:
+            priors = [np.where(knots, bend, rest) for bend in bends]
+            return tuple(
+                Smoothness(float(own) + log_likelihood(triangle, prior), prior)
+                for own, prior in zip(before, priors, strict=True)
+            )
+
+        bend = bends[np.argmax([own.evidence for own in each(rest)])]
+        parts = LIMITS.parts if elements.any() else np.ones(1)
+        rests = np.array([np.where(elements, part, ratio**powers) for ratio in LIMITS.ratios for part in parts])
+        evidence = [log_likelihood(triangle, np.where(knots, bend, rest)) for rest in rests]
+        return each(np.exp(_normalised(evidence) @ np.log(rests)))
 
     def _changing(
         self, measurements: Array, usual: Array | None, shapes: bool

@@ -212,7 +212,9 @@ class SmootherFold(RegressionFold):
         """Return what the log shows of the springs' shapes that the rig's basis has not."""
         found: list[Finding] = []
         basis = self.device.basis
-        if basis.knots > self.rig_basis.knots:
+        choices = [own.trajectory.choice for own in state.solvers if own.trajectory is not None]
+        shown = any(choice.probability_of_polynomial < FALSE_ALARM for choice in choices)
+        if basis.knots > self.rig_basis.knots and shown:
             found.append(
                 Finding(
                     code="spring.not_polynomial",
