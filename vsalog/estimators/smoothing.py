@@ -727,26 +727,25 @@ class Smoother:
 
     def _averaged(self, triangles: Array, choice: Choice) -> tuple[Array, Array]:
         """Return mean (K, n) and root (K, n, n) of all unknowns, averaged over hypotheses."""
-        measurements = self._measurements(triangles)
-        each = []
-        for part, own in zip(_normalised([h.evidence for h in choice.smoothness]), choice.smoothness, strict=True):
-            self.prior = own.prior
+        measurements, n = self._measurements(triangles), self.active.size
+        total, mean, root = 0.0, np.zeros((self.count, n)), np.zeros((self.count, 0, n))
+        for part, smoothness in zip(
+            _normalised([h.evidence for h in choice.smoothness]), choice.smoothness, strict=True
+        ):
+            self.prior = smoothness.prior
             for change, p in choice.probabilities.items():
-                if (weight := part * p) > LIMITS.least_probability:
-                    each.append((weight, self._smooth(measurements, change, self.direction, True)))
-        total = sum(weight for weight, _ in each)
-        each = [(weight / total, own) for weight, own in each]
-        if self.solver.causal:
-            # An interval is estimated from those before it.
-            each = [
-                (w, s._replace(mean=np.vstack((0.0 * s.mean[:1], s.filtered_mean[:-1])), root=s.before))
-                for w, s in each
-            ]
-        mean = sum(w * s.mean for w, s in each)
-        stack = np.concatenate(
-            [part for w, s in each for part in (np.sqrt(w) * s.root, np.sqrt(w) * (s.mean - mean)[:, None, :])], axis=1
-        )
-        return self._whole(np.asarray(mean)), _triangle(stack) * self.scale[self.active]
+                weight = float(part * p)
+                if weight < LIMITS.least_probability:
+                    continue
+                own = self._smooth(measurements, change, self.direction, True)
+                if self.solver.causal:
+                    # An interval is estimated from those before it.
+                    own = own._replace(mean=np.vstack((0.0 * mean[:1], own.filtered_mean[:-1])), root=own.before)
+                off = (own.mean - mean)[:, None, :]
+                rows = (root, np.sqrt(weight) * own.root, np.sqrt(total * weight / (total + weight)) * off)
+                mean += weight / (total + weight) * off[:, 0]
+                root, total = _triangle(np.concatenate(rows, axis=1)), total + weight
+        return self._whole(mean), root / np.sqrt(total) * self.scale[self.active]
 
     def _whole(self, mean: Array) -> Array:
         """Return all unknowns, in their units, of scaled ones that are active."""
