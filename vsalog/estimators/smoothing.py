@@ -6,7 +6,8 @@ interval the coefficients are a random walk, and a square-root filter and Rauch�
 (`filters/square_root_smoother.py`). How fast a spring changes is not assumed: hypotheses — it does not change, its torque changes
 as a whole, its shape changes, either by so much — are averaged with the probabilities that the log gives them (Hoeting, Madigan,
 Raftery, Volinsky, "Bayesian model averaging", Statistical Science 14(4), 1999). A sudden change is one that the smoothed
-disturbances show (de Jong and Penzer, "Diagnosing shocks in time series", J. Am. Stat. Assoc. 93(442), 1998).
+disturbances show (de Jong and Penzer, "Diagnosing shocks in time series", J. Am. Stat. Assoc. 93(442), 1998). How far a spring is
+from a polynomial is averaged in the same way.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from vsalog.estimators.qr import qr_update
 from vsalog.estimators.residual_motion import PREDICTED_SHARE
 from vsalog.estimators.row_moments import ROWS_OF_LONG, lasts
 from vsalog.estimators.row_noise import RowNoise
+from vsalog.filters.random_walk import RandomWalk, log_likelihood
 from vsalog.filters.square_root_smoother import Smoothed, smooth
 from vsalog.uncertainty.heavy_tails import tail_weights
 
@@ -70,7 +72,6 @@ class Limits(NamedTuple):
     rounds, most_rounds : iterations of the noise model and the torque's scale, each from the estimate before it [1]: the second
         changes them by little for a constant spring, the fourth for one that changes
     jumps : at most [1]: a log that shows more has a spring that the basis cannot follow
-    relevance : iterations of the knots' own prior deviations [1]: where a knot does not bend, k of them leave 1/√k of its noise
     least_probability : of a hypothesis that is averaged [1]
     """
 
@@ -84,7 +85,6 @@ class Limits(NamedTuple):
     rounds: int = 2
     most_rounds: int = 4
     jumps: int = 4
-    relevance: int = 100
     least_probability: float = 1e-3
 
     @property
@@ -94,8 +94,13 @@ class Limits(NamedTuple):
 
     @property
     def bends(self) -> Array:
-        """How much a spring's curvature may change at a knot: hypotheses, in the scale of the prior, from next to nothing on."""
-        return np.asarray(np.geomspace(self.smoothest**2, self.roughest, 9))
+        """How much the curvature may change at a knot: hypotheses, in the scale of the prior, the first next to nothing."""
+        return np.asarray(np.geomspace(self.smoothest**3, self.roughest, 13))
+
+    @property
+    def parts(self) -> Array:
+        """Parts of the torque that a friction element or a piece may make: hypotheses, in the scale of the prior."""
+        return np.asarray(np.geomspace(self.smoothest, self.roughest, 3)) / self.prior
 
     @property
     def changes(self) -> Array:
@@ -109,6 +114,19 @@ LIMITS = Limits()
 SHARED = "shared"
 
 
+class Smoothness(NamedTuple):
+    """A hypothesis of how smooth a spring is.
+
+    Attributes
+    ----------
+    evidence : logarithm of its probability, but for a constant
+    prior : shape (active,), standard deviation of each scaled unknown before the log
+    """
+
+    evidence: float
+    prior: Array
+
+
 class Choice(NamedTuple):
     """What a smoother chose from a log, in scaled unknowns.
 
@@ -117,7 +135,7 @@ class Choice(NamedTuple):
     intervals : K, of the log
     noise : of each equation
     active : numbers of the unknowns that are estimated
-    prior : their standard deviations before the log
+    smoothness : hypotheses of how smooth a spring is; of the first it is a polynomial
     nominal : coefficients, and other unknowns that equations share, on average
     direction : shape (transmissions, active), the torque of each transmission as a whole
     usual : shape (active,), size of each unknown
@@ -127,7 +145,7 @@ class Choice(NamedTuple):
     intervals: int
     noise: tuple[RowNoise, ...]
     active: NDArray[np.intp]
-    prior: Array
+    smoothness: tuple[Smoothness, ...]
     nominal: Array
     direction: Array
     usual: Array
@@ -141,15 +159,17 @@ class Choice(NamedTuple):
     @property
     def probabilities(self) -> dict[Change, float]:
         """The probability of each hypothesis."""
-        top = max(self.evidence.values())
-        weights = {change: float(np.exp(value - top)) for change, value in self.evidence.items()}
-        total = sum(weights.values())
-        return {change: weight / total for change, weight in weights.items()}
+        return dict(zip(self.evidence, _normalised(list(self.evidence.values())).tolist(), strict=True))
 
     @property
     def probability_of_no_change(self) -> float:
         """Probability that the spring does not change."""
         return sum(p for change, p in self.probabilities.items() if change.constant)
+
+    @property
+    def probability_of_polynomial(self) -> float:
+        """Probability that the pieces of the deflection's range are not needed."""
+        return float(_normalised([own.evidence for own in self.smoothness])[0])
 
 
 class Trajectory(NamedTuple):
@@ -286,8 +306,13 @@ class SmootherSolver:
         trajectory = Smoother(self, boxes, state.samples, state.choice).trajectory()
         return SmootherState(None, 0, None, trajectory)
 
-    def evidence(self, state: SmootherState, intervals: int) -> float:
-        """Return the log evidence of the basis in the collected rows, of a spring that may change between the intervals.
+    def probability_of_polynomial(self, state: SmootherState) -> float:
+        """Return the probability of the collected rows' spring having no pieces of the deflection's range."""
+        assert state.boxes is not None
+        return Smoother(self, [own.whole for own in state.boxes], state.samples).probability_of_polynomial()
+
+    def evidence(self, state: SmootherState) -> float:
+        """Return the log evidence of the basis in the collected rows, of a spring that may change.
 
         Only the first equation counts, the torque sensor's if there is one: what equations disagree on is no shape of the spring.
         """
@@ -300,10 +325,7 @@ class SmootherSolver:
             gains=self.gains[:1],
         )
         boxes = [state.boxes[0].whole]
-        return max(
-            Smoother(alone, boxes, state.samples, intervals=intervals, shown=shown).evidence()
-            for shown in (False, True)
-        )
+        return max(Smoother(alone, boxes, state.samples, shown=shown).evidence() for shown in (False, True))
 
     def solution(self, state: SmootherState) -> tuple[Array, Array, float]:
         """Return ξ̂ (n,), its covariance (n, n), both averages over the log, and the noise seen in y (standard deviation)."""
@@ -326,7 +348,6 @@ class Smoother:
         boxes: Sequence[BoxRows],
         samples: int,
         choice: Choice | None = None,
-        intervals: int = LIMITS.intervals,
         loops: bool = True,
         shown: bool = True,
     ) -> None:
@@ -350,14 +371,17 @@ class Smoother:
             ],
         ].astype(int)
         # A triangle has as many rows as unknowns: of fewer boxes it would be no shorter.
-        count = int(np.clip(fullest // max(LIMITS.boxes_per_interval, self.active.size), 1, intervals))
+        count = int(np.clip(fullest // max(LIMITS.boxes_per_interval, self.active.size), 1, LIMITS.intervals))
         self.count = count if choice is None else choice.intervals
         self.where = [np.minimum(part.place * self.count // samples, self.count - 1) for part in boxes]
         self.powers = np.zeros(self.size)
         self.powers[:n] = np.maximum(np.array(solver.powers) - 1.0, 0.0)
         self.knots = np.zeros(self.size, dtype=np.bool_)
-        self.knots[:n] = solver.pieces
-        self.knots[n : n + solver.shared] = True
+        at_knot = np.array(solver.powers) < 0
+        self.knots[:n] = at_knot
+        # Friction elements, and pieces of the set-point's range.
+        self.elements = np.zeros(self.size, dtype=np.bool_)
+        self.elements[:n], self.elements[n : n + solver.shared] = np.array(solver.pieces) & ~at_knot, True
         self.scale = self._scale()
         # A torque is what the unknowns add up to and what the rig has of the motor.
         self.rest = [
@@ -400,12 +424,16 @@ class Smoother:
             if self.shown and self._misfit(self._whole(smoothed.mean)) > REPORTED_MISFIT:
                 return Smoother(self.solver, self.boxes, self.samples, loops=self.loops, shown=False).trajectory()
         else:
-            self.active, self.prior, self.direction, self.usual = (
-                choice.active, choice.prior, choice.direction, choice.usual
-            )  # fmt: skip
+            self.active, self.direction, self.usual = choice.active, choice.direction, choice.usual
             triangles = self._triangles(choice.noise, [None] * len(self.boxes))
-        mean, root = self._averaged(triangles, choice.probabilities)
+        mean, root = self._averaged(triangles, choice)
         return self._external(mean, root, choice)
+
+    def probability_of_polynomial(self) -> float:
+        """Return the probability that the pieces of the deflection's range are not needed; 1 for fewer rows than unknowns."""
+        if sum(len(part.rows) for part in self.boxes) <= self.active.size:
+            return 1.0
+        return self._chosen()[1].probability_of_polynomial
 
     def _chosen(self) -> tuple[Array, Choice, Smoothed]:
         """Choose noise, unknowns and hypotheses; return the triangles, too, and what the best hypothesis estimates."""
@@ -414,7 +442,7 @@ class Smoother:
         for done in range(LIMITS.most_rounds):
             evidence, smoothed = self._explained(self._triangles(noise, weights), usual, False)
             mean = self._whole(smoothed.mean)
-            noise, weights = self._noise(mean)
+            noise, weights = self._noise(self._whole(self.roughest.mean))
             usual = smoothed.mean.mean(axis=0)
             self._take(mean[:, : self.nominal.size].mean(axis=0))
             if done + 1 >= LIMITS.rounds and max(evidence, key=lambda change: evidence[change]).constant:
@@ -422,7 +450,7 @@ class Smoother:
         triangles = self._triangles(noise, weights)
         evidence, smoothed = self._explained(triangles, usual, True)
         choice = Choice(
-            self.count, tuple(noise), self.active, self.prior, self.nominal, self.direction, self.usual, evidence
+            self.count, tuple(noise), self.active, self.smoothness, self.nominal, self.direction, self.usual, evidence
         )
         return triangles, choice, smoothed
 
@@ -435,8 +463,11 @@ class Smoother:
             found, smoothed = self._explained(self._triangles(noise, [None] * len(noise)), usual, False)
             # Rows were divided by these deviations.
             sizes = sum(len(p.rows) * np.log(own.innovation) for p, own in zip(self.boxes, noise, strict=True))
+            smoothness = np.array([own.evidence for own in self.smoothness])
             evidence = float(np.logaddexp.reduce(list(found.values()))) - float(sizes) - 0.5 * self.left
-            noise, _ = self._noise(self._whole(smoothed.mean))
+            # The changes' is that of the most probable prior.
+            evidence += float(np.logaddexp.reduce(smoothness) - smoothness.max())
+            noise, _ = self._noise(self._whole(self.roughest.mean))
             usual = smoothed.mean.mean(axis=0)
         return evidence if self._resists(smoothed) else -np.inf
 
@@ -509,17 +540,35 @@ class Smoother:
         n, count = self.solver.coefficients, max(self.count - 1, 0)
         rows = []
         if change.whole or change.jumps:
-            share = np.full(count, change.whole / np.sqrt(max(count, 1)))
-            share[list(change.jumps)] = LIMITS.fastest
-            rows += [share[:, None] * own for own in direction]
+            rows += [self._shares(change)[:, None] * own for own in direction]
         if change.shape:
             step = change.shape / np.sqrt(max(count, 1))
             rows += [np.tile(step * row, (count, 1)) for row in np.diag(self.usual)[:n]]
         return np.ascontiguousarray(np.stack(rows, axis=1) if rows else np.zeros((count, 1, self.active.size)))
 
     def _smooth(self, measurements: Array, change: Change, direction: Array, backward: bool) -> Smoothed:
-        steps = self._steps(change, direction)
-        return smooth(measurements, steps, np.zeros(self.active.size), np.diag(self.prior), backward)
+        start = np.zeros(self.active.size), np.diag(self.prior)
+        if not change.constant or self.solver.causal:
+            return smooth(measurements, self._steps(change, direction), *start, backward)
+        whole = _triangle(measurements.reshape(1, -1, measurements.shape[2]))
+        found = smooth(whole, np.zeros((0, 1, self.active.size)), *start, backward)
+        arrays = (found.mean, found.root, found.filtered_mean, found.filtered_root, found.before)
+        mean, root, filtered_mean, filtered_root, before = (np.repeat(own, self.count, axis=0) for own in arrays)
+        return Smoothed(mean, root, filtered_mean, filtered_root, before, found.log_likelihood)
+
+    def _shares(self, change: Change) -> Array:
+        """Return the standard deviation of each step of the torque as a whole, shape (K − 1,)."""
+        count = max(self.count - 1, 0)
+        share = np.full(count, change.whole / np.sqrt(max(count, 1)))
+        share[list(change.jumps)] = LIMITS.fastest
+        return share
+
+    def _log_likelihood(self, measurements: Array, walk: RandomWalk, change: Change) -> float:
+        """Return the log likelihood of a hypothesis; `walk` is that of the measurements."""
+        if change.shape:
+            return self._smooth(measurements, change, self.direction, False).log_likelihood
+        triangle, logarithm = walk.triangle(self._shares(change))
+        return log_likelihood(triangle, self.prior) + logarithm
 
     def _direction(self, usual: Array) -> Array:
         views, n = self.solver.transmissions, self.solver.coefficients
@@ -539,16 +588,66 @@ class Smoother:
         shapes : whether the shape may change, too
         """
         measurements = self._measurements(triangles)
-        self.prior = _smoothness(measurements, self.powers[self.active], self.knots[self.active])
-        if shapes:
-            self.prior = _relevance(measurements, self.prior, self.knots[self.active])
+        best = Change()
+        walk = RandomWalk(measurements, np.zeros((0, self.active.size)))
+        for _ in range(LIMITS.most_rounds):
+            # A spring that changes may look like one that is no polynomial, and the other way round.
+            self.smoothness = self._smoothnesses(walk.triangle(self._shares(best))[0])
+            likeliest = max(range(len(self.smoothness)), key=lambda i: self.smoothness[i].evidence)
+            self.prior = self.smoothness[likeliest].prior
+            explained = best
+            evidence, smoothed, walk = self._changing(measurements, usual, shapes)
+            best = max(evidence, key=lambda change: evidence[change])
+            if best == explained:
+                break
+        if best != explained:
+            self.smoothness = self._smoothnesses(walk.triangle(self._shares(best))[0])
+        # Noise is what even the least smooth spring leaves: that of a smoother one would contain the misfit that shows it.
+        prior, self.prior = self.prior, self.smoothness[-1].prior
+        self.roughest = self._smooth(measurements, best, self.direction, True)
+        self.prior = prior
+        # A causal filter's acceleration lags and is noisy, which another inertia would explain.
+        if self.shown and not self.solver.causal and self._shown(triangles, best):
+            return self._explained(triangles, None, shapes)
+        return evidence, smoothed
+
+    def _smoothnesses(self, triangle: Array) -> tuple[Smoothness, ...]:
+        """Return the hypotheses of how smooth a spring is, of rows of the scaled unknowns, shape (m, active + 1).
+
+        Of a power of the deflection the torque has r times as much as of the power before; the curvature changes from knot to
+        knot by so much. Deviations of the others are geometric means over what the log makes probable.
+        """
+        powers, knots, elements = self.powers[self.active], self.knots[self.active], self.elements[self.active]
+        bends = LIMITS.bends if knots.any() else np.ones(1)
+        # A polynomial is as probable as all others together.
+        before = np.log(np.r_[0.5, np.full(bends.size - 1, 0.5 / max(bends.size - 1, 1))])
+        rest = np.where(elements, LIMITS.parts[-1], 1.0)
+
+        def each(rest: Array) -> tuple[Smoothness, ...]:
+            priors = [np.where(knots, bend, rest) for bend in bends]
+            return tuple(
+                Smoothness(float(own) + log_likelihood(triangle, prior), prior)
+                for own, prior in zip(before, priors, strict=True)
+            )
+
+        bend = bends[np.argmax([own.evidence for own in each(rest)])]
+        parts = LIMITS.parts if elements.any() else np.ones(1)
+        rests = np.array([np.where(elements, part, ratio**powers) for ratio in LIMITS.ratios for part in parts])
+        evidence = [log_likelihood(triangle, np.where(knots, bend, rest)) for rest in rests]
+        return each(np.exp(_normalised(evidence) @ np.log(rests)))
+
+    def _changing(
+        self, measurements: Array, usual: Array | None, shapes: bool
+    ) -> tuple[dict[Change, float], Smoothed, RandomWalk]:
+        """Return each change's log evidence, what the best one estimates, and the walk of the torque as a whole."""
         still = self._smooth(measurements, Change(), np.zeros((0, self.active.size)), False)
         usual = still.filtered_mean[-1] if usual is None else usual
         self.direction = self._direction(usual)
         self.usual = np.sqrt(usual**2 + np.square(still.filtered_root[-1]).sum(axis=0))
+        walk = RandomWalk(measurements, self.direction)
         # Until the noise is known, steps of a decade suffice.
         sizes = LIMITS.changes[:: 1 if shapes else 2] if self.count > 1 and not self.solver.constant else ()
-        evidence = self._weighed(measurements, [Change(), *(Change(whole=size) for size in sizes)])
+        evidence = self._weighed(measurements, walk, [Change(), *(Change(whole=size) for size in sizes)])
         best = max(evidence, key=lambda change: evidence[change])
         while True:
             smoothed = self._smooth(measurements, best, self.direction, True)
@@ -557,17 +656,14 @@ class Smoother:
                 break
             # A jump explains part of the random walk, which is then as fast, half a decade slower, or none.
             jumps, slower = (*best.jumps, jump), [size for size in sizes if size <= best.whole][-2:]
-            evidence |= self._weighed(measurements, [Change(whole, 0.0, jumps) for whole in (0.0, *slower)])
+            evidence |= self._weighed(measurements, walk, [Change(whole, 0.0, jumps) for whole in (0.0, *slower)])
             better = max(evidence, key=lambda change: evidence[change])
             if better == best:
                 break
             best = better
         if shapes:
-            evidence |= self._weighed(measurements, [best._replace(shape=size) for size in sizes])
-        # A causal filter's acceleration lags and is noisy, which another inertia would explain.
-        if self.shown and not self.solver.causal and self._shown(triangles, best):
-            return self._explained(triangles, None, shapes)
-        return evidence, smoothed
+            evidence |= self._weighed(measurements, walk, [best._replace(shape=size) for size in sizes])
+        return evidence, smoothed, walk
 
     def _shown(self, triangles: Array, change: Change) -> bool:
         """Make the unknown with the largest likelihood ratio active; return whether one is significant."""
@@ -581,7 +677,9 @@ class Smoother:
             self.active = np.r_[active, [i] * added].astype(int)
             self.prior, self.usual = (np.r_[own, [1.0] * added] for own in (prior, usual))
             self.direction = np.hstack((direction, np.zeros((len(direction), added))))
-            likelihoods[i] = self._smooth(self._measurements(triangles), change, self.direction, False).log_likelihood
+            measurements = self._measurements(triangles)
+            walk = RandomWalk(measurements, self.direction)
+            likelihoods[i] = self._log_likelihood(measurements, walk, change)
         best = max(likelihoods, key=lambda i: likelihoods[i])
         # Twice a logarithm of likelihoods is χ² of one degree of freedom.
         # Noise is never quite as it is modelled, so any regressor predicts a little of a residual. An offset does no harm.
@@ -594,11 +692,11 @@ class Smoother:
         self.prior, self.direction, self.usual = prior, direction, usual
         return shown
 
-    def _weighed(self, measurements: Array, changes: Sequence[Change]) -> dict[Change, float]:
+    def _weighed(self, measurements: Array, walk: RandomWalk, changes: Sequence[Change]) -> dict[Change, float]:
         """Return the log evidence of hypotheses: either the whole changes or not, and either the shape or not, each alike."""
         each = np.log(0.5 / LIMITS.changes.size)
         return {
-            change: self._smooth(measurements, change, self.direction, False).log_likelihood
+            change: self._log_likelihood(measurements, walk, change)
             + sum(each if size else np.log(0.5) for size in (change.whole, change.shape))
             # Any interval could have been the one of a jump.
             - np.log(max(self.count - 1, 1)) * len(change.jumps)
@@ -627,23 +725,27 @@ class Smoother:
                 most, found = float(size[k]), k
         return found
 
-    def _averaged(self, triangles: Array, probabilities: Mapping[Change, float]) -> tuple[Array, Array]:
+    def _averaged(self, triangles: Array, choice: Choice) -> tuple[Array, Array]:
         """Return mean (K, n) and root (K, n, n) of all unknowns, averaged over hypotheses."""
-        measurements = self._measurements(triangles)
-        likely = {change: p for change, p in probabilities.items() if p > LIMITS.least_probability}
-        total = sum(likely.values())
-        each = [(p / total, self._smooth(measurements, change, self.direction, True)) for change, p in likely.items()]
-        if self.solver.causal:
-            # An interval is estimated from those before it.
-            each = [
-                (w, s._replace(mean=np.vstack((0.0 * s.mean[:1], s.filtered_mean[:-1])), root=s.before))
-                for w, s in each
-            ]
-        mean = sum(w * s.mean for w, s in each)
-        stack = np.concatenate(
-            [part for w, s in each for part in (np.sqrt(w) * s.root, np.sqrt(w) * (s.mean - mean)[:, None, :])], axis=1
-        )
-        return self._whole(np.asarray(mean)), _triangle(stack) * self.scale[self.active]
+        measurements, n = self._measurements(triangles), self.active.size
+        total, mean, root = 0.0, np.zeros((self.count, n)), np.zeros((self.count, 0, n))
+        for part, smoothness in zip(
+            _normalised([h.evidence for h in choice.smoothness]), choice.smoothness, strict=True
+        ):
+            self.prior = smoothness.prior
+            for change, p in choice.probabilities.items():
+                weight = float(part * p)
+                if weight < LIMITS.least_probability:
+                    continue
+                own = self._smooth(measurements, change, self.direction, True)
+                if self.solver.causal:
+                    # An interval is estimated from those before it.
+                    own = own._replace(mean=np.vstack((0.0 * mean[:1], own.filtered_mean[:-1])), root=own.before)
+                off = (own.mean - mean)[:, None, :]
+                rows = (root, np.sqrt(weight) * own.root, np.sqrt(total * weight / (total + weight)) * off)
+                mean += weight / (total + weight) * off[:, 0]
+                root, total = _triangle(np.concatenate(rows, axis=1)), total + weight
+        return self._whole(mean), root / np.sqrt(total) * self.scale[self.active]
 
     def _whole(self, mean: Array) -> Array:
         """Return all unknowns, in their units, of scaled ones that are active."""
@@ -689,53 +791,10 @@ def _triangle(rows: Array) -> Array:
     return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
-def _smoothness(measurements: Array, powers: Array, knots: Flags) -> Array:
-    """Return the prior's standard deviation of each scaled unknown, shape (n,).
-
-    Springs are smooth: of a power of the deflection the torque has r times as much as of the power before, and the curvature
-    changes from knot to knot by so much. How smooth is an average over what the log makes probable, as if unknowns did not
-    change.
-
-    Parameters
-    ----------
-    measurements : shape (K, m, n + 1)
-    powers : shape (n,), by which power beyond the first each unknown multiplies the deflection
-    knots : shape (n,), which unknowns are of pieces that begin at a knot
-    """
-    n = measurements.shape[2] - 1
-    R = _triangle(measurements.reshape(-1, n + 1))[:n]
-    bends = LIMITS.bends if knots.any() else np.ones(1)
-    priors = np.stack([np.where(knots, bend, 1.0) * ratio**powers for ratio in LIMITS.ratios for bend in bends])
-    evidence = []
-    for prior in priors:
-        # In units of the prior, so that none is divided by.
-        H = np.vstack((R[:, :n] * prior, np.eye(n)))
-        U = _triangle(np.column_stack((H, np.concatenate((R[:, n], np.zeros(n))))))
-        evidence.append(0.5 * float(np.sum(U[:n, n] ** 2)) - float(np.log(np.abs(np.diagonal(U)[:n])).sum()))
-    weights = np.exp(np.array(evidence) - max(evidence))
-    return np.asarray(np.sqrt(weights @ priors**2 / weights.sum()))
-
-
-def _relevance(measurements: Array, prior: Array, knots: Flags) -> Array:
-    """Return prior deviations, shape (n,), of which each knot has its own, by marginal likelihood.
-
-    A corner bends at one place: what is elsewhere must not count for it, nor the other way round (automatic relevance
-    determination: Tipping, "Sparse Bayesian learning and the relevance vector machine", J. Mach. Learn. Res. 1, 2001, eq. 16).
-
-    Parameters
-    ----------
-    measurements, knots : as for `_smoothness`
-    prior : shape (n,), where it begins
-    """
-    n = measurements.shape[2] - 1
-    R, prior = _triangle(measurements.reshape(-1, n + 1))[:n], prior.copy()
-    for _ in range(LIMITS.relevance if knots.any() else 0):
-        H = np.vstack((R[:, :n] * prior, np.eye(n)))
-        U = _triangle(np.column_stack((H, np.concatenate((R[:, n], np.zeros(n))))))
-        inverse = np.linalg.inv(U[:n, :n])
-        mean, variance = inverse @ U[:n, n], np.square(inverse).sum(axis=1)
-        prior = np.where(knots, prior * np.sqrt(mean**2 + variance), prior)
-    return prior
+def _normalised(evidence: Sequence[float] | Array) -> Array:
+    """Return probabilities in proportion to the exponentials of `evidence`, shape (K,)."""
+    weights = np.exp(np.asarray(evidence) - np.max(evidence))
+    return np.asarray(weights / weights.sum())
 
 
 @compiled

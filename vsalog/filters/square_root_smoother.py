@@ -63,7 +63,7 @@ def smooth(measurements: Array, steps: Array, start_mean: Array, start_root: Arr
 
 
 @compiled
-def _triangularise(A: Array, columns: int, dots: Array) -> None:
+def triangularise(A: Array, columns: int, dots: Array) -> None:
     """Make the first columns of A, shape (rows, width), upper triangular in place by Householder reflections.
 
     Loops go along rows, which are contiguous; `dots` is scratch, shape (width,).
@@ -118,7 +118,7 @@ def _forward(
         if k > 0 and moving[k - 1]:
             _copy(U, walk, 0)
             _copy(steps[k - 1], walk, n)
-            _triangularise(walk, n, dots)
+            triangularise(walk, n, dots)
             _copy(walk, U, 0)
         _copy(U, before[k], 0)
         # [1 0; U Hᵀ U] → [E K; 0 U⁺]: E of the innovations' covariance Eᵀ E, K of the gain Kᵀ E⁻ᵀ.
@@ -136,7 +136,7 @@ def _forward(
                 array[m + i, j] = total
             for j in range(n):
                 array[m + i, m + j] = U[i, j]
-        _triangularise(array, m + n, dots)
+        triangularise(array, m + n, dots)
         for i in range(m):
             for h in range(i):
                 innovation[i] -= array[h, i] * innovation[h]
@@ -201,5 +201,5 @@ def _backward(
                 for h in range(n):
                     total += steps[k, i, h] * C[j, h]
                 stack[n + i, j] = total
-        _triangularise(stack, n, dots)
+        triangularise(stack, n, dots)
         _copy(stack, smoothed_root[k], 0)

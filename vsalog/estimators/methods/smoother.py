@@ -86,14 +86,12 @@ class Shape(NamedTuple):
     ----------
     knots : on either side of zero [1]: corners in between cost half a percent
     setpoint_knots : pieces of the range of the set-point [1]: a change within half of one looks sudden
-    intervals : between which a spring may change while shapes are compared [1]: not at all, slowly, at once
     slips : friction elements [1], which slip after a half of the largest deflection … a thirty-second: shorter ones noise hides
     """
 
     knots: int = 16
     setpoint_knots: int = 8
     slips: int = 9
-    intervals: tuple[int, ...] = (1, 32, LIMITS.intervals)
 
     @property
     def parts(self) -> Array:
@@ -214,7 +212,9 @@ class SmootherFold(RegressionFold):
         """Return what the log shows of the springs' shapes that the rig's basis has not."""
         found: list[Finding] = []
         basis = self.device.basis
-        if basis.knots > self.rig_basis.knots:
+        choices = [own.trajectory.choice for own in state.solvers if own.trajectory is not None]
+        shown = any(choice.probability_of_polynomial < FALSE_ALARM for choice in choices)
+        if basis.knots > self.rig_basis.knots and shown:
             found.append(
                 Finding(
                     code="spring.not_polynomial",
@@ -455,12 +455,11 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
     states: dict[SmootherFold, list[SmootherState]] = {}
 
     @cache
-    def evidence(fold: SmootherFold, intervals: int) -> float:
-        return sum(fold.solver.evidence(own, intervals) for own in states[fold])
+    def evidence(fold: SmootherFold) -> float:
+        return sum(fold.solver.evidence(own) for own in states[fold])
 
     def needed(fold: SmootherFold, other: SmootherFold) -> bool:
-        # A spring that changes may look like one of another shape, until that is allowed for.
-        return all(evidence(fold, k) - evidence(other, k) > SURE for k in SHAPE.intervals)
+        return evidence(fold) - evidence(other) > SURE
 
     def collected(own: PolynomialBasis, elements: tuple[float, ...] = (), smooth: bool = False) -> SmootherFold:
         # All are compared on the same rows.
@@ -478,18 +477,15 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
             best, basis = fold, fold.device.basis
     # Runs with a set-point each say little of how a piece depends on it.
     spline = basis if plain.solver.constant else replace(basis, knots=max(basis.knots, SHAPE.knots))
-    for own, elements in ((spline, ()), (basis, slips), (spline, slips)):
-        # Branches are a loop already.
-        if (own == basis and not elements) or (basis.branches and elements):
-            continue
-        fold = collected(own, elements)
-        if needed(fold, best):
-            best = fold
-    if not best.equations[0].slips:
-        return plain.with_shape(best.device.basis, ())
-    smooth = collected(best.device.basis, slips, smooth=True)
-    latest = SHAPE.intervals[-1]
-    return smooth if evidence(smooth, latest) > evidence(best, latest) else best
+    if spline != basis:
+        best = collected(spline)
+    # Branches are a loop already.
+    if not basis.branches and needed(fold := collected(spline, slips), best):
+        smooth = collected(spline, slips, smooth=True)
+        best = smooth if evidence(smooth) > evidence(fold) else fold
+    straight = spline != basis and all(best.solver.probability_of_polynomial(own) > 0.5 for own in states[best])
+    own = best.equations[0]
+    return plain.with_shape(basis if straight else spline, own.slips, own.smooth, own.wait if own.slips else 0.0)
 
 
 def _collected(fold: SmootherFold, signals: JointSignals) -> list[SmootherState]:

@@ -1,0 +1,123 @@
+"""The likelihood of a state that walks along few directions, without a covariance of the whole state at every instant.
+
+Of x_k = c + Σ_i d_i s_ki and z_k = H_k x_k + e_k: c is constant, and the r ≪ n scalars s_k are a random walk that begins at zero.
+Rotations split the rows of an instant into r that have the scalars and others that have c alone; eliminating the scalars one
+instant after the other leaves a triangle on c, whatever the prior of c is (least squares of bordered block-bidiagonal form:
+Golub and Van Loan, *Matrix Computations*, §6.5 on sequential elimination by QR).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.core.compiled import compiled
+from vsalog.filters.square_root_smoother import triangularise
+
+Array = NDArray[np.float64]
+
+
+class RandomWalk:
+    """Measurements of a state that walks along given directions.
+
+    Parameters
+    ----------
+    measurements : shape (K, m, n + 1), rows [H z] with independent noise of variance one
+    directions : shape (r, n)
+    """
+
+    def __init__(self, measurements: Array, directions: Array) -> None:
+        r, width = len(directions), measurements.shape[2]
+        rows = _triangle(np.concatenate((measurements[:, :, :-1] @ directions.T, measurements), axis=2))
+        self._fronts = np.ascontiguousarray(rows[:, :r])
+        self._rest = _triangle(rows[:, r:, r:].reshape(-1, width))
+
+    def triangle(self, shares: Array) -> tuple[Array, float]:
+        """Return what the measurements say of c, whatever the walk does.
+
+        Parameters
+        ----------
+        shares : shape (K − 1,), standard deviation of each step of the scalars; zero where they stand still
+
+        Returns
+        -------
+        triangle : shape (at most n + 1, n + 1), rows [R z] with independent noise of variance one
+        logarithm : to add to the log likelihood
+        """
+        fronts = self._fronts
+        rows, logarithm = np.zeros((len(fronts), fronts.shape[1], fronts.shape[2] - fronts.shape[1])), 0.0
+        if fronts.shape[1]:
+            logarithm = _eliminate(fronts, shares, rows)
+        stack = np.vstack((self._rest, rows.reshape(-1, rows.shape[2])))
+        return _triangle(stack), -logarithm
+
+
+def log_likelihood(triangle: Array, deviations: Array) -> float:
+    """Return the log likelihood of rows [R z], shape (m, n + 1), without the constant, of an x of zero mean.
+
+    Parameters
+    ----------
+    deviations : shape (n,), of x, independent
+    """
+    n = deviations.size
+    # In units of the deviations, so that none is divided by.
+    stack = np.zeros((len(triangle) + n, n + 1))
+    stack[: len(triangle), :n], stack[: len(triangle), n] = triangle[:, :n] * deviations, triangle[:, n]
+    stack[len(triangle) :, :n] = np.eye(n)
+    diagonal = np.diagonal(_triangle(stack))
+    return -float(np.log(np.abs(diagonal[:n])).sum()) - 0.5 * float(diagonal[n]) ** 2
+
+
+def _triangle(rows: Array) -> Array:
+    """Return the triangular factor R of rows, Rᵀ R = rowsᵀ rows, over the last two dimensions."""
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+@compiled
+def _eliminate(fronts: Array, shares: Array, rows: Array) -> float:
+    """Eliminate the scalars; return the logarithm of their determinant.
+
+    Parameters
+    ----------
+    fronts : shape (K, r, r + n + 1), rows [s c z]
+    shares : shape (K − 1,)
+    rows : shape (K, r, n + 1), where what is left of the rows goes
+    """
+    count, r, width = fronts.shape
+    known, step = np.zeros((2 * r, width)), np.zeros((2 * r, r + width))
+    dots = np.empty(r + width)
+    logarithm, walks = 0.0, False
+    for k in range(count):
+        if k > 0 and shares[k - 1] > 0.0:
+            # Rows [s_k s_k+1 c z]: what is known of s_k, and how far it steps.
+            step[:] = 0.0
+            for i in range(r):
+                if walks:
+                    for j in range(r):
+                        step[i, j] = known[i, j]
+                    for j in range(r, width):
+                        step[i, r + j] = known[i, j]
+                    step[r + i, i] = -1.0 / shares[k - 1]
+                step[r + i, r + i] = 1.0 / shares[k - 1]
+                logarithm += math.log(shares[k - 1])
+            if walks:
+                triangularise(step, r, dots)
+                for i in range(r):
+                    logarithm += math.log(abs(step[i, i]))
+            for i in range(r):
+                for j in range(width):
+                    known[i, j] = step[r + i, r + j]
+            walks = True
+        for i in range(r):
+            for j in range(width):
+                known[r + i, j] = fronts[k, i, j]
+        if walks:
+            triangularise(known, r, dots)
+        for i in range(r):
+            for j in range(r, width):
+                rows[k, i, j - r] = known[r + i, j]
+    for i in range(r if walks else 0):
+        logarithm += math.log(abs(known[i, i]))
+    return logarithm
