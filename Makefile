@@ -34,9 +34,7 @@ PACKAGES = diagnosis \
 	residuals \
 	simulation \
 	uncertainty
-TEXTS = *.json,__pycache__,./docs/vocabulary.txt,docs/vocabulary.txt,docs/reference/cli,docs/reference/findings,$(LATER)
-# Files of these packages that have not been gone through.
-LATER = vsalog/estimators/smoothing.py,vsalog/estimators/methods/smoother.py,vsalog/filters/square_root_smoother.py
+TEXTS = *.json,__pycache__,./docs/vocabulary.txt,docs/vocabulary.txt,docs/reference/cli,docs/reference/findings
 IMPORTED = numba llvmlite numpy scipy pyarrow pandas msgspec rosbags distributed dask
 MAKEFLAGS += --no-print-directory
 # Tests start many processes: what one has compiled the next ones load, also where the environment says otherwise.

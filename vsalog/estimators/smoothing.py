@@ -93,7 +93,7 @@ class Limits(NamedTuple):
         return np.asarray(np.geomspace(self.smoothest, self.roughest, 9))
 
     @property
-    def bends(self) -> Array:
+    def curvatures(self) -> Array:
         """How much the curvature may change at a knot: hypotheses, in the scale of the prior, the first next to nothing."""
         return np.asarray(np.geomspace(self.smoothest**3, self.roughest, 13))
 
@@ -199,7 +199,7 @@ class Trajectory(NamedTuple):
 
 
 class SmootherState(NamedTuple):
-    """Where it stands.
+    """What is collected of a log, or estimated from it.
 
     Attributes
     ----------
@@ -272,7 +272,7 @@ class SmootherSolver:
     def block(
         self, state: SmootherState, rows: EquationRows, use: Flags, E: Array, spread: Flags
     ) -> tuple[SmootherState, Array, Array, Array, Mapping[str, Array]]:
-        """Collect a block, or evaluate functionals of what has been learnt."""
+        """Collect a block, or evaluate functionals of what is estimated."""
         count, q, n = E.shape
         values, variances, unknowns = (
             np.full((count, q), np.nan),
@@ -618,22 +618,22 @@ class Smoother:
         knot by so much. Deviations of the others are geometric means over what the log makes probable.
         """
         powers, knots, elements = self.powers[self.active], self.knots[self.active], self.elements[self.active]
-        bends = LIMITS.bends if knots.any() else np.ones(1)
+        curvatures = LIMITS.curvatures if knots.any() else np.ones(1)
         # A polynomial is as probable as all others together.
-        before = np.log(np.r_[0.5, np.full(bends.size - 1, 0.5 / max(bends.size - 1, 1))])
+        before = np.log(np.r_[0.5, np.full(curvatures.size - 1, 0.5 / max(curvatures.size - 1, 1))])
         rest = np.where(elements, LIMITS.parts[-1], 1.0)
 
         def each(rest: Array) -> tuple[Smoothness, ...]:
-            priors = [np.where(knots, bend, rest) for bend in bends]
+            priors = [np.where(knots, curvature, rest) for curvature in curvatures]
             return tuple(
                 Smoothness(float(own) + log_likelihood(triangle, prior), prior)
                 for own, prior in zip(before, priors, strict=True)
             )
 
-        bend = bends[np.argmax([own.evidence for own in each(rest)])]
+        curvature = curvatures[np.argmax([own.evidence for own in each(rest)])]
         parts = LIMITS.parts if elements.any() else np.ones(1)
         rests = np.array([np.where(elements, part, ratio**powers) for ratio in LIMITS.ratios for part in parts])
-        evidence = [log_likelihood(triangle, np.where(knots, bend, rest)) for rest in rests]
+        evidence = [log_likelihood(triangle, np.where(knots, curvature, rest)) for rest in rests]
         return each(np.exp(_normalised(evidence) @ np.log(rests)))
 
     def _changing(

@@ -35,11 +35,11 @@ class RandomWalk:
         self._rest = _triangle(rows[:, r:, r:].reshape(-1, width))
 
     def triangle(self, shares: Array) -> tuple[Array, float]:
-        """Return what the measurements say of c, whatever the walk does.
+        """Return the information of the measurements about c, with the walk marginalised.
 
         Parameters
         ----------
-        shares : shape (K − 1,), standard deviation of each step of the scalars; zero where they stand still
+        shares : shape (K − 1,), standard deviation of each step of the scalars; zero where they do not change
 
         Returns
         -------

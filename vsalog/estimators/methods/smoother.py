@@ -57,7 +57,7 @@ SUMMARY = (
 )
 
 
-# What pushes the link; and where it stands how well the gain of each equation's torque is known.
+# The torque on the link, and the tolerance of the gain of each equation's torque.
 PUSH = "external_torque"
 GAINS = {"torque_sensor": "torque_sensor.gain", "motor_torque": "motor.torque_gain", PUSH: "external_torque.gain"}
 
@@ -289,7 +289,7 @@ class SmootherFold(RegressionFold):
         return found
 
     def _gains(self, equation: CombinedEquation, trajectory: Trajectory) -> list[Finding]:
-        """Return which torque has another gain than the other equations say."""
+        """Return the torques whose gain differs from that of the other equations."""
         found = []
         for i, (torque, part) in enumerate(equation.parts):
             off, std = trajectory.others.get((i, GAIN), (0.0, 0.0))
@@ -384,7 +384,7 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
 
 
 def _pushed(device: Device, signals: JointSignals, tuning: SmootherTuning, *, sensed: bool) -> LinkEquation | None:
-    """Return the link's equation where the rig has the link and what pushes it is recorded; none beside several sensors."""
+    """Return the link's equation where the rig has the link and what pushes it is recorded; none next to several sensors."""
     if sensed or not _has_link(device, signals.roles):
         return None
     assert device.link is not None
@@ -397,7 +397,7 @@ def _pushed(device: Device, signals: JointSignals, tuning: SmootherTuning, *, se
 
 
 def _has_a_setpoint_per_run(signals: JointSignals) -> bool:
-    """Tell whether runs differ in the set-point, which stands still in each: a spring that changes looks the same."""
+    """Return whether runs differ in the set-point, which is constant in each: a spring that changes looks the same."""
     if "setpoint" not in signals.roles:
         return False
     by_run = [signals.roles["setpoint"][signals.run == run] for run in np.unique(signals.run)]
@@ -475,7 +475,7 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
         fold = collected(replace(basis, setpoint_knots=borders))
         if needed(fold, best):
             best, basis = fold, fold.device.basis
-    # Runs with a set-point each say little of how a piece depends on it.
+    # Runs with a set-point each hardly determine how a piece depends on it.
     spline = basis if plain.solver.constant else replace(basis, knots=max(basis.knots, SHAPE.knots))
     if spline != basis:
         best = collected(spline)
