@@ -4,9 +4,9 @@
 
 Copies of the sample logs go through `vsalog batch` with one process and with two, and through the estimator alone: one process
 that prepares and estimates log after log and writes traces and models, as `vsalog estimate` does, timed when everything is
-loaded. All three in turn, several times; the least of each counts, and processor time is told beside it, which other programs
+loaded. All three in turn, several times; the minimum of each counts, with the processor time, which other programs
 disturb less. Python's bytecode is there beforehand, as after any installation, whatever the environment says: without it every
-process compiles the sources of numba and scipy anew, 3 s. Exits with 1 where a target is missed.
+process compiles the sources of numba and scipy again, 3 s. Exits with 1 where a target is missed.
 """
 
 from __future__ import annotations

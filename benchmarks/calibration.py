@@ -1,10 +1,10 @@
-"""How often the truth lies in the 95 % band of `stiffness_std`, over simulated logs whose noise alone differs.
+"""How often the truth is in the 95 % band of `stiffness_std`, over simulated logs whose noise alone differs.
 
     python -m benchmarks.calibration [--runs 200] [--seconds 20] [--motion 1] [--preset sea [--preset …]] [--estimator NAME …]
 
 One motion of each preset is simulated, sensed with as many noises, the zeros of its encoders anywhere within a step each time,
 and estimated; a row counts where it is `excited`, in the second half of the log. `--motion 0.05` makes the motors' torques so
-much smaller, down to few encoder steps. Exits with 1 where the band of a method holds the truth less often than 90 % of the time
+much smaller, down to few encoder steps. Exits with 1 if the band of a method contains the truth less than 90 % of the time
 on average.
 """
 

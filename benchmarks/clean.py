@@ -1,9 +1,9 @@
-"""Are the p-values of clean logs uniform: what `vsalog diagnose` says of machines that are as their rigs say.
+"""Whether the p-values of `vsalog diagnose` are uniform for machines that equal their rigs.
 
     python -m benchmarks.clean [--logs 500] [--seed 1] [--device NAME …] [--out DIR] [--workers 2] [--again]
 
 Logs of machines without any effect are made by the equations of tests/hidden_effects, which hold torques from sample to sample,
-and the rig is held against each. `--again` takes the logs that lie in DIR. Prints the share of
+and the rig is compared with each. `--again` takes the logs that lie in DIR. Prints the share of
 p-values below some levels and the Kolmogorov–Smirnov test of their being uniform; exits with 1 where that has a probability
 below 1 %.
 """

@@ -2,8 +2,8 @@
 
     python -m benchmarks.commands
 
-The very first estimate compiles the numerical kernels: it runs with an empty cache of compiled code, and has to say on
-stderr what it is doing. Python's own byte code lies ready, as pip leaves it or the first command does. pyarrow imports pandas
+The very first estimate compiles the numerical kernels: it runs with an empty cache of compiled code, and must report this on
+stderr. Python's bytecode exists, as after an installation by pip or a first command. pyarrow imports pandas
 where it is installed, which vsalog does not need: it is hidden. Exits with 1 where a target is missed.
 """
 

@@ -1,4 +1,4 @@
-"""How often a cause that is named with some confidence is there: the reliability curve of `vsalog diagnose`.
+"""How often a cause that is reported with some confidence is present: the reliability curve of `vsalog diagnose`.
 
     python -m benchmarks.confidence [--machines 1000] [--seed 1] [--family NAME …] [--out DIR] [--workers 2] [--score]
 

@@ -1,4 +1,4 @@
-"""CPU time and memory of `vsalog diagnose` on a minute at 1 kHz of machines in which several things are wrong.
+"""CPU time and memory of `vsalog diagnose` on a minute at 1 kHz of machines with several faults.
 
     python -m benchmarks.diagnosis [--machines 3] [--seed 1] [--seconds 60]
 

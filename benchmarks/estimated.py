@@ -1,4 +1,4 @@
-"""What the benchmarks of memory share: a motion whose stiffness is known, and a log estimated in a process of its own."""
+"""Shared by the benchmarks of memory: a motion with known stiffness, and an estimate in its own process."""
 
 from __future__ import annotations
 

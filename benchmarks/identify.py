@@ -8,7 +8,7 @@ noise and steps to its channels, and lets both fit the same six numbers to the s
 the errors of the numbers, and the time on processors and on the wall, in turn in the same run. Exits with 1 where vsalog takes
 longer or its median error is larger.
 
-FOLDER has a folder per motion of an SO-101 arm. Each joint is fitted on one motion, by `identify` and by what is usual for a
+FOLDER has a folder per motion of an SO-101 arm. Each joint is fitted on one motion, by `identify` and by the usual method for a
 joint in a simulator: armature, damping, friction loss, bias and delay below a proportional loop, found by CMA-ES (Hansen 2016,
 arXiv 1604.00772) over a simulation at 1 ms. Prints the errors of both on all other motions in which the joint moves. Exits with 1
 where the ratio is above a half for more than two joints.
@@ -267,7 +267,7 @@ def five_parameters(commands: np.ndarray, positions: np.ndarray, period: float, 
     import cma
 
     def values(x: np.ndarray) -> np.ndarray:
-        # Logarithms of what is positive, beside a usual servo's; the bias as it is.
+        # Logarithms of what is positive, next to a usual servo's; the bias as it is.
         return np.array([0.05 * np.exp(x[0]), 1.0 * np.exp(x[1]), 0.1 * np.exp(x[2]), x[3], 0.04 * np.exp(x[4])])
 
     def loss(x: np.ndarray) -> float:

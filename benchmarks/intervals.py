@@ -1,11 +1,11 @@
-"""How often the 95 % intervals of `vsalog identify` hold the truth, over machines that are simulated.
+"""How often the 95 % intervals of `vsalog identify` contain the truth, over machines that are simulated.
 
     python -m benchmarks.intervals [--runs 20] [--seed 0] [--seconds 20] [--machine sea [--machine …]] [--numbers]
 
 The presets and a position servo are simulated by vsalog with a noise of their own in each run; elastic and rigid machines, drawn
 at random, by MuJoCo, and these and others by the equations of tests/hidden_effects. The rig that `identify` begins with has each
 of its numbers off by 30 % (log-normal), or by what its kind may be off where that is less. Counts, of numbers that are determined
-alone and in combination, those whose interval holds the truth, and prints the CPU time of a run; `--numbers` prints each, with
+alone and in combination, those whose interval contains the truth, and prints the CPU time of a run; `--numbers` prints each, with
 (value - truth) / half-width. Exits with 1 where the share of all is not 95 %, by the binomial test, or a run fails.
 """
 
@@ -71,7 +71,7 @@ def made(name: str, seed: int, seconds: float, folder: Path) -> tuple[Path, Rig]
     if name in PRESETS:
         servo, source = name == "position-servo", PRESETS[name]
         if servo:
-            # Its loop is played in windows of ten seconds.
+            # Its loop is simulated in windows of ten seconds.
             seconds = max(seconds, SERVO_SECONDS)
             source = str(folder / "servo.rig.toml")
             text, changed = re.subn(r"link_position = (.+)", ENCODER, SERVO.read_text(encoding="utf-8"))

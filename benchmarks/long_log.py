@@ -6,7 +6,7 @@ The log is an MCAP file as a robot's recorder writes it: four topics of `sensor_
 interleaved, in chunks of a second that are compressed with zstd, with message indexes and a summary. A joint with a secondary
 motor moves in closed form, so its stiffness is known at every sample; the encoders have steps, and the torque noise. Messages
 are filled in by NumPy, thousands at a time. Each log is estimated in a process of its own, whose peak of resident memory is
-taken, and the trace is held against the stiffness it was made with. Needs a Unix, and for ten hours some 30 GB of room in the
+taken, and the trace is compared with the stiffness it was made with. Needs a Unix, and for ten hours some 30 GB of room in the
 folder. Exits with 1 where a target is missed.
 """
 

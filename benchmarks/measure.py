@@ -1,4 +1,4 @@
-"""What the benchmarks share: taking times side by side, and saying what they were taken on."""
+"""Shared by the benchmarks: alternating timing of programs, and a description of the machine."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
-"""`pam-smoother` beside `pam-ukf`: errors, and how often the truth lies in the 95 % band, over simulated pneumatic joints.
+"""`pam-smoother` next to `pam-ukf`: errors, and how often the truth is in the 95 % band, over simulated pneumatic joints.
 
     python -m benchmarks.pneumatic [--seeds 10] [--seconds 20] [--hour]
 
-Machines that are as their rigs say, each with a noise of its own (scenarios `pam-exp1` and `pam-range`), and machines that are
+Machines that are as their rigs state, each with a noise of its own (scenarios `pam-exp1` and `pam-range`), and machines that are
 not, as `vsalog reproduce shin` draws them. Root mean square over all runs of the error and of the standard deviation, and the
-share of the samples whose truth lies within ±1.96 deviations, the least of a run in brackets: of the first half of the runs, in
+share of the samples whose truth is within ±1.96 deviations, the least of a run in brackets: of the first half of the runs, in
 which the filter learns the angle, and of the second. At last the CPU time of each, warm, on the first log,
 and with `--hour` time and memory of `vsalog estimate` on an hour.
-Exits with 1 where on machines as their rigs say the smoother is further off in the second half than the filter, or its band holds
+Exits with 1 if on machines that equal their rigs the smoother is worse in the second half than the filter, or its band contains
 the truth less than 90 % of the time.
 """
 
@@ -45,7 +45,7 @@ def as_the_rig_says(scenario: str, seed: int, seconds: float) -> Experiment:
 
 
 def off_and_deviation(experiment: Experiment, estimator: str, signal: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return error and standard deviation of a signal, sample by sample, where both are told."""
+    """Return error and standard deviation of a signal, sample by sample, where both are reported."""
     column, truth, scale = SIGNALS[signal]
     trace = estimate(experiment, Setting("", estimator, {}), "pam")["total"]
     off = scale * (np.asarray(trace[column]) - experiment.joints["pam"].truth[truth])

@@ -1,4 +1,4 @@
-"""Reading logs into columns, beside rosbags and rerun-sdk on the same files in the same run.
+"""Reading logs into columns, next to rosbags and rerun-sdk on the same files in the same run.
 
     python -m benchmarks.readers [--minutes 10] [--rows 10000000] [--rounds 5]
 

@@ -1,12 +1,11 @@
-"""How often faults of recordings are named, and how often one is reported of a sound log.
+"""How often faults of recordings are detected, and how often one is reported in a sound log.
 
     python -m benchmarks.recording_faults faults [--seeds 2] [--presets sea,awas]
     python -m benchmarks.recording_faults sound [--count 500]
 
 Logs are simulated by `vsalog simulate`, faults are put into them by `tests/recording_faults/inject.py`, and `vsalog inspect`
-looks at them without a rig. Of faults of what channels have to do with one another those count that
-`tests/recording_faults/observable.py` notices. Exits with 1 where fewer than 98 % are named, or more than 1 % of the sound logs
-have a finding.
+looks at them without a rig. A fault between channels counts only if `tests/recording_faults/observable.py` detects it. Exits with
+1 if fewer than 98 % are detected, or more than 1 % of the sound logs have a finding.
 """
 
 from __future__ import annotations

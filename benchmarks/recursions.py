@@ -1,4 +1,4 @@
-"""CPU time per sample of the recursive estimators and the smoother, beside hand-tuned C of the recursion alone, and padasip.
+"""CPU time per sample of the recursive estimators and the smoother, next to hand-tuned C of the recursion alone, and padasip.
 
     python -m benchmarks.recursions
 

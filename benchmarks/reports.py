@@ -1,4 +1,4 @@
-"""What takes a person's patience: `vsalog validate` on an hour.
+"""Time and memory of `vsalog validate` on an hour.
 
     python -m benchmarks.reports [--minutes 60]
 

@@ -2,9 +2,9 @@
 
     python -m benchmarks.simulate
 
-A VSA-II at 1 kHz (Flacco 2012 §6.1). Its torques are what a drive makes of them: noisy, and held from sample to sample. scipy
+A VSA-II at 1 kHz (Flacco 2012 §6.1). Its torques are noisy and held from sample to sample, as by a drive. scipy
 gets the equations in plain Python with scalars, the fastest it can be given, and is asked in two ways: for the whole motion,
-through all the jumps, which never becomes as exact, and, beyond the target, sample by sample, begun anew at each. Exits with 1
+through all the jumps, which never becomes as exact, and, beyond the target, sample by sample, begun again at each. Exits with 1
 where a target is missed.
 """
 

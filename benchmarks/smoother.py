@@ -1,4 +1,4 @@
-"""How accurate `smoother` is, and how often its 95 % band holds the truth, next to other estimators.
+"""How accurate `smoother` is, and how often its 95 % band contains the truth, next to other estimators.
 
     python -m benchmarks.smoother [--seeds 30] [--seconds 60] [--case sea --case sea:-25 …] [--estimator NAME …]
 

@@ -2,7 +2,7 @@
 
     python -m benchmarks.ukf
 
-Both run Shin's filter (four states, two pressures measured, α = 1, β = κ = 0, points drawn anew between prediction and
+Both run Shin's filter (four states, two pressures measured, α = 1, β = κ = 0, points drawn again between prediction and
 correction) over the same samples of a simulated joint at 1 kHz, in turn in the same run, and have to arrive at the same state.
 Ours is `PamFold.block` as an estimator uses it, with everything it writes. filterpy's calls the model for one sigma point at a
 time, two ways: *compiled*, our own compiled transition, so that what is left is filterpy's own work; and *in Python*, the same

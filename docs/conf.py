@@ -47,6 +47,8 @@ html_theme = "furo"
 html_title = f"vsalog {version}"
 html_theme_options = {"navigation_with_keys": True}
 html_show_sourcelink = False
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 
 # The site has no fixed address: links of llms.txt are relative to it.
 llms_txt_uri_template = "_sources/{docname}{suffix}{sourcelink_suffix}"

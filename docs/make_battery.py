@@ -20,7 +20,7 @@ KEPT, PAGES = HERE / "battery", HERE / "performance" / "diagnosis"
 BEGIN, END = "<!-- written by python -m docs.make_battery -->", "<!-- end of what docs.make_battery writes -->"
 # What each family is, in the order of the page.
 FAMILIES = {
-    "messy": ("Several things wrong at once", "Three to eight causes at once in one machine."),
+    "messy": ("Several faults at once", "Three to eight causes at once in one machine."),
     "model-error": (
         "Model error",
         "Three to five causes, together with one or two effects that the catalogue lacks (a flexible base, torque ripple,\n"
@@ -30,11 +30,11 @@ FAMILIES = {
     "low-rate": ("Low sample rate", "100 to 250 Hz."),
     "coarse": ("Coarse encoders", "2000 counts per turn."),
     "short": ("Short logs", "Five seconds."),
-    "stick-slip": ("Stick-slip", "Friction that holds for moments, at low speed."),
-    "gaps": ("Gaps and irregular rates", "Several causes; samples are missing, and stamps are not even."),
-    "current": ("Motor currents", "A current, and a torque constant that is not known."),
+    "stick-slip": ("Stick-slip", "Friction that sticks repeatedly, at low speed."),
+    "gaps": ("Gaps and irregular rates", "Several causes; missing samples and irregular stamps."),
+    "current": ("Motor currents", "A current, and an unknown torque constant."),
     "rigid": ("Rigid joints", "One encoder and the motor's torque."),
-    "bench": ("Benches", "Deflection and torque sensor only."),
+    "bench": ("Benches", "Only deflection and torque sensor."),
 }  # fmt: skip
 
 
@@ -72,9 +72,9 @@ def _confidence(families: list[dict[str, Any]]) -> Iterator[str]:
     names = sorted({found["family"] for found in families})
     yield f"## Confidence of {machines} machines\n"
     yield f"Of the families {', '.join(names)}. Classes have {np.median(sizes):g} member in the median, at most {sizes.max()}.\n"
-    yield f"A cause is right where it is hidden itself:\n\n{curve(pooled([found['reliability'] for found in families]))}"
+    yield f"A cause is right if it is the hidden one:\n\n{curve(pooled([found['reliability'] for found in families]))}"
     together = pooled([found["class_reliability"] for found in families])
-    yield f"A class is right where one of its members is hidden (a cause without a class is a class of one):\n\n{curve(together)}"
+    yield f"A class is right if one of its members is hidden (a cause without a class is a class of one):\n\n{curve(together)}"
 
 
 def _alone(found: dict[str, Any] | None) -> Iterator[str]:

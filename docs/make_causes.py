@@ -53,7 +53,7 @@ def first_site(cause: Cause) -> Site | None:
 
 
 def entry(cause: Cause) -> list[str]:
-    """Return what is said of a cause."""
+    """Return what is reported of a cause."""
     site = first_site(cause)
     told = site.reported([p.start for p in site.parameters]) if site is not None else {}
     numbers = ", ".join(f"`{name}`" + ("" if unit == "1" else f" [{unit}]") for name, (_, unit) in told.items())

@@ -1,8 +1,8 @@
 """Hold what `vsalog plan` predicts against diagnoses of simulated logs: ``python -m docs.make_plan [--causes N] [--seed S]``.
 
 For rigs, sensors and motions a cause is hidden in the machine, its log is simulated and diagnosed, and the class of causes that
-the diagnosis cannot tell apart is compared with the predicted one. Where it is ambiguous and a motion may tell more, the proposed
-motion is played with the same machine and diagnosed. The counts go to docs/battery/plan.json,
+the diagnosis cannot separate is compared with the predicted one. Where it is ambiguous and a motion may tell more, the proposed
+motion is simulated with the same machine and diagnosed. The counts go to docs/battery/plan.json,
 the table into docs/performance/planning.md.
 """
 

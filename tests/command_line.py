@@ -1,4 +1,4 @@
-"""`vsalog ARGS` in a process of its own, as a user runs it, without importing all the libraries anew each time.
+"""`vsalog ARGS` in a process of its own, as a user runs it, without importing all the libraries again each time.
 
 A server that has imported them (`multiprocessing`'s) forks for each command: what happens after the imports is what happens on
 a terminal, down to exit codes, file descriptors, and signals.

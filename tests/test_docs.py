@@ -91,6 +91,12 @@ def test_no_page_is_longer_than_a_person_reads():
     assert {path: words for path, words in lengths.items() if words > 2500} == {}
 
 
+def test_no_line_begins_with_a_percent_sign():
+    """MyST takes such a line for a comment, and leaves it out of the site."""
+    lines = {path.relative_to(DOCS): path.read_text(encoding="utf-8").splitlines() for path in DOCS.rglob("*.md")}
+    assert [path for path, found in lines.items() if any(line.lstrip().startswith("%") for line in found)] == []
+
+
 @pytest.mark.parametrize(
     ("maker", "folder"), [("battery", "performance/diagnosis"), ("findings", "reference/findings")]
 )

@@ -343,7 +343,7 @@ def test_a_simulation_has_the_effect_that_one_file_adds(installed, paddle_log, t
 
 
 def test_an_estimate_subtracts_the_motor_s_effect(installed, paddle_log, tmp_path):
-    """The spring is told from the motor's side, which the fan is part of."""
+    """The spring is computed from the motor's side, which the fan is part of."""
     command = ("-m", "vsalog", "estimate", paddle_log, "--rig", paddle_log.with_name("rig.toml"), "--json")
     told = ("-e", "residual-rls", "--tune", "modality=RESIDUAL")
 

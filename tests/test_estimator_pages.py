@@ -82,7 +82,7 @@ def test_a_page_tells_all_there_is_to_tune_and_nothing_else(name):
 
 @pytest.mark.parametrize("name", built_in())
 def test_a_page_s_default_values_are_those_of_the_code(name):
-    """Where a default is a plain number, word or truth value; one that is derived from the log is said in words."""
+    """Where a default is a plain number, word or truth value; one that is derived from the log is reported in words."""
     kind = method(name).TUNING
     defaults = dict(zip(kind.__struct_fields__, kind.__struct_defaults__, strict=True))
     checked = 0

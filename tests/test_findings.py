@@ -65,7 +65,7 @@ def test_a_code_has_one_text():
         add_texts({"stiffness.scale": Text("another one")})
 
 
-def test_what_one_cause_makes_is_told_with_it():
+def test_what_one_cause_makes_is_reported_with_it():
     def of(code, joint="a", **more):
         fields = {f for _, f, _, _ in Formatter().parse(TEXTS[code].says + TEXTS[code].advice) if f}
         evidence = dict.fromkeys(fields - {"part", "value", "limit", "unit", "joint"}, 1.0)
@@ -85,7 +85,7 @@ def test_what_one_cause_makes_is_told_with_it():
     assert len(merged([one, other, elsewhere])) == 3 - 1  # of two joints alike
 
 
-def test_what_several_joints_have_alike_is_told_once():
+def test_what_several_joints_have_alike_is_reported_once():
     def of(joint, left):
         return Finding(code="signal.sign", joint=joint, part="motor_torque", evidence={"left": left})
 

@@ -164,7 +164,7 @@ def test_samples_that_stand_alone_are_found_at_every_edge(small):
         assert found[k] == pytest.approx(0.5 * (x[k - 1] + x[k + 1]))
 
 
-def test_samples_that_are_much_too_late_are_held_in_memory_and_told(small, monkeypatch):
+def test_samples_that_are_much_too_late_are_held_in_memory_and_reported(small, monkeypatch):
     monkeypatch.setattr(ordering, "MOST_WAITING", 100)
     x = np.arange(400.0)
     late = np.r_[np.arange(200, 400), np.arange(200)] * MS + START
@@ -330,7 +330,7 @@ def test_a_look_has_the_whole_range_and_is_bounded(monkeypatch):
     assert 41_199 in rows
 
 
-def test_an_encoder_that_was_stuck_once_is_told_wherever_that_was(monkeypatch):
+def test_an_encoder_that_was_stuck_once_is_reported_wherever_that_was(monkeypatch):
     monkeypatch.setattr(signal_checks, "ENOUGH", 10_000)
     t = np.arange(100_000) * 1e-3
     q = np.round((np.sin(3.0 * t) + 0.05 * np.sin(7.0 * t)) / 1e-4) * 1e-4
@@ -356,7 +356,7 @@ def test_what_needs_the_whole_trace_in_memory_is_refused_at_once(monkeypatch, sa
     assert not list(tmp_path.iterdir())
 
 
-def test_a_full_disk_is_told_with_what_to_do(monkeypatch, samples):
+def test_a_full_disk_is_reported_with_what_to_do(monkeypatch, samples):
     monkeypatch.setattr(job, "AT_ONCE_BYTES", 0)
 
     class Full:

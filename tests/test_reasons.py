@@ -1,4 +1,4 @@
-"""What is said of joints, sensors and logs that a method cannot work with, or could work with better."""
+"""What is reported of joints, sensors and logs that a method cannot work with, or could work with better."""
 
 import warnings
 from dataclasses import replace

@@ -4,7 +4,7 @@
     python -m benchmarks.baseline compare before.json after.json
 
 Sections: `structure`, the size of the code; `estimates`, traces, models and findings of the sample logs and of scenes of every
-preset by every estimator; `calibration`, how often the truth lies in the 95 % band; `findings`, what is told of sound logs and of
+preset by every estimator; `calibration`, how often the truth is in the 95 % band; `findings`, those of sound logs and of
 faults; `papers`, the rows of the papers' tables; `times`, CPU time of cold and warm commands, and readers; `battery`, hidden
 effects and how many are found.
 

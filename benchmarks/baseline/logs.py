@@ -132,7 +132,7 @@ def saturated(x: Array) -> Array:
 
 
 def wrapped(x: Array) -> Array:
-    """An angle that starts anew every 0.6 of its span."""
+    """An angle that starts again every 0.6 of its span."""
     return x.min() + np.mod(x - x.min(), 0.6 * np.ptp(x))
 
 
@@ -197,7 +197,7 @@ MACHINES: Mapping[str, Mapping[str, Mapping[str, str]]] = {
 
 
 def faulty() -> list[Log]:
-    """Logs in which something is wrong that a user should be told."""
+    """Logs in which something is wrong that a user should be reported."""
     out = [Log(f"{rig}-{name}", rig, 77, fault=fault) for rig in MACHINES for name, fault in FAULTS.items()]
     for rig, machines in MACHINES.items():
         out += [Log(f"{rig}-{name}", rig, 77, actual=actual) for name, actual in machines.items()]

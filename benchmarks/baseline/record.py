@@ -75,7 +75,7 @@ def estimates(product: Product, asked: Asked) -> Any:
 
 
 def calibration(product: Product, asked: Asked) -> Any:
-    """How often the truth lies in the 95 % band where a row is excited, in the second half of a log, and how wide that is."""
+    """How often the truth is in the 95 % band where a row is excited, in the second half of a log, and how wide that is."""
     out: dict[str, Any] = {}
     for rig, logs in calibrated(asked.seeds).items():
         made, _ = _made(product, asked, f"calibration-{rig}", logs)
@@ -90,7 +90,7 @@ def calibration(product: Product, asked: Asked) -> Any:
 
 
 def findings(product: Product, asked: Asked) -> Any:
-    """What is told of logs in which nothing is wrong, and of faults."""
+    """What is reported of logs in which nothing is wrong, and of faults."""
     out = {}
     for name, logs in {"sound": sound(asked.sound), "faulty": faulty()}.items():
         made, _ = _made(product, asked, name, logs)
@@ -117,7 +117,7 @@ def papers(product: Product, asked: Asked) -> Any:
 
 
 def times(product: Product, asked: Asked) -> Any:
-    """CPU time of whole commands [s], and reading beside rosbags."""
+    """CPU time of whole commands [s], and reading next to rosbags."""
     out: dict[str, Any] = {"help": min(product.cpu("--help") for _ in range(5))}
     with tempfile.TemporaryDirectory() as name:
         for sample in SAMPLES:
@@ -198,7 +198,7 @@ def _transmissions(trace: Path) -> Iterator[tuple[str, str, Any]]:
 
 
 def _trace(trace: Path, log: Path | None) -> Any:
-    """Return some rows of a trace, and the root mean square of its relative error where the log holds the truth."""
+    """Return some rows of a trace, and the root mean square of its relative error where the log contains the truth."""
     out = {}
     for joint, name, columns in _transmissions(trace):
         at = np.linspace(0, columns["stamp"].size - 1, min(KEPT, columns["stamp"].size)).astype(int)
@@ -216,7 +216,7 @@ def _trace(trace: Path, log: Path | None) -> Any:
 
 
 def _coverage(trace: Path, log: Path) -> dict[str, float] | None:
-    """Return the share of excited rows of the second half whose 95 % band holds the truth; of all transmissions but the total.
+    """Return the share of excited rows of the second half whose 95 % band contains the truth; of all transmissions but the total.
 
     Along with it the median of half the band, as a part of the truth, and how many rows are excited.
     """

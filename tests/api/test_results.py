@@ -30,7 +30,7 @@ from matplotlib import pyplot
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
 # Commands whose results are files.
 OF_FILES = {"batch", "export", "init", "plot", "reproduce", "warm"}
-# Options that say where results go, or how much is said.
+# Options that say where results go, or how much is reported.
 OUTPUTS = {
     "output", "report", "figures", "mcap", "json", "force", "repair", "from", "list", "suggest", "fail-on-cause",
     "fail-on-unchecked", "quiet", "verbose", "debug",

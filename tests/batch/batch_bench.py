@@ -89,7 +89,7 @@ class Here:
 
 
 def do_batch(*logs, out, resume=False, shard=None, settings=None):
-    """Run a batch (see the fixture `here`); returns what came of it, and what was told."""
+    """Run a batch (see the fixture `here`); returns what came of it, and what was reported."""
     watch = Watching()
     asked = Asked(tuple(map(str, logs)), str(out), settings or Settings(), resume=resume, shard=shard)
     return run_batch(asked, watch), watch

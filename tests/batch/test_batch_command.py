@@ -93,7 +93,7 @@ def test_validate(tmp_path, logs, here, model):
     assert len(outcome.missed) == 6
 
 
-def test_a_rig_for_all_is_the_same_as_a_rig_beside_each(tmp_path, logs, here, model):
+def test_a_rig_for_all_is_the_same_as_a_rig_next_to_each(tmp_path, logs, here, model):
     """Rig and model go to the workers as text: what is written names the files as they were given, and no place of ours."""
     rig = logs / "day0" / "rig.toml"
     do_batch(logs, out=tmp_path / "beside")

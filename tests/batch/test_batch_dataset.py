@@ -110,7 +110,7 @@ def test_the_table_goes_with_the_traces(data):
 
 @pytest.mark.parametrize("language", ["sql", "python"])
 def test_the_lines_of_the_page(data, language, monkeypatch):
-    """What docs/how-to/batch.md shows is run as it stands there."""
+    """What docs/how-to/batch.md shows is run as it is there."""
     monkeypatch.chdir(data.parent)
     blocks = re.findall(rf"```{language}\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert blocks

@@ -14,7 +14,7 @@ from vsalog.core.errors import BatchError
 
 @pytest.fixture
 def tree(tmp_path, monkeypatch):
-    """Tables in folders, a bag, what lies beside logs, and things that are none."""
+    """Tables in folders, a bag, what is next to logs, and things that are none."""
     monkeypatch.chdir(tmp_path)
     for name in ("a.csv", "day1/b.csv", "day1/deep/c.csv", "day2/d.parquet", ".hidden/e.csv", "day2/[odd].csv"):
         path = tmp_path / "logs" / name
@@ -36,7 +36,7 @@ def names(*asked, out="out"):
 def test_patterns(tree):
     assert names("logs/**/*.csv") == ["a.csv", "day1/b.csv", "day1/deep/c.csv", "day2/[odd].csv"]
     assert names("logs/*/*.csv") == ["day1/b.csv", "day2/[odd].csv"]
-    assert names("logs/day1/*") == ["b.csv"]  # neither the folder in it nor what lies beside logs
+    assert names("logs/day1/*") == ["b.csv"]  # neither the folder in it nor what is next to logs
     assert names("logs/*") == ["a.csv", "bag"]  # a bag is one log
     assert names("logs/**/*.mcap") == ["bag/bag_0.mcap"]
     assert names("logs/**/*", "logs/**/*.csv").count("a.csv") == 1

@@ -129,7 +129,7 @@ def leave():
 
 
 @pytest.mark.parametrize("dead", [False, True])
-def test_workers_that_cannot_live_are_told(monkeypatch, dead):
+def test_workers_that_cannot_live_are_reported(monkeypatch, dead):
     """Also where they are gone before they are asked."""
     monkeypatch.setattr(pool, "prepare", leave)
     with pool.Pool(1, 10**12) as workers:

@@ -29,7 +29,7 @@ def test_killed_again_and_again_it_ends_as_if_it_never_was(tmp_path, here):
         time.sleep(moments.uniform(0.0, 0.15 if finished else 2.0))
         process.kill()
         process.communicate()
-        # What lies in the data set is whole at any moment.
+        # What is in the data set is whole at any moment.
         for part in (tmp_path / "out").glob("traces/**/*"):
             whole = tmp_path / "whole" / part.relative_to(tmp_path / "out")
             assert part.is_dir() or part.read_bytes() == whole.read_bytes()

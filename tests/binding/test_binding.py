@@ -408,7 +408,7 @@ def test_runs_at_different_rates_come_onto_the_slowest_grid():
 
 
 @pytest.mark.parametrize(("ratio", "own"), [(1.0004, True), (1.0006, False), (1.015, False)])
-def test_runs_whose_rates_differ_are_told_in_true_time(ratio, own):
+def test_runs_whose_rates_differ_are_reported_in_true_time(ratio, own):
     """By a part in a thousand of a second derivative at most, as much as a filter takes off: 1.5 % would be 3 % of an inertia."""
     name, joint = joint_of(RUNS)
     x = 30.0 * T**2

@@ -1,4 +1,4 @@
-"""What the rig says of a motor's torque is undone by binding, and played once by a replay."""
+"""What the rig states of a motor's torque is undone by binding, and played once by a replay."""
 
 import json
 from pathlib import Path

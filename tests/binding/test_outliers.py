@@ -55,7 +55,7 @@ def log(**spoilt):
 )
 def test_samples_that_stand_alone_are_missing_and_named(role, name, at, value):
     signals, clean = bound(SENSORS, log(**{name: (at, value)})), bound(SENSORS, log())
-    # One alone lies between its neighbours then, as the sample of a row that is missing; more, and the ends, are not known.
+    # One alone is between its neighbours then, as the sample of a row that is missing; more, and the ends, are not known.
     lone = [k for k in at if 0 < k < N - 1 and not {k - 1, k + 1} & set(at)]
     assert np.flatnonzero(np.isnan(signals.roles[role])).tolist() == [k for k in at if k not in lone]
     for k in lone:

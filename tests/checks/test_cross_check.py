@@ -126,7 +126,7 @@ def test_a_reference_in_which_nothing_moves_differs_from_nothing(tmp_path, seed,
 
 
 @given(seed=st.integers(0, 2**32), hertz=st.floats(0.1, 3.0), phase=st.floats(0, 6))
-def test_noise_and_motion_are_told_apart(seed, hertz, phase):
+def test_noise_and_motion_are_separated(seed, hertz, phase):
     """Averages of a twentieth of a second."""
     noise = np.random.default_rng(seed).standard_normal(400)
     assert _is_noise(noise)

@@ -1,4 +1,4 @@
-"""What an estimate is held against: the rig's own spring, and averages of other sensors."""
+"""What an estimate is compared with: the rig's own spring, and averages of other sensors."""
 
 from types import SimpleNamespace
 

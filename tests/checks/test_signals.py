@@ -74,7 +74,7 @@ def codes(made):
 
 
 @pytest.mark.parametrize("counts", [True, False])
-def test_nothing_is_said_of_a_sound_log(counts):
+def test_nothing_is_reported_of_a_sound_log(counts):
     assert found(channels(counts=counts)) == ()
 
 
@@ -264,7 +264,7 @@ def test_packets_that_were_lost_and_read_as_zero():
     made["tau"][lost] = 0.0
     finding = one(made)
     assert finding.code == "torque.dropouts"
-    # Where the torque passes zero itself nothing tells them apart.
+    # Where the torque passes zero itself nothing separates them.
     assert 0.6 * lost.sum() < finding.value <= lost.sum()
 
 

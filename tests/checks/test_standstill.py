@@ -1,4 +1,4 @@
-"""An encoder that stands still for a while: told from a motor or a link that is held, by the torque."""
+"""An encoder that stands still for a while: distinguished from a motor or a link that is held, by the torque."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Two torques beside each other: which share, which common power and which averages decide, on either side of each bound."""
+"""Two torques next to each other: which share, which common power and which averages decide, on either side of each bound."""
 
 import numpy as np
 import pytest

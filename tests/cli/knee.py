@@ -1,4 +1,4 @@
-"""The log and the rig that tests of the command line are played with: a knee with a spring of 20 N·m/rad that a sine moves."""
+"""The log and the rig that tests of the command line are simulated with: a knee with a spring of 20 N·m/rad that a sine moves."""
 
 import numpy as np
 
@@ -28,6 +28,6 @@ def write_log(path, rows=3000, period=1e-3, stiffness=20.0, header=HEADER, **col
 
 
 def lay(folder, **log):
-    """Put the log into a folder, and its rig beside it."""
+    """Put the log into a folder, and its rig next to it."""
     write_log(folder / "log.csv", **log)
     (folder / "rig.toml").write_text(RIG)

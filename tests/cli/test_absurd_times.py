@@ -158,7 +158,7 @@ def call(command):
 
 
 def check(call, folder):
-    """`inspect` tells the clock as it is, `estimate` finds the spring; returns all that was said."""
+    """`inspect` tells the clock as it is, `estimate` finds the spring; returns all that was reported."""
     code, out, err = call("inspect", "log", "--json", cwd=folder)
     assert code == 0, err
     (log,) = json.loads(out)["logs"]

@@ -25,8 +25,8 @@ def test_a_log_that_carries_its_rig_needs_no_option(run, samples, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["vsa2_exp1.model.toml", "vsa2_exp1.stiffness.parquet"]
 
 
-def test_what_one_more_sensor_would_add_is_said(run, samples, tmp_path):
-    """The estimator is picked by what is recorded, and which other one a further sensor would allow is told."""
+def test_what_one_more_sensor_would_add_is_reported(run, samples, tmp_path):
+    """The estimator is picked by what is recorded, and which other one a further sensor would allow is reported."""
     roles = ("motor_position", "link_position", "motor_torque", "torque_sensor")
     for removed, chosen, added in (
         ("", "smoother", None),
@@ -161,7 +161,7 @@ def test_every_estimator_on_an_elastic_joint(run, samples, tmp_path, name, numbe
     assert late.mean() > 0.5
     error, std = (trace.stiffness - sigma)[late], trace.stiffness_std[late]
     assert np.sqrt(np.mean((error / sigma[late]) ** 2)) < 0.05
-    # Honest: the truth lies within three standard deviations nearly always.
+    # Honest: the truth is within three standard deviations nearly always.
     assert np.mean(np.abs(error) < 3.0 * std) > 0.8
 
 

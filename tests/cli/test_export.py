@@ -1,4 +1,4 @@
-"""`vsalog export` as a user runs it: what is written, what is said, and what is refused."""
+"""`vsalog export` as a user runs it: what is written, what is reported, and what is refused."""
 
 from xml.etree import ElementTree as ET
 

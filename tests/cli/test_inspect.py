@@ -1,4 +1,4 @@
-"""`vsalog inspect`: samples of large logs, first samples, and what is said of both."""
+"""`vsalog inspect`: samples of large logs, first samples, and what is reported of both."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def inspect(*arguments):
     return done.stdout
 
 
-def test_of_a_large_log_a_sample_is_read_and_that_is_said(large):
+def test_of_a_large_log_a_sample_is_read_and_that_is_reported(large):
     text = inspect(large)
     assert re.search(r"a sample was read, 0.0\d+ MB of 0.3\d+ MB: 8 stretches", text)
     assert "--full" in text
@@ -110,7 +110,7 @@ def test_roles_have_reasons(large):
     assert "link_position (85 %): its name says" in inspect(large)
 
 
-def test_what_is_not_at_an_address_is_said():
+def test_what_is_not_at_an_address_is_reported():
     done = CliRunner().invoke(cli, ["inspect", "memory://bucket/log.mcap"])
     assert "there is no such file" in str(done.exception or done.output)
 
@@ -154,7 +154,7 @@ def test_one_sample_is_singular(tmp_path, late, words):
     assert words in inspect(path)
 
 
-def test_of_changed_bytes_it_is_said_before_the_values(tmp_path):
+def test_of_changed_bytes_it_is_reported_before_the_values(tmp_path):
     """One byte in a stored block of gzip: everything is read, one number is another, and only the checksum knows."""
     rows = "time [s],x\n" + "".join(f"{i / 100:.2f},{i % 7}\n" for i in range(300))
     raw = bytearray(gzip.compress(rows.encode(), compresslevel=0))
@@ -184,7 +184,7 @@ def test_an_empty_compressed_file_is_empty(tmp_path):
         assert words in str(done.exception or done.output)
 
 
-def test_dates_of_a_large_log_are_told_from_the_sample(tmp_path, monkeypatch):
+def test_dates_of_a_large_log_are_computed_from_the_sample(tmp_path, monkeypatch):
     """Its first rows are of 4 March or 3 April; a stretch from the end tells, and the large log itself is not read for it."""
     monkeypatch.setattr(sampling, "LOOK_BYTES", 2 * 40_000)
     begin = datetime(2024, 4, 3, 23, 50)
@@ -211,7 +211,7 @@ def test_reading_tells_how_far_it_is():
     assert shares[-1] == 1.0
 
 
-def test_what_several_joints_have_alike_is_said_once(tmp_path):
+def test_what_several_joints_have_alike_is_reported_once(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("time [s],x\n0,1\n1,2\n2,3\n")
     found = tuple(

@@ -85,7 +85,7 @@ def test_the_motion_that_is_written_plays_keeps_its_limits_and_is_worth_more(run
     for name, most in (("motor_torque", 4.0), ("link_velocity", 0.2), ("link_position", np.deg2rad(60.0))):
         assert np.max(np.abs(truth[f"/truth/{name}.data"].values)) <= most
 
-    # Played with noise of its own, it tells apart what it was proposed for.
+    # Played with noise of its own, it separates what it was proposed for.
     rig = Rig.load(folder / "rig.toml")
     again = subject_of(rig, "arm", Scenario.load(folder / "next.toml"), rig.joints["arm"])
     kinds = structure_of(again.problem, again.system)

@@ -202,7 +202,7 @@ def test_a_band_with_gaps_is_one_thing_in_a_legend(traces, drawn):
 @pytest.mark.every(3)
 @pytest.mark.parametrize("kind", KINDS)
 def test_nothing_is_cut_and_no_numbers_touch_in_a_column(drawn, kind):
-    """Every text lies within the figure, and no number on an axis touches the next one."""
+    """Every text is within the figure, and no number on an axis touches the next one."""
     canvas = drawn("awas_exp2", kind.replace("-", "_"))
     assert canvas.get_figwidth() == 3.5
     if canvas.axes[0].name == "3d":

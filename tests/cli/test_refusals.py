@@ -95,7 +95,7 @@ def test_a_role_that_is_missing(refused, bench):
 
 
 def test_no_second_position_at_all(refused, tmp_path):
-    """A robot's JointState has one position per joint: what is missing is said, joint by joint names are shown."""
+    """A robot's JointState has one position per joint: what is missing is reported, joint by joint names are shown."""
     t = np.arange(500) * 0.01
     rows = [f"{a:.3f},{np.sin(a):.6f},{np.cos(a):.6f}" for a in t]
     (tmp_path / "log.csv").write_text("\n".join(["time,arm_0.position,arm_0.effort", *rows]))

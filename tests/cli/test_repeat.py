@@ -24,7 +24,7 @@ def test_a_run_is_repeated_to_the_last_bit(run, folder):
     assert again.schema.metadata == first.schema.metadata
 
 
-def test_what_cannot_be_repeated_is_said(run, folder, samples):
+def test_what_cannot_be_repeated_is_reported(run, folder, samples):
     assert run("estimate", "log.mcap").returncode == 0
     (folder / "log.mcap").unlink()
     done = run("estimate", "--from", "log.stiffness.parquet")

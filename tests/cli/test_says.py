@@ -25,7 +25,7 @@ def spoken(command, bench):
     return spoken
 
 
-def test_the_rig_that_is_used_is_said(spoken, command, bench):
+def test_the_rig_that_is_used_is_reported(spoken, command, bench):
     assert spoken("log.csv")[0].startswith("rig: rig.toml")
     (bench / "log.rig.toml").write_text(RIG)
     assert spoken("log.csv")[0].startswith("rig: log.rig.toml")
@@ -35,7 +35,7 @@ def test_the_rig_that_is_used_is_said(spoken, command, bench):
     assert "rig: preset sea" in command("export", "sea", "--to", "mjcf", cwd=bench)[2]
 
 
-def test_another_rig_beside_is_said_loudly_unless_it_says_the_same_or_was_passed_over_knowingly(spoken, bench):
+def test_another_rig_beside_is_reported_loudly_unless_it_says_the_same_or_was_passed_over_knowingly(spoken, bench):
     (bench / "log.rig.toml").write_text(RIG)
     assert not any("warning" in line for line in spoken("log.csv"))
     (bench / "rig.toml").write_text(OTHER)
@@ -55,7 +55,7 @@ def test_a_rig_in_the_working_directory_is_no_rig_of_a_log_elsewhere(spoken, tmp
     assert [line for line in lines if line.startswith("warning: rig.toml")]
 
 
-def test_the_rig_of_the_model_is_said_where_a_log_has_none(spoken, command, bench, tmp_path):
+def test_the_rig_of_the_model_is_reported_where_a_log_has_none(spoken, command, bench, tmp_path):
     spoken("log.csv")
     (tmp_path / "bare").mkdir()
     write_log(tmp_path / "bare" / "log2.csv")

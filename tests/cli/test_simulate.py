@@ -73,7 +73,7 @@ def test_the_list(done, tmp_path):
 
 @pytest.mark.parametrize("output", OUTPUTS)
 def test_every_format_carries_the_same_numbers_and_the_rig(output, done, tmp_path):
-    """The rig found is the one that was played; the numbers are those of the first format, bit for bit."""
+    """The rig found is the one that was simulated; the numbers are those of the first format, bit for bit."""
     done("vsa2", "--duration", "0.3", "--seed", "3", "--truth", "-o", "reference.mcap", cwd=tmp_path)
     document = done("vsa2", "--duration", "0.3", "--seed", "3", "--truth", "-o", output, "--json", cwd=tmp_path)
     reference, found = read(tmp_path / "reference.mcap"), read(tmp_path / output)
@@ -216,7 +216,7 @@ def test_the_truth_is_recorded_only_when_asked_for(done, bench):
     np.testing.assert_allclose(read(bench / "a.mcap").channels["/truth/stiffness.data"].values, 5.0)
 
 
-def test_a_scenario_of_ones_own_with_a_table_beside_it(done, bench):
+def test_a_scenario_of_ones_own_with_a_table_next_to_it(done, bench):
     (bench / "runs").mkdir()
     (bench / "runs" / "tau.csv").write_text("time [s],tau [N·mm]\n0,0\n0.1,300\n0.2,300\n0.4,-300\n")
     (bench / "runs" / "mine.toml").write_text(

@@ -1,4 +1,4 @@
-"""`vsalog simulate --replay` as a user runs it: a rig on a log's own inputs, measured beside simulated."""
+"""`vsalog simulate --replay` as a user runs it: a rig on a log's own inputs, measured next to simulated."""
 
 import numpy as np
 import pytest
@@ -27,14 +27,14 @@ torque_sensor = { channel = "sensor", unit = "N*m" }
 
 @pytest.fixture
 def bench(tmp_path, done):
-    """A folder with rig.toml, a log of it that any table program could have written, and no rig in or beside the log."""
+    """A folder with rig.toml, a log of it that any table program could have written, and no rig in or next to the log."""
     (tmp_path / "rig.toml").write_text(RIG)
     done("rig.toml", "--duration", "4", "--rate", "500", "-o", "log.csv", cwd=tmp_path)
     (tmp_path / "log.rig.toml").unlink()
     return tmp_path
 
 
-def test_a_log_s_own_rig_is_played_on_its_own_inputs(done, simulate, samples, tmp_path):
+def test_a_log_s_own_rig_is_simulated_on_its_own_inputs(done, simulate, samples, tmp_path):
     code, out, err = simulate("--replay", samples / "vsa2_exp1.mcap", "--window", "200 ms", cwd=tmp_path)
     assert (code, out) == (0, "")
     assert "driven by motor_torque_1, motor_torque_2; begun 101 times" in err
@@ -90,7 +90,7 @@ def test_a_rig_that_is_named_goes_before_the_log_s(done, bench):
     assert Rig.from_toml(log.rig_text).joints["elbow"].transmission.stiffness == 5.0
 
 
-def test_a_friction_that_the_rig_lacks_shows_until_it_is_told(done, bench):
+def test_a_friction_that_the_rig_lacks_shows_until_it_is_reported(done, bench):
     friction = "joint.elbow.motor.friction.coulomb=0.1"
     done("rig.toml", "--actual", friction, "--duration", "4", "-o", "real.mcap", cwd=bench)
     errors = []

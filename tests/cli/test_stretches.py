@@ -43,7 +43,7 @@ def test_a_part_is_estimated_and_repeated(run, folder):
         ("tomorrow", "'tomorrow' is no time"),
     ],
 )
-def test_what_is_no_part_of_the_log_is_said(command, moment, words, folder, monkeypatch):
+def test_what_is_no_part_of_the_log_is_reported(command, moment, words, folder, monkeypatch):
     monkeypatch.chdir(folder)
     option = "--end" if moment.startswith("2001") else "--start"
     done = CliRunner().invoke(cli, [command, "log.mcap", option, moment])

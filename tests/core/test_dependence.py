@@ -42,7 +42,7 @@ def correlated(rng, x):
 
 
 def non_stationary(rng, x):
-    """Noise whose size changes hundredfold over the log, and with what it is held against."""
+    """Noise whose size changes hundredfold over the log, and with what it is compared with."""
     return (
         rng.standard_normal(x.size)
         * np.exp(2.0 * np.sin(5.0 * np.arange(x.size) / x.size + rng.uniform(0.0, 6.0)))
@@ -84,7 +84,7 @@ def test_of_one_column_and_one_coefficient_it_is_students_t(size):
 
 
 @pytest.mark.parametrize("strength", [0.3, 1.0])
-def test_a_hidden_effect_is_found_with_its_size_beside_a_control(strength):
+def test_a_hidden_effect_is_found_with_its_size_next_to_a_control(strength):
     found = 0
     for seed in range(20):
         rng = np.random.default_rng(seed)
@@ -107,7 +107,7 @@ def test_what_controls_explain_is_no_dependence():
 
 
 def test_noise_that_remembers_a_sixth_of_the_log_accuses_nothing():
-    """Blocks are joined until they are independent, or nothing is said."""
+    """Blocks are joined until they are independent, or nothing is reported."""
     accused = 0
     for seed in range(100):
         rng = np.random.default_rng(seed)

@@ -97,7 +97,7 @@ level = 0.02
 
 @dataclass(frozen=True)
 class Bench:
-    """What is true; the defaults are what the rig says."""
+    """What is true; the defaults are what the rig states."""
 
     gain: tuple[float, float] = (1.0, 1.0)
     leak: tuple[float, float] = (0.0, 0.0)  # [mm²]
@@ -192,7 +192,7 @@ def played(bench: Bench, duration: float = 8.0, rate: float = 500.0, seed: int =
 
 
 def joint_of(bench: Bench, friction: str = PAPER) -> PneumaticJoint:
-    """Return the joint as its rig says it is."""
+    """Return the joint as its rig states it is."""
     joint = Rig.from_toml(rig_text(bench, friction)).joints["arm"]
     assert isinstance(joint, PneumaticJoint)
     return joint
@@ -206,7 +206,7 @@ def rig_text(bench: Bench, friction: str = PAPER) -> str:
 
 
 def write(folder: Path, bench: Bench, name: str = "log", friction: str = PAPER, **how: float) -> Path:
-    """Write a CSV log and the rig file beside it, and return the log's path."""
+    """Write a CSV log and the rig file next to it, and return the log's path."""
     columns = played(bench, **how)
     path = folder / f"{name}.csv"
     np.savetxt(

@@ -7,7 +7,7 @@ from vsalog.readers import read
 from vsalog.rig import Rig
 
 RATIO, COUNTS = 10.0, 4000 / (2 * np.pi)
-# How a position or a torque may be recorded, and how the rig says so: values, time → values; the signal's keys; unit in the log.
+# How a position or a torque may be recorded, and its rig: values, time → values; the signal's keys; unit in the log.
 POSITIONS = {
     "unit": (lambda x, t: np.degrees(x), 'unit = "deg"', ""),
     "unit-of-log": (lambda x, t: np.degrees(x), "", "deg"),

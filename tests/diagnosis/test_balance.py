@@ -1,4 +1,4 @@
-"""Equations: nothing is left over of a motion whose equations are written out here; each missing role is told from others."""
+"""Equations: there is no residual of a motion whose equations are written out here; each missing role is computed from others."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def assert_balanced(equations, names, tolerance=1e-6):
         assert np.abs(equation.whole[INSIDE]).max() < tolerance, name
 
 
-def test_nothing_is_left_over_of_an_elastic_joint(arm):
+def test_no_residual_is_left_of_an_elastic_joint(arm):
     found = left_over(joint_of(), arm)
     assert_balanced(found, ["motor", "transmission", "link"])
     assert {n: e.side for n, e in found.items()} == {"motor": "motor", "transmission": "transmission", "link": "link"}
@@ -84,7 +84,7 @@ def test_effects_of_the_rig_are_taken_off():
     assert_balanced(left_over(joint, roles), ["motor", "transmission", "link"], 1e-9)
 
 
-def test_velocities_whose_sign_matters_are_told(arm):
+def test_velocities_whose_sign_matters_are_reported(arm):
     found = left_over(joint_of(), arm)
     np.testing.assert_array_equal(found["motor"].rate, arm["motor_position"][1])
     np.testing.assert_array_equal(found["link"].rate, arm["link_position"][1])
@@ -111,7 +111,7 @@ MISSING = {
 
 
 @pytest.mark.parametrize("missing", MISSING, ids="+".join)
-def test_missing_roles_are_told_from_others(arm, missing):
+def test_missing_roles_are_computed_from_others(arm, missing):
     """The motion is the same, so what is left must balance too; by differences, hence less exactly."""
     found = left_over(joint_of(), without(arm, *missing))
     assert_balanced(found, MISSING[missing], 2e-3)
@@ -136,7 +136,7 @@ def test_a_deflection_stands_for_a_position(arm, missing):
     assert_balanced(left_over(joint_of(), roles), ["motor", "transmission", "link"])
 
 
-def test_a_deflection_beside_both_positions_is_held_against_them(arm):
+def test_a_deflection_next_to_both_positions_is_held_against_them(arm):
     phi = arm["link_position"] - arm["motor_position"]
     found = left_over(joint_of(), arm | {"deflection": phi + np.array([[0.01], [0.0], [0.0]])})
     np.testing.assert_allclose(np.abs(found["deflection"].whole), 0.01, atol=1e-12)
@@ -149,7 +149,7 @@ def test_an_accelerometer_is_held_against_the_encoder(arm):
     np.testing.assert_allclose(found["link_acceleration"].whole, 0.5, atol=1e-12)
 
 
-def test_a_gap_is_crossed_when_the_deflection_is_told_from_the_torque():
+def test_a_gap_is_crossed_when_the_deflection_is_computed_from_the_torque():
     """Under a torque the spring is beyond the gap's edge; which side is the torque's sign."""
     joint = with_part(joint_of(), "transmission", backlash=0.04)
     torque = 1.5 * np.sin(3 * TIME)
@@ -235,7 +235,7 @@ def awas():
     }
 
 
-def test_nothing_is_left_over_of_a_serial_joint(awas):
+def test_no_residual_is_left_of_a_serial_joint(awas):
     found = left_over(joint_of(AWAS), awas)
     assert_balanced(found, ["motor", "secondary_motor", "transmission", "link"], 1e-6)
 
@@ -309,7 +309,7 @@ def pair():
     }
 
 
-def test_nothing_is_left_over_of_an_antagonistic_joint(pair):
+def test_no_residual_is_left_of_an_antagonistic_joint(pair):
     found = left_over(joint_of(PAIR), pair)
     assert_balanced(found, ["motor_1", "motor_2", "transmission_1", "transmission_2", "link"])
 

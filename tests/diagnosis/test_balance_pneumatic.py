@@ -115,7 +115,7 @@ benches = st.builds(
 
 @settings(max_examples=25, deadline=None)
 @given(benches, st.integers(0, 1000))
-def test_nothing_is_left_over_of_equations_written_out_by_hand(bench: Bench, seed: int) -> None:
+def test_no_residual_is_left_of_equations_written_out_by_hand(bench: Bench, seed: int) -> None:
     roles, _ = exact(bench, seed)
     time = np.arange(40) * 1e-3
     found = balance_pneumatic(as_rig(bench), roles, time, {})
@@ -217,7 +217,7 @@ def test_each_cause_is_named_with_its_size(
     value, _ = value_of(found, parameter)
     nominal = {"gain": 1.0, "scale": 1.0}.get(parameter, 0.0)
     assert value - nominal == pytest.approx(truth - nominal, rel=0.05)
-    # Nothing but noise is left over.
+    # Only noise is left.
     assert loss(found) < 1.3 * found.system.count
 
 
@@ -229,7 +229,7 @@ def test_nothing_is_found_where_nothing_is_wrong(without: tuple[str, ...]) -> No
     assert loss(found) < 1.3 * found.system.count
 
 
-def test_friction_that_the_rig_has_as_a_level_is_told_as_a_level() -> None:
+def test_friction_that_the_rig_has_as_a_level_is_reported_as_a_level() -> None:
     found = diagnosed(Bench(level=0.035), friction=LEVEL)
     assert [c.site.key for c in material(found)] == [("pneumatic.muscle_friction", "friction")]
     assert value_of(found, "torque") == (pytest.approx(0.035, rel=0.05), "N*m")
@@ -277,7 +277,7 @@ def test_a_clamped_seesaw_has_no_friction_to_find_but_leaks() -> None:
     assert not list(catalogue()["pneumatic.muscle_friction"].sites(setting))
 
 
-def test_one_scale_of_two_muscles_is_not_told_from_the_scale_of_the_meter() -> None:
+def test_one_scale_of_two_muscles_is_not_distinguished_from_the_scale_of_the_meter() -> None:
     # Clamped, and without valves, only the meter's equation is left: both muscles stronger is the meter's gain. The tolerance of
     # muscles is wider.
     found = diagnosed(Bench(held=0.0, gain=(1.1, 1.1)), ("valve_1", "valve_2", "link_position"))
@@ -287,7 +287,7 @@ def test_one_scale_of_two_muscles_is_not_told_from_the_scale_of_the_meter() -> N
 
 
 def test_where_the_seesaw_tells_a_pressure_one_muscle_stronger_is_the_other_weaker() -> None:
-    # Without valves nothing is left to be held against it.
+    # Without valves nothing is left to be compared with it.
     assert names(Bench(), ("pressure_2", "torque_sensor", "valve_1", "valve_2")) == ()
     found = diagnosed(Bench(gain=(1.1, 1.0)), ("pressure_2", "torque_sensor", "valve_1"))
     choice = material(found)[0]
@@ -300,7 +300,7 @@ def test_the_meter_is_judged_by_the_seesaw() -> None:
     assert [c.site.key for c in material(found)] == [("sensor.torque_gain", "torque_sensor")]
 
 
-def test_an_angle_that_nothing_tells_is_said() -> None:
+def test_an_angle_that_nothing_tells_is_reported() -> None:
     with pytest.raises(DiagnosisError, match="muscles needs their pressures with the angle, or with the torque meter"):
         diagnose_joint("arm", joint_of(Bench()), signals_of(Bench(), ("link_position", "torque_sensor")), None)
 

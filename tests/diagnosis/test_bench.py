@@ -56,7 +56,7 @@ def turned(seconds, seed, loop, dry):
     ],
     ids=["loop", "dry friction", "both"],
 )
-def test_loops_and_dry_friction_are_told_apart_with_their_sizes(tmp_path, loop, dry, expected):
+def test_loops_and_dry_friction_are_separated_with_their_sizes(tmp_path, loop, dry, expected):
     recorded(tmp_path, *turned(20.0, 0, loop, dry), BENCH)
     recorded(tmp_path, *turned(20.0, 1, loop, dry), BENCH, name="held")
     document = diagnose(tmp_path / "log.csv", tmp_path / "held.csv", Options()).diagnosis

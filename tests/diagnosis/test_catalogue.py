@@ -49,7 +49,7 @@ NAMES = [
     *("sensor.clock_skew", "pneumatic.leak", "pneumatic.orifice_area", "pneumatic.valve_offset"),
     *("pneumatic.pressure_offset", "pneumatic.force_gain", "pneumatic.muscle_friction"),
 ]
-# It is told before anything is fitted, and so has nothing to put into a rig.
+# It is reported before anything is fitted, and so has nothing to put into a rig.
 TOLD_BEFORE = {"sensor.torque_not_independent"}
 
 SERVO = """
@@ -206,7 +206,7 @@ def test_searches_cope_with_nothing_left_over(preset):
 
 
 def test_causes_ask_for_the_equations_they_show_in():
-    """Without the motor's torque nothing is said of the motor; without anything, nothing at all."""
+    """Without the motor's torque nothing is reported of the motor; without anything, nothing at all."""
     _, _, setting, _ = played("sea")
     less = replace(setting, roles={r: v for r, v in setting.roles.items() if r != "motor_torque"}, equations=("link",))
     named = {s.cause for c in catalogue().values() for s in c.sites(less)}

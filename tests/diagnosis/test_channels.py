@@ -1,4 +1,4 @@
-"""Channels: the filter against scipy's, what noise is told, and noise made anew like the measured."""
+"""Channels: the filter against scipy's, what noise is reported, and noise made again like the measured."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_nothing_is_filtered_across_a_gap():
 
 
 @pytest.mark.parametrize("deviation", [1e-4, 3e-3])
-def test_white_noise_is_told(deviation):
+def test_white_noise_is_measured(deviation):
     said = motion(TIME) + deviation * np.random.default_rng(1).standard_normal(TIME.size)
     noise = noise_in(said)
     assert noise.step == 0.0
@@ -49,14 +49,14 @@ def test_white_noise_is_told(deviation):
 
 
 @pytest.mark.parametrize("step", [2e-4, 1e-2])
-def test_the_steps_of_an_encoder_are_told_and_are_no_white_noise(step):
+def test_the_steps_of_an_encoder_are_detected_and_are_no_white_noise(step):
     noise = noise_in(np.round(motion(TIME) / step) * step)
     assert noise.step == pytest.approx(step, rel=1e-6)
     assert noise.deviation == 0.0
     assert noise.floor == pytest.approx(step / np.sqrt(12.0), rel=1e-6)
 
 
-def test_noise_before_rounding_is_told_from_the_rounding():
+def test_noise_before_rounding_is_computed_from_the_rounding():
     step, deviation = 1e-3, 2.5e-3
     said = motion(TIME) + deviation * np.random.default_rng(2).standard_normal(TIME.size)
     noise = noise_in(np.round(said / step) * step)
@@ -69,7 +69,7 @@ def test_a_signal_without_noise_has_none():
 
 
 @pytest.mark.parametrize(("deviation", "step"), [(2e-3, 0.0), (0.0, 1e-3), (2e-3, 1e-3)])
-def test_noise_made_anew_is_like_the_measured(deviation, step):
+def test_noise_made_again_is_like_the_measured(deviation, step):
     """It spreads about the motion it takes for true as the measured does about the one that only this test knows."""
     said = motion(TIME) + deviation * np.random.default_rng(3).standard_normal(TIME.size)
     said = np.round(said / step) * step if step else said
@@ -97,7 +97,7 @@ def test_noise_made_anew_is_like_the_measured(deviation, step):
         (2e-3, 1.5e-4, 0.05, 0.1),
     ],
 )
-def test_rounding_made_anew_is_as_large_as_the_measured_at_any_speed(period, step, size, frequency):
+def test_rounding_made_again_is_as_large_as_the_measured_at_any_speed(period, step, size, frequency):
     """At about a whole number of steps a sample rounding errs slowly: a motion that follows the steps would not err at all."""
     time = np.arange(round(30.0 / period)) * period
     moved = size * (np.sin(2.0 * np.pi * frequency * time) + 0.1 * np.sin(6.6 * np.pi * frequency * time))
@@ -107,7 +107,7 @@ def test_rounding_made_anew_is_as_large_as_the_measured_at_any_speed(period, ste
     np.testing.assert_allclose(np.mean([np.nanstd(a, axis=1) for a in again], axis=0), own, rtol=0.08)
 
 
-def test_noise_made_anew_is_independent_of_the_measured_and_of_itself():
+def test_noise_made_again_is_independent_of_the_measured_and_of_itself():
     said = motion(TIME) + 2e-3 * np.random.default_rng(4).standard_normal(TIME.size)
     found = channels(link_position=said)
     inside = slice(found.window, -found.window)
@@ -120,7 +120,7 @@ def test_noise_made_anew_is_independent_of_the_measured_and_of_itself():
 
 
 def test_an_encoder_at_rest_stays_on_its_step():
-    """The error of a step does not average out where nothing moves: noise anew must not make it do so."""
+    """The error of a step does not average out where nothing moves: noise again must not make it do so."""
     said = np.full(4000, 0.3) + np.where(np.arange(4000) > 2000, 0.01, 0.0)
     said = np.round(said / 0.01) * 0.01
     found = channels(motor_position=said, link_position=motion(TIME[:4000]))
@@ -146,8 +146,8 @@ def test_a_run_that_begins_between_kept_samples_begins_at_the_next_one():
     assert thin.time[begin] >= TIME[2001] > thin.time[begin - 1]
 
 
-def test_what_passes_no_filter_is_driven_anew_after_it_too():
-    """A valve's voltage is played as it was recorded: its noise has to move what it drives."""
+def test_what_passes_no_filter_is_driven_again_after_it_too():
+    """A valve's voltage is simulated as it was recorded: its noise has to move what it drives."""
     found = channels(link_position=motion(TIME), valve_1=np.sign(motion(TIME)))
     other = {role: x + 0.1 for role, x in found.raw.items()}
     driven = found.driven_by(other)

@@ -48,7 +48,7 @@ def test_sensors_that_are_all_late_are_a_drive_that_is():
     assert 4.9e-3 <= found[0][1][0] <= 5.1e-3
 
 
-def test_the_one_that_is_late_beside_the_others_stays_late():
+def test_the_one_that_is_late_next_to_the_others_stays_late():
     fit = placed((ENCODERS[0], 5e-3), (ENCODERS[1], 8e-3), (SENSOR, 5e-3))
     found = on_fewest_clocks(fit, SITES)
     assert {s.key: float(v[0]) for s, v in found} == values(placed((DRIVE, 5e-3), (ENCODERS[1], 3e-3)))
@@ -73,7 +73,7 @@ def test_of_sets_about_as_probable_that_with_fewer_delays_says_whether_a_drive_i
     assert not smooth_drive(-APART - 0.1, others, both)
 
 
-def test_channels_that_are_read_earlier_are_sensors_that_are_early_beside_a_drive_that_holds():
+def test_channels_that_are_read_earlier_are_sensors_that_are_early_next_to_a_drive_that_holds():
     """And what the delays of a held drive say to the sample is read at the samples."""
     joint, half = joint_of(), 0.5 * PERIOD
     smooth = build_system(joint, channels(period=PERIOD), balance_for(joint))
@@ -101,7 +101,7 @@ def test_sets_of_held_and_smooth_drives_are_read_where_their_noise_is_alike():
 @pytest.mark.every(2)
 @pytest.mark.parametrize("rate", [100.0, 150.0])
 def test_a_sound_joint_with_a_smooth_drive_has_no_late_channel_at_any_rate(rate, tmp_path):
-    """Reading between samples takes off noise: three early sensors beside a held drive seemed better than none."""
+    """Reading between samples takes off noise: three early sensors next to a held drive seemed better than none."""
     assert (
         CliRunner().invoke(cli, ["simulate", "sea", "--rate", f"{rate:g}", "-o", f"{tmp_path}/log.parquet"]).exit_code
         == 0

@@ -56,7 +56,7 @@ def test_a_common_cause_stands_with_neither_of_its_own():
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
-    """The log of an antagonistic machine that is as its rig says."""
+    """The log of an antagonistic machine that is as its rig states."""
     case = make_case(Plan("clean", "antagonistic", seed=11))
     return write_case(case, tmp_path_factory.mktemp("common"))
 

@@ -60,7 +60,7 @@ def starts_of(residual, noise):
 
 @pytest.mark.parametrize("noisy_there", [False, True])
 def test_where_noise_bursts_too_nothing_is_a_push(noisy_there):
-    """An encoder that moves by whole steps from sample to sample errs for as long, and so does noise that is drawn anew there."""
+    """An encoder that moves by whole steps from sample to sample errs for as long, and so does noise drawn again there."""
     rng = np.random.default_rng(5)
     bump = np.zeros(COUNT)
     bump[6000 : 6000 + 3 * LENGTH] = 2.0
@@ -71,7 +71,7 @@ def test_where_noise_bursts_too_nothing_is_a_push(noisy_there):
 
 
 def test_what_swings_is_no_push():
-    """A base that rings for a second: each half of a swing is a bump beside others."""
+    """A base that rings for a second: each half of a swing is a bump next to others."""
     rng = np.random.default_rng(6)
     since = np.arange(COUNT) - 6000
     ringing = np.where(since > 0, 4.0 * np.exp(-since / 500.0) * np.sin(np.pi * since / LENGTH), 0.0)

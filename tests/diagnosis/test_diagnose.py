@@ -47,7 +47,7 @@ def call(monkeypatch, capsys):
 
 @pytest.fixture(scope="module")
 def wrong(tmp_path_factory):
-    """A joint whose motor rubs more than its rig says, diagnosed with a second log held out; the folder, and what was printed."""
+    """A joint with more motor friction than in its rig, diagnosed with a held-out log; the folder and the output."""
     folder = tmp_path_factory.mktemp("wrong")
     lay(folder, WRONG)
     lay(folder, WRONG, "exp2", seed=1)
@@ -98,7 +98,7 @@ def test_the_gain_is_measured_on_the_other_log_and_reaches_the_noise(document):
     assert motor["reduction"] > 0.8
 
 
-def test_errors_stand_beside_their_noise(document):
+def test_errors_stand_next_to_their_noise(document):
     equations = {e["equation"]: e for e in document["equations"]}
     assert set(equations) == {"motor", "transmission", "link"}
     assert equations["motor"]["rms_before"] > 3 * equations["motor"]["noise"]
@@ -200,7 +200,7 @@ def test_a_log_whose_channels_the_rig_does_not_name_is_refused(tmp_path, call):
 
 
 def test_roles_that_allow_no_equation_are_refused(tmp_path, call):
-    """Positions alone: no torque to hold them against."""
+    """Positions alone: no torque to compare them with."""
     lay(tmp_path, roles=("motor_position", "link_position"), rig=re.sub(r"\[joint\.arm\.link\][^[]*", "", ELASTIC))
     said = refusal(call, tmp_path, "exp1.csv")
     assert "arm" in said
@@ -245,7 +245,7 @@ def test_an_input_is_never_written_over(tmp_path, call, name):
     assert name in said
 
 
-def test_the_rig_beside_a_log_is_never_written_over(tmp_path, call):
+def test_the_rig_next_to_a_log_is_never_written_over(tmp_path, call):
     """A log called `extended` has its rig where the extended rig would go."""
     lay(tmp_path, WRONG, name="extended")
     assert "extended.rig.toml" in refusal(call, tmp_path, "extended.csv")
@@ -289,7 +289,7 @@ def test_a_log_without_a_torque_sensor_and_one_without_a_link_encoder(tmp_path, 
         assert "motor.viscous_friction" in [first["cause"], *first["indistinguishable_from"]]
 
 
-def test_a_torque_that_was_computed_is_told(tmp_path, call):
+def test_a_torque_that_was_computed_is_reported(tmp_path, call):
     """A "sensor" that is a multiple of the motor's torque measures nothing; the rest is diagnosed without it."""
     folder = tmp_path / "computed"
     folder.mkdir()
@@ -336,7 +336,7 @@ def test_a_held_out_log_that_is_too_short_is_named(tmp_path, call):
     assert document["gain"]["signals"] == []
 
 
-def test_what_is_outside_the_catalogue_is_said_to_be_unexplained(tmp_path, call):
+def test_what_is_outside_the_catalogue_is_reported_to_be_unexplained(tmp_path, call):
     """A magnetic detent of the motor at one angle."""
     detent = Truth(extra=lambda t, a, phi: 0.3 * np.exp(-(((a - 0.3) / 0.3) ** 2)))
     lay(tmp_path, detent, seed=6)

@@ -171,7 +171,7 @@ def test_each_block_is_predicted_from_the_others():
 
 
 def test_a_model_error_shows_in_blocks_that_were_not_seen():
-    """A magnetic detent, which no smooth cause has: what is left over is above the noise, at the motor alone."""
+    """A magnetic detent, which no smooth cause has: the residual is above the noise, at the motor alone."""
     truth = Truth(at_motor=lambda a, da: 0.1 * np.exp(-(((a - 0.3) / 0.05) ** 2)))
     found, joint = channels(truth, duration=20.0, seed=3).thinned(), joint_of()
     s = build_system(joint, found, balance_for(joint))

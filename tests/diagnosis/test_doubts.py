@@ -134,7 +134,7 @@ def test_a_joint_of_a_chain_is_looked_at_without_its_link(tmp_path):
     assert outcome.extended.joints["arm"].motor.damping == pytest.approx(0.08, rel=0.02)
 
 
-def test_a_channel_that_is_not_there_is_said(tmp_path):
+def test_a_channel_that_is_not_there_is_reported(tmp_path):
     path = lay(tmp_path, rig=ELASTIC.replace('"torque sensor"', '"torque sensr"'))
     outcome = diagnose(path, None, Options())
     (found,) = (f for f in outcome.diagnosis.findings if f.code == "channel.misnamed")
@@ -143,7 +143,7 @@ def test_a_channel_that_is_not_there_is_said(tmp_path):
 
 
 def test_equations_that_close_while_the_simulation_does_not_are_doubted(tmp_path):
-    """A pull at the link that comes and goes, which no cause makes, without a link encoder and beside a noisy torque sensor."""
+    """A pull at the link that comes and goes, which no cause makes, without a link encoder and next to a noisy torque sensor."""
 
     def loud(said):
         said["torque_sensor"] += 0.3 * np.random.default_rng(1).standard_normal(said["torque_sensor"].size)
@@ -193,7 +193,7 @@ def test_what_could_not_be_simulated_is_not_called_right(tmp_path, run):
     assert "Nothing is wrong" not in done.stdout
 
 
-def test_what_is_said_alike_of_all_joints_of_an_arm_is_said_once(tmp_path, run):
+def test_what_is_reported_alike_of_all_joints_of_an_arm_is_reported_once(tmp_path, run):
     run("simulate", "kuka-kr15", "--duration", "2 s", "-o", "arm.mcap")
     done = run("diagnose", "arm.mcap")
     assert done.returncode == 2

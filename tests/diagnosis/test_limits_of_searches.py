@@ -57,17 +57,17 @@ def test_so_many_windows_are_simulated_as_take_as_long_as_all_at_sixteen_steps(m
 
 
 @pytest.mark.parametrize(("left", "closes"), [(0.04, True), (0.07, False)])
-def test_a_sign_is_told_where_it_leaves_less_than_a_twentieth(monkeypatch, left, closes):
+def test_a_sign_is_reported_where_it_leaves_less_than_a_twentieth(monkeypatch, left, closes):
     assert told_of(monkeypatch, 1.0, left, count=1.0) is closes
 
 
 @pytest.mark.parametrize(("left", "closes"), [(70.0, True), (150.0, False)])
-def test_a_sign_is_told_where_it_leaves_less_than_a_hundred_times_the_noise(monkeypatch, left, closes):
+def test_a_sign_is_reported_where_it_leaves_less_than_a_hundred_times_the_noise(monkeypatch, left, closes):
     assert told_of(monkeypatch, 1e6, left, count=1.0) is closes
 
 
 def told_of(monkeypatch, now, left, count):
-    """Whether a sign is told with which so much of the equations' squares is left."""
+    """Whether a sign is reported with which so much of the equations' squares is left."""
     about = Finding(code="rig.sign", severity="invalidates", evidence={"factor": -1.0})
     monkeypatch.setattr(signs_and_units, "_left", lambda joint, system: {"rig": now, "changed": left}[joint])
     monkeypatch.setattr(signs_and_units, "_changed", lambda joint, system: [(about, "changed", system)])

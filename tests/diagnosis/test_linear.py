@@ -184,7 +184,7 @@ def test_the_fit_that_the_equations_are_made_straight_about_does_not_matter():
 
 @cache
 def elastic():
-    """A log of the joint as the rig has it: system, joint, setting and what is left over."""
+    """A log of the joint as the rig has it: system, joint, setting and the residual."""
     found, joint = channels(duration=6.0, seed=1).thinned(), joint_of()
     system = build_system(joint, found, balance_for(joint))
     setting = setting_of(joint, system)

@@ -1,4 +1,4 @@
-"""Loops and bristles told from a motion: against integrators and closed forms."""
+"""Loops and bristles computed from a motion: against integrators and closed forms."""
 
 import numpy as np
 import pytest

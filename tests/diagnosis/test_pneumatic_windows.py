@@ -99,7 +99,7 @@ def test_the_right_rig_is_as_good_as_noise_allows_and_the_wrong_one_is_not() -> 
         (("pressure_1", "pressure_2"), "pressure_1 is not recorded, and cannot be determined"),
     ],
 )
-def test_what_cannot_be_played_is_said(without: tuple[str, ...], said: str) -> None:
+def test_what_cannot_be_played_is_reported(without: tuple[str, ...], said: str) -> None:
     with pytest.raises(SimulationError, match=said):
         windows_of(joint_of(Bench()), channels_of(signals_of(Bench(), without)), hold=False)
 

@@ -108,7 +108,7 @@ def test_what_is_wrong_has_a_gain_on_the_held_out_log(tmp_path, situation):
 
 
 def test_a_prescribed_link_moves_as_it_did():
-    """From the true state of the motor, with the true torque: what is left over is what the sensors added."""
+    """From the true state of the motor, with the true torque: the residual is what the sensors added."""
     _, said = said_of(Truth(), ALL)
     moved = motion(Truth(), SECONDS, PERIOD, 0)[1]
     said["motor_torque"] = moved["motor_torque"][0]

@@ -98,7 +98,7 @@ def test_its_simulation_is_that_of_its_equation():
 
 
 def test_windows_answer_with_the_position():
-    """From the true states: what is left over is the encoder's steps."""
+    """From the true states: the residual is the encoder's steps."""
     time, said = log(loud=1.0)
     said["motor_torque"] = drive(0)(time)
     channels = channels_of(signals(said, PERIOD))
@@ -198,7 +198,7 @@ def test_a_sound_one_is_consistent_and_simulated_to_its_noise(seed, tmp_path):
     assert error.rmse < 1.5 * error.noise_floor
 
 
-def test_a_held_out_log_of_another_state_is_told_with_its_error(tmp_path):
+def test_a_held_out_log_of_another_state_is_reported_with_its_error(tmp_path):
     recorded(tmp_path, *log(Truth()), RIGID)
     recorded(tmp_path, *log(Truth(coulomb=0.4), seed=1), RIGID, name="held")
     document = worded(diagnose(tmp_path / "log.csv", tmp_path / "held.csv", Options()))
@@ -232,7 +232,7 @@ def test_a_late_drive_is_a_late_encoder_and_it_says_so(tmp_path):
     assert cause.parameters["delay"].value == pytest.approx(5e-3, abs=0.55 * PERIOD)
 
 
-def test_beside_a_torque_sensor_a_late_drive_is_one(tmp_path):
+def test_next_to_a_torque_sensor_a_late_drive_is_one(tmp_path):
     """The link's equation has the encoder's time."""
     rig = RIGID + 'torque_sensor = "torque sensor"\n'
     time, said = log(Truth(torque_delay=8e-3))

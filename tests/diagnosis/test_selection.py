@@ -122,7 +122,7 @@ def test_without_a_torque_sensor_the_cause_is_first_or_among_those_that_fit_alik
             assert deviance(choice.instead) < 1.5 * best
 
 
-def test_of_two_late_encoders_a_late_drive_is_one_beside_a_late_encoder():
+def test_of_two_late_encoders_a_late_drive_is_one_next_to_a_late_encoder():
     """No torque sensor says which of three clocks is right: all three delays are one class."""
     time, said = log(duration=8.0, seed=3, roles=[r for r in ROLES if r != "torque_sensor"])
     for role, samples in (("motor_position", 2), ("link_position", 4)):
@@ -193,7 +193,7 @@ def test_where_nothing_is_looked_for_nothing_is_found():
     ("seed", "late"),
     [(0, 0.0), (0, 0.5), (1, 0.0), (1, 0.5), (2, 0.0), (2, 0.5)],
 )
-def test_torques_that_are_held_and_such_that_are_not_are_told_apart_where_that_is_little(late, seed):
+def test_torques_that_are_held_and_such_that_are_not_are_separated_where_that_is_little(late, seed):
     """A motor that is damped much takes a torque of half a sample's delay for inertia: D θ̇ changes by D T/2 θ̈, here 15 % of B.
 
     What is held acts half a sample later, so the log's drive does.

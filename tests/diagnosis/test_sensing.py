@@ -160,7 +160,7 @@ def test_rotors_are_reflected():
     assert at_joint(there) == there
 
 
-def test_sensors_that_count_are_told_in_the_joints_units_and_written_as_they_count():
+def test_sensors_that_count_are_reported_in_the_joints_units_and_written_as_they_count():
     disc = Eccentricity(3.0, 0.2)
     joint = with_signal(joint_of(), "link_position", gain=100.0, offset=5.0, drift=0.5, eccentricity=disc, delay=2e-3)
     there = at_joint(joint)

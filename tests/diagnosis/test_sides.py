@@ -29,7 +29,7 @@ def side(found, springs=("",)):
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_with_all_roles_the_side_is_told(what):
+def test_with_all_roles_the_side_is_reported(what):
     truth, expected = WRONG[what]
     assert side(channels(truth, duration=8.0, seed=3)) == (expected, expected)
 
@@ -63,7 +63,7 @@ def test_where_nothing_but_the_torque_sensor_tells_the_transmission_is_meant():
 def test_a_torque_sensor_is_blamed_only_where_that_leaves_less_than_half(squares, told):
     """An error of the sensor's equation: a torque of the transmission, which acts on all three alike, explains a third of it.
 
-    With noise of one beside it, blaming the sensor leaves 1 of 1.67, or of 2.33.
+    With noise of one next to it, blaming the sensor leaves 1 of 1.67, or of 2.33.
     """
     names = ("motor", "transmission", "link")
     system = SimpleNamespace(names=names, sides=names, weights=np.ones((4, 3)), count=1.0, white=lambda push: push)

@@ -1,4 +1,4 @@
-"""Unknown functions beside the causes: found where the catalogue lacks an effect, over the right signal, and nowhere else."""
+"""Unknown functions next to the causes: found where the catalogue lacks an effect, over the right signal, and nowhere else."""
 
 import numpy as np
 import pytest
@@ -69,7 +69,7 @@ def test_a_cause_of_the_catalogue_needs_no_unknown_function():
     }  # fmt: skip
 
 
-def test_the_values_of_causes_stay_right_beside_an_unknown_function():
+def test_the_values_of_causes_stay_right_next_to_an_unknown_function():
     selection = selected(Truth(at_motor=bump, link_inertia=0.033))
     values = {site.cause: v for site, v in selection.posterior.fit}
     assert values["link.inertia"][0] == pytest.approx(0.033, rel=0.02)

@@ -292,7 +292,7 @@ def test_what_gains_less_than_a_millionth_is_rounding(gain, better):
 
 @pytest.mark.parametrize(("size", "found"), [(14, True), (18, False)])
 def test_two_are_exchanged_for_one_in_sets_of_up_to_sixteen(size, found):
-    """One cause does what two of the set do together; either of the two beside it is less probable than both."""
+    """One cause does what two of the set do together; either of the two next to it is less probable than both."""
     own = 30.0 * np.eye(ROWS, size)
     one = 3.0 * (own[:, 0] + own[:, 1]) / np.sqrt(2.0)
     c = orthogonal([*own.T, one], 0.9 * own.sum(axis=1), 2.0)

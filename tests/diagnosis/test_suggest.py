@@ -1,4 +1,4 @@
-"""`vsalog diagnose --suggest`: what is proposed plays, stays within what the log has shown, and tells apart what was confused."""
+"""`vsalog diagnose --suggest`: what is proposed plays, stays within what the log has shown, and separates what was confused."""
 
 import json
 import math
@@ -220,7 +220,7 @@ def test_the_terminal_names_the_file_and_without_the_option_there_is_none(tmp_pa
     assert (tmp_path / "out" / FILE).exists()
 
 
-def test_what_cannot_be_simulated_is_said_and_nothing_is_proposed(tmp_path, run, monkeypatch):
+def test_what_cannot_be_simulated_is_reported_and_nothing_is_proposed(tmp_path, run, monkeypatch):
     # Without a link there is nothing that a torque could move.
     head, tail = ELASTIC.index("[joint.arm.link]"), ELASTIC.index("[joint.arm.signals]")
     put(tmp_path, "loose", *swinging(Truth()), ELASTIC[:head] + ELASTIC[tail:])
@@ -256,7 +256,7 @@ def test_a_range_says_what_share_of_it_is_taken():
 
 
 class Curve:
-    """Stands for the equations of an experiment: the "joint" is (size, rate, level) of a formula, held against data."""
+    """Stands for the equations of an experiment: the "joint" is (size, rate, level) of a formula, compared with data."""
 
     t = np.linspace(0.0, 4.0, 600)
     count = t.size

@@ -1,4 +1,4 @@
-"""The stacked residual system: white where there is noise alone, and each row the average it is said to be."""
+"""The stacked residual system: white where there is noise alone, and each row the average it is reported to be."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ def system_of(found, joint=None):
     return build_system(joint, found, balance_for(joint))
 
 
-# Ten times as loud as other logs: what filters cannot do exactly is nothing beside it.
+# Ten times as loud as other logs: what filters cannot do exactly is nothing next to it.
 LOUD = {"duration": 20.0, "loud": 10.0}
 
 
@@ -140,7 +140,7 @@ def test_rows_of_one_system_can_be_used_in_another(clean):
 
 
 def test_equations_are_formed_of_what_truly_acted():
-    """What the rig says of a sensor is undone before equations are formed."""
+    """What the rig states of a sensor is undone before equations are formed."""
     truth = Truth(gain=1.3, offset=0.2)
     found = channels(truth, duration=6.0)
     known = with_signal(joint_of(), "torque_sensor", gain=1.3, offset=0.2)
@@ -151,7 +151,7 @@ def test_equations_are_formed_of_what_truly_acted():
 
 
 def test_equations_are_averaged_over_a_twentieth_of_a_second(clean):
-    """Over half of that, which is the raised cosine's width at half its height, they are told apart."""
+    """Over half of that, which is the raised cosine's width at half its height, they are separated."""
     half = np.count_nonzero(clean.bell > 0.5 * clean.bell.max()) * 2e-3
     assert half == pytest.approx(0.025, abs=2e-3)
 

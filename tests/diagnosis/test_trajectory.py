@@ -71,7 +71,7 @@ HIDDEN = {
 
 @pytest.mark.every(3)
 @pytest.mark.parametrize("causes", HIDDEN, ids="+".join)
-def test_values_are_nearer_to_the_truth_and_as_sure_as_is_said(causes):
+def test_values_are_nearer_to_the_truth_and_as_sure_as_is_reported(causes):
     """Over several logs, from values two standard deviations away from those of the equations."""
     truth, expected = HIDDEN[causes]
     before, after, off = [], [], []

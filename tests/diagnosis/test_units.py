@@ -1,4 +1,4 @@
-"""Everything is told in the joint's units, whatever the rig says of how a role is recorded."""
+"""Everything is reported in the joint's units, whatever the rig states of how a role is recorded."""
 
 import numpy as np
 import pytest
@@ -77,7 +77,7 @@ WRONG = {
 
 @pytest.mark.every(3)
 @pytest.mark.parametrize("cause", WRONG)
-def test_what_is_found_beside_counts_is_told_in_the_joints_units(tmp_path, cause):
+def test_what_is_found_next_to_counts_is_reported_in_the_joints_units(tmp_path, cause):
     truth, role, expected = WRONG[cause]
     time, said = said_of(truth)
     if cause == "sensor.encoder_offset":

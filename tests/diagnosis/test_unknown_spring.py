@@ -66,7 +66,7 @@ def test_a_sound_joint_whose_spring_is_unknown_is_consistent_in_counts_too(tmp_p
     assert diagnose(tmp_path / "log.csv", None, Options()).diagnosis.verdict == "consistent as far as checked"
 
 
-def test_beside_an_unknown_spring_in_counts_the_right_cause_is_named(tmp_path):
+def test_next_to_an_unknown_spring_in_counts_the_right_cause_is_named(tmp_path):
     """Friction of the motor, with an encoder in counts."""
     time, roles = log(Truth(damping=0.1), duration=6.0)
     way = next(way for _, name, way in changes(["motor_position"]) if name == "counts")
@@ -119,7 +119,7 @@ def test_motor_and_link_tell_whose_the_torque_at_rest_is(tmp_path, zero):
     assert not any(offsets.values())
 
 
-def test_beside_an_unknown_spring_a_late_encoder_is_told_exactly(tmp_path):
+def test_next_to_an_unknown_spring_a_late_encoder_is_reported_exactly(tmp_path):
     """A spring that is fitted to late positions alone is wrong, and takes up a part of the delay."""
     late = 0.003
     time, roles = log(

@@ -17,7 +17,7 @@ def test_causes_that_take_nothing_away_explain_no_part_where_nothing_is_simulate
 
 
 @pytest.mark.parametrize("settled", [True, False])
-def test_a_search_that_did_not_settle_is_told(settled):
+def test_a_search_that_did_not_settle_is_reported(settled):
     found = SimpleNamespace(
         name="arm", unchecked=(), standing=None, closed=True, found=(), selection=SimpleNamespace(settled=settled)
     )

@@ -23,7 +23,7 @@ SECONDS, PERIOD = 6.0, 2e-3
 def clean():
     """A log of the rig's own physics by scipy, its windows, and the true motion.
 
-    The encoders' steps are large enough to be told as such; what drives the joint is recorded without noise.
+    The encoders' steps are large enough to be reported as such; what drives the joint is recorded without noise.
     """
     time, said = log(duration=SECONDS, loud=6.0)
     said["motor_torque"] = drive(0)(time)
@@ -99,7 +99,7 @@ def test_bristles_are_run_in_before_a_window(bristled, monkeypatch, lead):
     assert (np.median(off) < 1e-3 * np.ptp(states[:, 2])) == (lead > 0.0)
 
 
-def test_a_run_alone_is_played_as_it_is_among_others(bristled):
+def test_a_run_alone_is_simulated_as_it_is_among_others(bristled):
     """What bristles remember goes on within a run of windows, and not from one run to the next."""
     joint, windows, states = bristled
     first = windows.part([w for w in range(len(windows.spans)) if w not in (3, 7)])
@@ -209,12 +209,12 @@ def test_a_joint_without_its_own_torque_moves_as_its_encoder_says():
         (["link_position", "torque_sensor"], "motor is not recorded"),
     ],
 )
-def test_what_cannot_be_simulated_is_said(roles, words):
+def test_what_cannot_be_simulated_is_reported(roles, words):
     with pytest.raises(SimulationError, match=words):
         windows_of(joint_of(), channels(duration=2.0, roles=roles), False)
 
 
-def test_a_log_shorter_than_a_window_is_said():
+def test_a_log_shorter_than_a_window_is_reported():
     with pytest.raises(SimulationError, match=r"as long as 0\.5 s"):
         windows_of(joint_of(), channels(duration=0.4), False)
 
@@ -264,7 +264,7 @@ def by_hand(before, after):
 
 
 def test_the_reduction_and_its_interval_are_those_of_a_bootstrap_by_hand():
-    """Windows are drawn anew, with their errors; not samples."""
+    """Windows are drawn again, with their errors; not samples."""
     rng = np.random.default_rng(2)
     size = np.repeat(rng.uniform(0.5, 3.0, 40), 10)
     before, after = size * rng.standard_normal(400), 0.4 * size * rng.standard_normal(400)
@@ -313,7 +313,7 @@ def test_windows_of_a_plain_rig_hold_for_one_whose_encoder_is_late_or_early(clea
 
 
 def test_a_late_torque_was_recorded_before_its_window(clean):
-    """Each window played alone is played as in a row: its first torque is that of before it, not its own first sample."""
+    """Each window played alone is simulated as in a row: its first torque is that of before it, not its own first sample."""
     windows, moved = clean
     late = with_part(joint_of(), "motor", torque_delay=0.02)
     states = true_states(windows, moved)

@@ -1,4 +1,4 @@
-"""What an effect has to keep to: ours do, and what does not is told in words before anything is computed."""
+"""What an effect has to keep to: ours do, and what does not is reported in words before anything is computed."""
 
 from types import SimpleNamespace
 
@@ -112,7 +112,7 @@ def test_what_keeps_to_it_is_taken():
 @pytest.mark.filterwarnings("ignore::numpy.exceptions.VisibleDeprecationWarning")
 @pytest.mark.parametrize("what", WRONG)
 def test_what_does_not_is_refused(what):
-    # What its own code raises is told by who loads it.
+    # What its own code raises is reported by who loads it.
     with pytest.raises((ValueError, TypeError, IndexError)):
         keep_contract(WRONG[what])
 
@@ -128,7 +128,7 @@ def test_a_key_that_the_part_has_is_refused(monkeypatch):
             composed(Shaft, "motor")
 
 
-def test_a_formula_that_cannot_be_compiled_is_told_by_its_module(monkeypatch):
+def test_a_formula_that_cannot_be_compiled_is_reported_by_its_module(monkeypatch):
     def fails(*_):
         raise TypingError("no way")
 

@@ -179,7 +179,7 @@ def third(played, rig):
 
 
 @pytest.mark.parametrize("name", ["first", "third"])
-def test_the_state_is_found_within_what_is_said_of_it(played, name, request):
+def test_the_state_is_found_within_what_is_reported_of_it(played, name, request):
     found = request.getfixturevalue(name)
     assert found.estimator == "acceleration-observer"
     assert 200.0 < found.settings["frequency"] <= 250.0
@@ -195,7 +195,7 @@ def test_the_state_is_found_within_what_is_said_of_it(played, name, request):
         settled
     ]
     assert 0.8 < np.sqrt(np.mean(off**2)) < 1.2
-    # The rig's stiffness is told, and not claimed to have been found.
+    # The rig's stiffness is reported, and not claimed to have been found.
     assert not columns["excited"].any()
     assert np.isnan(columns["stiffness_std"]).all()
     assert (columns["stiffness"] == (2e5 if found.joint == "axis1" else 1.5e5)).all()
@@ -213,7 +213,7 @@ def accelerometer_findings(found):
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_an_accelerometer_that_measures_something_else_is_told(played, rig, fault):
+def test_an_accelerometer_that_measures_something_else_is_reported(played, rig, fault):
     changed, factor = FAULTS[fault]
     recording = played.recording()
     x, y = (recording.channels[f"/accelerometer_axis2/{axis}.data"] for axis in "xy")
@@ -301,7 +301,7 @@ def test_one_accelerometer_on_the_third_link_is_enough_for_the_first(played, rig
     assert 0.7 < np.sqrt(np.mean(ratio**2)) < 1.3
 
 
-def test_near_a_singular_configuration_nothing_is_told(played, rig):
+def test_near_a_singular_configuration_nothing_is_reported(played, rig):
     """Of a joint whose arm is shorter than the reach asked for, all is null but how little is known of its acceleration."""
 
     def arm(found):
@@ -320,8 +320,8 @@ def test_near_a_singular_configuration_nothing_is_told(played, rig):
     assert "acceleration.masked" in [finding.code for finding in found.findings]
 
 
-def test_after_a_gap_it_begins_anew_and_says_how_little_it_knows(played, rig):
-    """A gap in the signals of a neighbour: the joint moves when the observer begins again, within what is said of it."""
+def test_after_a_gap_it_begins_again_and_says_how_little_it_knows(played, rig):
+    """A gap in the signals of a neighbour: the joint moves when the observer begins again, within what is reported of it."""
     recording = played.recording()
     (name,) = [n for n in recording.channels if "axis2/x" in n]
     channel, kept = recording.channels[name], np.r_[0:1000, 1200:3001]

@@ -99,7 +99,7 @@ E0 = np.array([1e-3, -2e-3, 0.2, -0.3])
 
 @pytest.mark.parametrize("frequency", [60.0, 250.0])
 def test_the_error_decays_at_the_eigenvalues_whatever_the_link_weighs(frequency):
-    """The error beside the matrix exponential of its dynamics, and its rate along their one left eigenvector: −ω within 2 %."""
+    """The error next to the matrix exponential of its dynamics, and its rate along their one left eigenvector: −ω within 2 %."""
     errors = []
     period = 2.5e-4
     arm, L = single(MOTOR, frequency, period=period)

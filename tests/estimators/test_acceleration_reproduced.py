@@ -1,4 +1,4 @@
-"""`vsalog reproduce deluca2007`: what is said of the observer holds, and a row's tuning gives its number."""
+"""`vsalog reproduce deluca2007`: what is reported of the observer holds, and a row's tuning gives its number."""
 
 import numpy as np
 import pytest

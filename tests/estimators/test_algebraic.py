@@ -155,7 +155,7 @@ def test_many_turns_of_the_encoder_change_nothing(played):
     np.testing.assert_allclose(far["1"]["stiffness"][late], near["1"]["stiffness"][late], rtol=1e-5)
 
 
-def test_the_band_holds_the_truth(played):
+def test_the_band_contains_the_truth(played):
     held = []
     for seed in range(40):
         trace, _ = estimated(recorded(played, noise=0.05, step=2.0 * np.pi / 36_000, seed=seed))
@@ -190,7 +190,7 @@ def test_a_rig_with_dry_friction_has_it_taken_off(played):
     assert errors[1] < 0.5 * errors[0]
 
 
-def test_what_is_missing_is_said(played):
+def test_what_is_missing_is_reported(played):
     recording = recorded(played)
     with pytest.raises(EstimatorError, match="needs the motor's inertia"):
         estimated(recording, RIG.replace("inertia = 0.02\n", ""))

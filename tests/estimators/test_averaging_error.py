@@ -18,7 +18,7 @@ pytestmark = pytest.mark.share(3)
 T = 1e-3
 
 
-def test_what_is_left_over_but_for_noise_is_the_stiffness_s_own():
+def test_the_residual_beyond_noise_is_the_stiffness_s_own():
     rng, t = np.random.default_rng(4), np.arange(20_000) * T
     rate, K = np.cos(10.0 * t), 30.0
     phi, left = np.sin(10.0 * t) / 10.0, 2.0 * rng.standard_normal(t.size)
@@ -40,7 +40,7 @@ def test_a_hardening_spring_differs_most_where_it_hardly_moves():
     seen = averaging_error(phi, Rates((60.0 + 3000.0 * phi**2) * rate, rate), np.full(t.size, mean), 0.0)
     where = np.array([-0.1, -0.05, 0.0, 0.1])
     np.testing.assert_allclose(seen.course.square(where) ** 0.5, np.abs(3000.0 * where**2 - 10.0), rtol=1e-6, atol=1e-6)
-    # The mean square that is told for everywhere is that where it moves fast, and never less is claimed.
+    # The mean square that is reported for everywhere is that where it moves fast, and never less is claimed.
     assert seen.within < 0.5 * 20.0
     np.testing.assert_array_less(seen.within**2 * (1.0 - 1e-9), seen.square(where))
 
@@ -197,7 +197,7 @@ def test_what_was_learnt_before_a_rest_is_in_doubt_where_the_set_point_moves_on(
 
 
 @pytest.mark.parametrize(("rate", "told"), [(50.0, True), (800.0, False)])
-def test_a_motion_of_a_few_samples_a_swing_is_said_to_be_too_fast(tmp_path, rate, told):
+def test_a_motion_of_a_few_samples_a_swing_is_reported_to_be_too_fast(tmp_path, rate, told):
     """At 4 Hz and 50 samples per second: what a third derivative needs is longer than half a swing."""
     t = np.arange(round(12.0 * rate)) / rate
     phi = 0.3 * np.sin(2.0 * np.pi * 4.0 * t)

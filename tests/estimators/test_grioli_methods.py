@@ -209,7 +209,7 @@ def test_the_noise_of_rates_is_what_white_noise_makes_of_them(joint, difference)
     assert told.left(50.0) == pytest.approx(np.var(torque - 50.0 * deflection), rel=0.2)
 
 
-def test_noise_bends_a_followed_stiffness_as_much_as_is_told():
+def test_noise_bends_a_followed_stiffness_as_much_as_is_reported():
     """White noise on both rates of a swinging spring, some of it shared: the observer's average over many noises."""
     rng, n, K = np.random.default_rng(9), 200_000, 30.0
     rate = np.cos(np.arange(n) * 0.01)
@@ -327,7 +327,7 @@ def test_blocks_of_any_size_give_the_same_bits(experiment, name):
                     np.testing.assert_array_equal(cut[part][column], values, err_msg=f"{size} {part} {column}")
 
 
-def test_a_coarse_encoder_gets_a_longer_window_and_noise_is_told(joint):
+def test_a_coarse_encoder_gets_a_longer_window_and_noise_is_reported(joint):
     spec, signals = signals_of(joint)
     device = device_of("arm", spec, signals.roles)
     weights = savgol_weights(WINDOWS[0], 5, 1, T)

@@ -71,7 +71,7 @@ def test_what_has_no_effect_cannot_be_tuned(folder, samples, method, name):
 
 
 @pytest.mark.parametrize("estimator", ["residual-rls", "direct", "algebraic", "grioli-parametric", "qr-rls"])
-def test_nothing_is_told_before_anything_is_learnt(folder, estimator):
+def test_nothing_is_reported_before_anything_is_learnt(folder, estimator):
     code, _, err = vsalog("estimate", "loaded.parquet", "-e", estimator, "-o", f"{estimator}.parquet", cwd=folder)
     assert code == 0, err
     table = pq.read_table(folder / f"{estimator}.parquet").to_pandas()

@@ -194,7 +194,7 @@ def test_a_joint_s_impedance_is_found_without_any_motor_data(tmp_path, options, 
         assert np.all(deviation < 0.2 * value), name
 
 
-def test_a_weight_that_the_rig_does_not_know_is_told(tmp_path):
+def test_a_weight_that_the_rig_does_not_know_is_reported(tmp_path):
     joint_log(tmp_path / "arm.csv", weight=3.0)
     rig = tmp_path / "arm.rig.toml"
     rig.write_text(rig.read_text().replace("gravity_torque = 3.0", "gravity_torque = 0.0"))
@@ -261,7 +261,7 @@ def test_few_samples_of_a_damped_link_are_enough():
     assert x[-1, 3] / x[-1, 2] == pytest.approx(0.4, rel=0.04)
 
 
-def test_a_filter_that_came_to_something_impossible_begins_anew():
+def test_a_filter_that_came_to_something_impossible_begins_again():
     """A torque of the wrong sign: 1/I would be negative."""
     q, u = swinging(T, 6000)
     noise = LinkNoise(1e-5, 0.01, 5.0, 200.0, 200.0, 1e-4)
@@ -289,8 +289,8 @@ torque_sensor = "torque"
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_what_the_torque_s_noise_bends_is_told(tmp_path, seed):
-    """A torque sensor half as noisy as the torque: the inertia comes out too large, and roughly by how much is told."""
+def test_what_the_torque_s_noise_bends_is_reported(tmp_path, seed):
+    """A torque sensor half as noisy as the torque: the inertia comes out too large, and roughly by how much is reported."""
     q, u = swinging(0.01, 1500, noise=0.25, seed=seed)
     swung_log(tmp_path / "arm.csv", q, u, 0.01, seed)
     trace, _ = estimated(tmp_path / "arm.csv", tmp_path)

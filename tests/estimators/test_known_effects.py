@@ -117,7 +117,7 @@ def test_a_torque_sensor_does_not_ask_what_the_motor_does(effect):
 
 
 def test_inside_a_gap_nothing_damps():
-    """With a basis that cannot follow a gap only the torque fed can be held against the truth."""
+    """With a basis that cannot follow a gap only the torque fed can be compared with the truth."""
     known, unknown = (errors("damping in a gap", b, "direct") for b in ("damping in a gap", "none"))
     assert unknown["fed"] > 4.0 * known["fed"]
 
@@ -214,7 +214,7 @@ def standing():
 
 
 @pytest.mark.parametrize("name", ["residual-rls", "qr-rls"])
-def test_where_friction_holds_the_motor_nothing_is_said_of_the_torque(name):
+def test_where_friction_holds_the_motor_nothing_is_reported_of_the_torque(name):
     joint, experiment = standing()
     found = estimate_joint([experiment.recording()], "sea", joint, choose("sea", joint, name, {}))
     rest = (found.trace.time > 8.0) & (found.trace.time < 11.5)

@@ -79,7 +79,7 @@ def test_a_window_keeps_a_motion_that_loses_less_than_a_hundredth(lost, kept):
 
 
 @pytest.mark.parametrize(("change", "told"), [(0.02, False), (0.045, True)])
-def test_a_change_of_a_stiffness_is_told_beyond_three_hundredths(change, told):
+def test_a_change_of_a_stiffness_is_reported_beyond_three_hundredths(change, told):
     assert (change > least_change(0.0)) == told
 
 
@@ -91,7 +91,7 @@ def test_a_stiffness_is_supported_where_its_deviation_is_below_a_fifth(std, supp
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.4, []), (0.7, [0.7])])
-def test_what_is_in_doubt_in_most_of_a_log_is_told(share, told):
+def test_what_is_in_doubt_in_most_of_a_log_is_reported(share, told):
     fold = RegressionFold("x", "x", SimpleNamespace(joint="sea"), SimpleNamespace(window=51), (), None)
     state = SimpleNamespace(doubted={"1": int(1000 * share)}, seen=1000)
     assert [finding.value for finding in fold.findings(state)] == told
@@ -229,10 +229,10 @@ def test_a_link_is_at_most_ten_times_as_easy_to_move_as_the_log_s_torques_say(ti
 
 
 @pytest.mark.parametrize(("times", "told"), [(20.0, False), (45.0, True)])
-def test_an_offset_is_told_where_a_ramp_alone_leaves_thirty_times_as_much(times, told):
+def test_an_offset_is_reported_where_a_ramp_alone_leaves_thirty_times_as_much(times, told):
     n, period = 4000, 1e-3
     t = (np.arange(n) - 0.5 * n) * period
-    # A spring's momentum that goes with the ramp in part; what is left of it beside a ramp has the deviation 1.
+    # A spring's momentum that goes with the ramp in part; what is left of it next to a ramp has the deviation 1.
     swing = np.sin(9.0 * t)
     swing -= np.polynomial.Polynomial.fit(t, swing, 1)(t)
     swing /= np.std(swing)

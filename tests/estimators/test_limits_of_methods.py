@@ -79,7 +79,7 @@ def test_a_deflection_is_believed_up_to_five_times_what_the_motor_makes(times, b
 
 
 def told_of(scale=1.0, shake=0.0, rate=1.0):
-    """What is told of an acceleration that is so many times the motor's, with a swing of so many times its size and rate [Hz]."""
+    """What is reported of an acceleration so many times the motor's, with a swing of so many times its size and rate [Hz]."""
     t = np.arange(3000) * 1e-3
     theta, acceleration = -np.cos(3.0 * t) / 9.0, np.cos(3.0 * t)
     one, nothing = np.ones(1), np.zeros((1, 3))
@@ -113,7 +113,7 @@ def test_what_swings_faster_than_a_quarter_of_a_second_is_no_fault_of_an_acceler
 
 
 def test_noise_that_swings_within_a_window_averages_out_over_a_longer_memory():
-    """What a memory leaves of the noise of a filter's first derivative, by its spectrum: never more than is told."""
+    """What a memory leaves of the noise of a filter's first derivative, by its spectrum: never more than is reported."""
     window, period = 51, 1e-3
     gain = np.abs(np.fft.rfft(derivative_weights(window, 5, 1, period)[1], 2**16)) ** 2
     turn = np.linspace(0.0, np.pi, gain.size)

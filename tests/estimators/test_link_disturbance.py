@@ -1,4 +1,4 @@
-"""What acts on a link beside what is known: friction and constant torques of known size, on a motion in closed form."""
+"""What acts on a link next to what is known: friction and constant torques of known size, on a motion in closed form."""
 
 import json
 
@@ -36,7 +36,7 @@ def test_what_acts_is_found_with_its_size_and_what_it_costs(friction, constant):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_of_a_link_that_is_one_nothing_is_said(seed):
+def test_of_a_link_that_is_one_nothing_is_reported(seed):
     found = disturbance_of(*moving(seed=seed), 51)
     assert found.findings("arm") == []
     assert not found.moved.any()
@@ -44,18 +44,18 @@ def test_of_a_link_that_is_one_nothing_is_said(seed):
 
 
 def test_what_costs_nothing_is_not_told():
-    """A constant torque is told apart from inertia and damping by any motion that swings."""
+    """A constant torque is separated from inertia and damping by any motion that swings."""
     assert disturbance_of(*moving(constant=-0.2), 51).findings("arm") == []
 
 
-def test_too_little_is_no_witness():
+def test_too_little_is_no_reference():
     found = disturbance_of(*(x[:500] for x in moving(0.3)), 51)
     assert found.findings("arm") == []
     assert np.isnan(found.plain).all()
 
 
 @pytest.mark.parametrize(("friction", "given"), [("0.02", True), ("0.1", False)])
-def test_friction_of_the_link_is_told_and_is_in_the_deviation(tmp_path, friction, given):
+def test_friction_of_the_link_is_reported_and_is_in_the_deviation(tmp_path, friction, given):
     change = f"joint.sea.link.friction.coulomb={friction} N*m"
     done = vsalog_run("simulate", "sea", "--duration", "10 s", "--actual", change, "-o", "log.mcap", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -184,7 +184,7 @@ def test_a_set_point_that_stands_still_supports_the_estimate(kind):
     assert len(model.region) == 2
 
 
-def test_loading_is_told_afresh_after_a_gap():
+def test_loading_is_reported_afresh_after_a_gap():
     """Whichever way the joint went before the gap says nothing of where it goes after it."""
     time = np.arange(2000) * 1e-3
     experiment = elastic_experiment(duration=2.0)
@@ -208,7 +208,7 @@ def test_loading_is_told_afresh_after_a_gap():
 
 
 @pytest.mark.parametrize("device", ["vsa2", "awas"])
-def test_branches_are_told_alike_in_blocks(short, device):
+def test_branches_are_reported_alike_in_blocks(short, device):
     experiment = short[device]
     ((_, joint),) = experiment.rig.joint.items()
     joint = msgspec.structs.replace(joint, basis=msgspec.structs.replace(joint.basis, branches=True))
@@ -272,7 +272,7 @@ def test_one_sensor_for_both_transmissions():
 @pytest.mark.parametrize("make", [vsa2_experiment, awas_experiment, elastic_experiment])
 @pytest.mark.parametrize("modality", ["SENSOR", "RESIDUAL"])
 def test_the_uncertainty_is_honest(make, modality):
-    """Over several noises, the truth lies within two standard deviations most of the time, and these are not boundless."""
+    """Over several noises, the truth is within two standard deviations most of the time, and these are not boundless."""
     within, share = [], []
     for seed in range(1, 5):
         experiment = make(seed=seed, duration=10.0)

@@ -238,7 +238,7 @@ def test_blocks_of_any_size_give_the_same_bits(recording, both, monkeypatch):
         np.testing.assert_array_equal(cut[column], values, err_msg=column)
 
 
-def test_where_the_filter_has_lost_the_joint_nothing_is_told(recording):
+def test_where_the_filter_has_lost_the_joint_nothing_is_reported(recording):
     signals = JOINT.signals
     crossed = msgspec.structs.replace(
         JOINT, signals=msgspec.structs.replace(signals, valve_1=signals.valve_2, valve_2=signals.valve_1)

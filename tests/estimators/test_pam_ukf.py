@@ -1,4 +1,4 @@
-"""pam-ukf and pam-model as a user runs them: on another machine than the rig says, with gaps, and where it cannot be."""
+"""pam-ukf and pam-model as a user runs them: on another machine than the rig states, with gaps, and where it cannot be."""
 
 import json
 from dataclasses import replace as with_fields
@@ -22,7 +22,7 @@ def vsalog(*args, cwd):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A log of a machine whose pressures are noisy, with the truth beside."""
+    """A log of a machine whose pressures are noisy, with the truth along with it."""
     folder = tmp_path_factory.mktemp("pam")
     code, _, err = vsalog("simulate", "pam", "--truth", "--duration", "12 s", "-o", "pam.mcap", cwd=folder)
     assert code == 0, err
@@ -201,7 +201,7 @@ def test_a_pressure_that_stands_still_while_its_valve_moves_is_refused(folder):
     assert estimated(joint, closed).kept is not None
 
 
-def test_a_pressure_at_the_end_of_its_sensors_range_is_told(folder):
+def test_a_pressure_at_the_end_of_its_sensors_range_is_reported(folder):
     joint, recording = joint_and_recording(folder)
     clipped = changed(recording, channel_of(joint, "pressure_1"), lambda v: np.minimum(v, np.nanquantile(v, 0.6)))
     saturated = [

@@ -72,7 +72,7 @@ def test_a_method_without_printed_values_refuses_it_and_compare_knows_it(vsalog)
 
 
 def test_the_ukf_takes_the_printed_covariances(vsalog):
-    """Shin §V prints sensors of 10 kPa and an angle that wanders by √1e-5 rad a sample: what is told of it is that uncertain."""
+    """Shin §V prints sensors of 10 kPa and an angle that wanders by √1e-5 rad a sample: the estimate is that uncertain."""
     assert vsalog("simulate", "pam", "--duration", "6 s", "-o", "log.parquet")[0] == 0
     assert vsalog("estimate", "log.parquet", "--preset-tuning", "paper", "-o", "a.parquet")[0] == 0
     assert vsalog("estimate", "log.parquet", "-o", "b.parquet")[0] == 0

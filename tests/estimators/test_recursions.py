@@ -80,8 +80,8 @@ def test_qr_rls_is_lstsq(condition):
 
 
 @pytest.mark.parametrize("solve", [rls, qr])
-def test_what_is_left_over_is_recursive_residuals(solve):
-    """Innovations over their standard deviation for noise of variance one (Brown, Durbin, Evans 1975); lstsq anew each time."""
+def test_prediction_errors_are_recursive_residuals(solve):
+    """Innovations over their standard deviation for noise of variance one (Brown, Durbin, Evans 1975); lstsq again each time."""
     F, y = problem(12, 60, 3)
     left = solve(F, y, 1e6)[5] if solve is rls else solve(F, y)[5]
     for k in (10, 31, 59):
@@ -131,7 +131,7 @@ def test_nothing_is_claimed_before_there_are_as_many_samples_as_unknowns():
     assert np.isfinite(unknowns[3:]).all()
 
 
-def test_an_unexcited_direction_is_said_to_be_unknown():
+def test_an_unexcited_direction_is_reported_to_be_unknown():
     F, y = problem(8, 100, 3)
     F[:, 2] = 0.0
     for part in qr(F, y, E=np.ones((100, 1, 3)))[1:]:

@@ -1,4 +1,4 @@
-"""The region that is told as covered: what was learnt counts a delay later, however a log is cut."""
+"""The region that is reported as covered: what was learnt counts a delay later, however a log is cut."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ DELAY = 7
 
 
 def covered(phi, c=None, use=None, block=None, region=None):
-    """Whether each sample lies in what was known by then, and the region at the end."""
+    """Whether each sample is in what was known by then, and the region at the end."""
     region = Region.behind(DELAY) if region is None else region
     use = np.ones(phi.size, dtype=bool) if use is None else use
     flags = []

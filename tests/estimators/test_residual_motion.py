@@ -98,7 +98,7 @@ def test_a_wrong_gain_of_the_motor_s_encoder_is_found_with_its_size():
     assert "the motor's encoder reading 2.9% too much" in explained_by
 
 
-def test_nothing_is_told_of_a_spring_that_is_one():
+def test_nothing_is_reported_of_a_spring_that_is_one():
     _, speed, _, phi = motion()
     assert followers(look(phi, STIFFNESS * phi + noise(), speed), 0.0, 0.0) == []
 
@@ -120,7 +120,7 @@ def test_noise_on_both_sides_is_not_taken_for_an_inertia():
     assert followers(look(phi, torque, speed + jitter), 0.0, 0.0) == []
 
 
-def test_a_spring_that_is_no_spring_is_told_and_noise_is_not():
+def test_a_spring_that_is_no_spring_is_reported_and_noise_is_not():
     _, speed, _, phi = motion()
     cubic = STIFFNESS * phi + 400.0 * phi**3
     share = misfit(look(phi, cubic + noise(), speed), 0.0)
@@ -161,7 +161,7 @@ def findings_of(tmp_path_factory):
 
 
 @pytest.mark.parametrize("estimator", ["direct", "residual-rls", "algebraic"])
-def test_a_link_encoder_that_is_late_is_told(findings_of, estimator):
+def test_a_link_encoder_that_is_late_is_reported(findings_of, estimator):
     assert "residual.follows_motion" in findings_of(estimator, "awas", "joint.awas.signals.link_position.delay=2 ms")
 
 
@@ -173,7 +173,7 @@ def test_a_set_point_that_is_dead_is_named(findings_of, gain, told):
 
 
 @pytest.mark.parametrize("estimator", ["residual-rls", "algebraic"])
-def test_a_motor_heavier_than_its_rig_is_told_with_its_inertia(findings_of, estimator):
+def test_a_motor_heavier_than_its_rig_is_reported_with_its_inertia(findings_of, estimator):
     found = findings_of(estimator, "sea", "joint.sea.motor.inertia=0.1 kg*m^2")["residual.follows_motion"]
     assert 0.08 - found["evidence"]["acceleration_coefficient"] == pytest.approx(0.1, rel=0.03)
 

@@ -1,4 +1,4 @@
-"""Observers and filters that lose the machine: nothing is told there, it is said, and they find it again."""
+"""Observers and filters that lose the machine report it, give no numbers meanwhile, and find it again."""
 
 import json
 

@@ -98,7 +98,7 @@ def test_a_spring_that_changes_is_followed_and_the_band_holds(softer, allowed):
     assert np.mean(inside) > 0.85
 
 
-def test_a_constant_spring_is_told_better_than_by_any_other_method():
+def test_a_constant_spring_is_reported_better_than_by_any_other_method():
     t, signals, truth = machine(seed=5)
     best = np.median(errors(estimated(t, signals)[0], truth)[0])
     whole = np.sqrt(np.mean(errors(estimated(t, signals)[0], truth)[0] ** 2))
@@ -187,7 +187,7 @@ def test_what_a_wide_loop_remembers_of_the_time_before_the_log_is_not_the_spring
     assert np.median(errors(columns, truth)[0]) < 0.005
 
 
-def test_a_loop_that_slips_at_once_is_told_from_one_that_yields_smoothly():
+def test_a_loop_that_slips_at_once_is_distinguished_from_one_that_yields_smoothly():
     t, signals, truth = machine()
     phi, pulled = signals["link_position"] - signals["motor_position"], np.zeros(t.size)
     for k in range(1, t.size):

@@ -91,7 +91,7 @@ def test_the_lag_is_the_bilinear_first_order_filter():
         np.testing.assert_allclose(y[1:, i], expected, rtol=1e-10, atol=1e-14)
 
 
-def test_integrals_begin_anew_after_a_gap():
+def test_integrals_begin_again_after_a_gap():
     x = np.random.default_rng(4).normal(size=(300, 3))
     use = np.ones(300, dtype=bool)
     use[100:110] = False

@@ -31,14 +31,14 @@ def offsets(found):
 
 @pytest.mark.parametrize("estimator", ["qr-rls", "batch-ls"])
 @pytest.mark.parametrize("offset", [0.01, -0.05])
-def test_an_offset_is_told_and_nothing_is_supported(sea, estimator, offset):
+def test_an_offset_is_reported_and_nothing_is_supported(sea, estimator, offset):
     found = estimated(sea, estimator, offset, 7)
     assert offsets(found) == [pytest.approx(offset, abs=0.002)]
     assert not np.any(found.trace["total"]["excited"])
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_without_an_offset_nothing_is_told(sea, seed):
+def test_without_an_offset_nothing_is_reported(sea, seed):
     found = estimated(sea, "qr-rls", 0.0, seed)
     assert offsets(found) == []
     assert np.mean(found.trace["total"]["excited"]) > 0.8
@@ -47,7 +47,7 @@ def test_without_an_offset_nothing_is_told(sea, seed):
 @pytest.mark.parametrize("seconds", [1.0, 1.65, 3.0])
 @pytest.mark.parametrize("seed", [2, 3])
 def test_a_torque_that_stands_still_is_no_offset(seconds, seed):
-    """The first level of a square wave: what was told was the torque itself, 0.48 N·m."""
+    """The first level of a square wave: what was reported was the torque itself, 0.48 N·m."""
     rig = Rig.preset("sea").file
     stepped = simulate(rig, Scenario.find("square", rig).lasting(seconds, None).inputs(rig), seconds, ideal=True)
     assert offsets(estimated(stepped, "qr-rls", 0.0, seed)) == []

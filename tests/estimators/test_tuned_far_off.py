@@ -69,7 +69,7 @@ def test_infinity_is_no_value(run, samples, estimator, name):
 
 @pytest.mark.every(3)
 @pytest.mark.parametrize("estimator", ["residual-rls", "qr-rls", "batch-ls"])
-def test_a_window_longer_than_the_motion_is_told(run, samples, tmp_path, estimator):
+def test_a_window_longer_than_the_motion_is_reported(run, samples, tmp_path, estimator):
     log, out = samples / "vsa2_exp1.mcap", tmp_path / "out.parquet"
     warned = run("estimate", log, "-e", estimator, "--tune", "window=2", "-o", out, "--json")
     assert warned.returncode == 0, warned.stderr
@@ -91,7 +91,7 @@ def test_a_window_longer_than_the_motion_is_told(run, samples, tmp_path, estimat
         ("impedance", "filter=kinematic", "--tune rates come from"),
     ],
 )
-def test_what_a_value_has_to_be_is_said_in_words(run, samples, estimator, asked, words):
+def test_what_a_value_has_to_be_is_reported_in_words(run, samples, estimator, asked, words):
     done = run("estimate", samples / "vsa2_exp1.mcap", "-e", estimator, "--tune", asked)
     assert done.returncode == 2
     assert words in " ".join(done.stderr.split())

@@ -193,7 +193,7 @@ def test_an_inertia_that_no_body_has_is_refused():
         export(rig, "mjcf")
 
 
-def test_a_joint_beside_a_chain_in_another_gravity_loses_its_weight():
+def test_a_joint_next_to_a_chain_in_another_gravity_loses_its_weight():
     arm = Rig.load("vsa2-2r")
     both = replace(arm, file=type(arm.file)(joint={**arm.joints, **SEA.joints}, chain=arm.file.chain))
     assert not left_out(both, "mjcf")

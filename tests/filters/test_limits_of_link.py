@@ -9,7 +9,7 @@ NOISE = LinkNoise(position=1e-3, torque=1e-9, velocity=1e-9, mobility=1.0, decay
 
 
 def test_one_innovation_of_ten_deviations_makes_the_first_variances_five_times_as_large():
-    """As one of a hundred squares beside twenty of one: (20 + 100) / 21 = 5.7."""
+    """As one of a hundred squares next to twenty of one: (20 + 100) / 21 = 5.7."""
     position = np.array([0.0, 10.0 * 2.0**0.5 * NOISE.position])
     excess = estimate_link(link_start(NOISE), position, np.zeros(2), 1e-3, NOISE, 1000.0)[2]
     assert 4.0 < excess[1] < 8.0

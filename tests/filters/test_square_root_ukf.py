@@ -66,7 +66,7 @@ def h(x, p):
 
 
 def textbook(x, P, zs, us, p, Q, R, alpha, beta, kappa):
-    """Wan and van der Merwe, Table 7.3.2 with additive noise, points drawn anew for the correction."""
+    """Wan and van der Merwe, Table 7.3.2 with additive noise, points drawn again for the correction."""
     n = x.size
     lam = alpha**2 * (n + kappa) - n
     Wm = np.full(2 * n + 1, 0.5 / (n + lam))
@@ -169,7 +169,7 @@ def test_equals_filterpy():
     other.x, other.P, other.Q, other.R = x.copy(), P.copy(), Q, R
     for z, u in zip(zs, us, strict=True):
         other.predict(u=u)
-        # Older versions correct with the points as they were moved; newer ones draw anew, as Shin and we do.
+        # Older versions correct with the points as they were moved; newer ones draw again, as Shin and we do.
         other.sigmas_f = points.sigma_points(other.x, other.P)
         other.update(z)
     factors = covariance_factor(P), covariance_factor(Q), covariance_factor(R)

@@ -101,10 +101,10 @@ def well_formed(recording) -> None:
 def same_when_chosen(recording, path, time, rate) -> None:
     """A channel has the same values whether it is read alone or with the others."""
     if recording.findings:
-        return  # what is damaged, and which rows are none, is told by what is read
+        return  # what is damaged, and which rows are none, is reported by what is read
     for name in list(recording.channels)[:3]:
         channel = recording.channels[name]
-        # Copies and conflicts are told by all values of a stream: those that are not read do not count.
+        # Copies and conflicts are reported by all values of a stream: those that are not read do not count.
         stream = recording.streams[channel.stream]
         # Nor do samples of which nothing else is there, where a table holds several streams.
         own = recording.format == "parquet" and channel.stream != path.stem
@@ -117,7 +117,7 @@ def same_when_chosen(recording, path, time, rate) -> None:
 
 
 def in_a_window(recording, path, time, rate) -> None:
-    """A part of a log is what lies in it."""
+    """A part of a log is what is in it."""
     try:
         part = read(path, time=time, rate=rate, start=0.001, end="1 s")
     except ReadError as error:

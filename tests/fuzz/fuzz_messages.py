@@ -22,7 +22,7 @@ def one(data: bytes) -> None:
 
 
 def log_of(flags: int, parts) -> bytes:
-    """Put a log together; the flags choose the encoding and what lies in a chunk."""
+    """Put a log together; the flags choose the encoding and what is in a chunk."""
     language, encoding = ENCODINGS[flags % len(ENCODINGS)]
     kind, definition, topic, metadata, messages = b"a/msg/T", b"", b"/t", b"", []
     for number, content in parts:

@@ -67,7 +67,7 @@ region = {region}
 
 
 def seeds():
-    """Yield sound models, of a deflection and of a set-point beside it."""
+    """Yield sound models, of a deflection and of a set-point next to it."""
     for preset, name, order in (("vsa2", "elbow", 1), ("awas", "joint", 2), ("sea", "knee", 1)):
         size = 2 * order
         yield MODEL.format(

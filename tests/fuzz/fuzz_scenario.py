@@ -1,4 +1,4 @@
-"""Fuzz target: scenario files, up to the inputs that a machine is played with."""
+"""Fuzz target: scenario files, up to the inputs that a machine is simulated with."""
 
 from __future__ import annotations
 

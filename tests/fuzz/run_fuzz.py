@@ -44,7 +44,7 @@ def spend(target: str, compiled: bool, seconds: float, folder: Path) -> None:
     """Run a target until its time is over, again where an input has ended it."""
     corpus, environment = folder / "corpus" / target, dict(os.environ)
     if compiled:
-        # What lies in the usual cache was compiled without checks.
+        # What is in the usual cache was compiled without checks.
         environment |= {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str((folder / "numba").absolute())}
     else:
         environment["NUMBA_DISABLE_JIT"] = "1"

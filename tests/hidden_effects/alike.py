@@ -159,7 +159,7 @@ def _rest(mine: dict[str, LeftOver], theirs: list[dict[str, LeftOver]]) -> tuple
 
 
 def fits_equally(one: Hidden, bench: Bench, member: str, rng: np.random.Generator, tries: int = 3) -> bool | None:
-    """Tell whether a cause that is said to be indistinguishable from an effect really fits as well.
+    """Tell whether a cause that is reported to be indistinguishable from an effect really fits as well.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def fits_equally(one: Hidden, bench: Bench, member: str, rng: np.random.Generato
 
     Returns
     -------
-    none where the cause cannot be hidden in this machine, so that it cannot be said
+    none where the cause cannot be hidden in this machine, so that it cannot be reported
     """
     cause, part = split(member)
     if cause == one.effect.cause and part in ("", one.part):

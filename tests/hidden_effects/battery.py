@@ -82,7 +82,7 @@ def _impatient(*_: object) -> None:
 
 
 def diagnose_all(folders: list[Path], workers: int, rigs: list[Path] | None = None, into: str = "diagnosis") -> None:
-    """Diagnose cases, with other rigs perhaps; how long each took, and what went wrong, is kept beside its diagnosis."""
+    """Diagnose cases, with other rigs perhaps; how long each took, and what went wrong, is kept next to its diagnosis."""
     rigs = rigs or [folder / "rig.toml" for folder in folders]
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         for done, (folder, (took, problem)) in enumerate(

@@ -1,7 +1,7 @@
-"""How visible an effect is: what the nominal machine's equations leave over, beside their noise.
+"""How visible an effect is: what the nominal machine's equations leave over, next to their noise.
 
 Every equation is averaged with a Hann window of 25 ms; derivatives go onto the window. Its noise is that of the channels,
-carried through inertias, dampings and stiffnesses. Of channels without noise, what is left over is the effect alone.
+carried through inertias, dampings and stiffnesses. Of channels without noise, the residual is the effect alone.
 
     motor         B θ̈ + D θ̇ − τ_e − τ
     transmission  τ_sensor − τ_e(φ)
@@ -46,14 +46,14 @@ class Windows:
 
 @dataclass
 class LeftOver:
-    """Of one equation: what is left over, averaged, shape (n,), and the standard deviation of its noise."""
+    """Of one equation: the residual, averaged, shape (n,), and the standard deviation of its noise."""
 
     values: np.ndarray
     noise: float
 
     @property
     def ratio(self) -> float:
-        """Rms of what is left over in multiples of the noise."""
+        """Rms of the residual in multiples of the noise."""
         return float(np.sqrt(np.mean(self.values**2)) / self.noise)
 
 
@@ -114,7 +114,7 @@ def left_over(
 
     Parameters
     ----------
-    nominal : what the rig says
+    nominal : what the rig states
     said : role → shape (N,), what the sensors say without noise; those that are not recorded are left out
     qualities : role → of its sensor
     inside : the log's part of the samples

@@ -37,7 +37,7 @@ class FamilyOutcome:
     ended : verdict, or why there is none
     named : "cause@part" of the material causes, in the diagnosis' order
     false : those of them that were not hidden, nor are the same physics, nor have a class that holds what was hidden
-    confident : those of the false ones that are said to be nearly certain
+    confident : those of the false ones that are reported to be nearly certain
     classes : members of each named one's class, itself first
     first : whether the first named is one of those hidden
     first_small : the same, or whether a class of at most three holds it
@@ -46,8 +46,8 @@ class FamilyOutcome:
     absurd : values that are beyond a factor of three of the rig's
     confidences : (confidence, whether it is hidden itself) of each material cause
     class_confidences : (confidence of its class, whether a member of that is hidden) of each
-    simulated : signal → error of the rig as it stands over the noise floor, on the log
-    equations : equation → what the rig as it stands leaves over its noise
+    simulated : signal → error of the rig as it is over the noise floor, on the log
+    equations : equation → what the rig as it is leaves over its noise
     remainder : size of what the catalogue has not, in multiples of the noise
     seconds : the diagnosis took
     """

@@ -15,7 +15,7 @@ GRAVITY = 9.81
 
 @dataclass
 class Machine:
-    """A machine, as it is or as its rig says it is.
+    """A machine, as it is or as its rig states it is.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ SLOW = 0.03
 
 @dataclass
 class PneumaticMachine:
-    """A pneumatic joint, as it is or as its rig says it is.
+    """A pneumatic joint, as it is or as its rig states it is.
 
     Attributes
     ----------

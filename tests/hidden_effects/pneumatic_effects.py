@@ -1,4 +1,4 @@
-"""The effects that can be hidden in a pneumatic joint beside those of its sensors."""
+"""The effects that can be hidden in a pneumatic joint next to those of its sensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a diagnosis made of a case, beside what was hidden in it."""
+"""What a diagnosis made of a case, next to what was hidden in it."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ WORDS = {
 
 @dataclass
 class Estimate:
-    """A parameter that was diagnosed beside its truth.
+    """A parameter that was diagnosed next to its truth.
 
     Attributes
     ----------
     name : cause and parameter
-    covered : whether the 95 % interval holds the truth
+    covered : whether the 95 % interval contains the truth
     error : relative to the truth
-    of_change : relative to how far the truth is from what the rig says; of a phase, to half a turn
+    of_change : relative to how far the truth is from what the rig states; of a phase, to half a turn
     """
 
     name: str
@@ -62,12 +62,12 @@ class Outcome:
     first : whether the first that is named is one of them
     cause_only : the same, whatever the part
     extra : how many were named that were not hidden
-    in_set : whether the truth is named first or is in what the first cannot be told from
+    in_set : whether the truth is named first or is in what the first cannot be distinguished from
     set_size : of that
     estimates : of what was named rightly
     gains : per signal: error after over the noise floor, on held-out data
     worse : whether the held-out error became larger
-    outside : for what lies outside the catalogue: unexplained or partly explained, side right, variable right
+    outside : for what is outside the catalogue: unexplained or partly explained, side right, variable right
     seconds : the diagnosis took
     equal : for each member of the set, whether it really fits as well; where that was looked at
     """
@@ -209,7 +209,7 @@ def _gains(diagnosis: Mapping[str, Any]) -> tuple[list[float], bool]:
     ratios, changes = [], []
     for signal in gain.get("signals", []):
         if signal["signal"].startswith("stiffness"):
-            continue  # what an estimate of the stiffness gains is told beside the simulation's
+            continue  # what an estimate of the stiffness gains is reported next to the simulation's
         floor = signal.get("noise_floor") or floors.get((signal.get("joint"), signal["signal"]))
         if floor and signal.get("rmse_after") is not None:
             ratios.append(float(signal["rmse_after"]) / float(floor))

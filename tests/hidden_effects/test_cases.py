@@ -68,7 +68,7 @@ def test_the_hold_out_is_another_movement(folder):
     assert abs(np.corrcoef(log[:n], again[:n])[0, 1]) < 0.7
 
 
-def test_nothing_of_the_truth_lies_beside_the_log(folder):
+def test_nothing_of_the_truth_lies_next_to_the_log(folder):
     for device in DEVICES:
         assert {p.name for p in (folder / device).iterdir()} == {"log.parquet", "holdout.parquet", "rig.toml"}
         sealed = json.loads((folder / "sealed" / f"{device}.json").read_text())

@@ -69,7 +69,7 @@ def test_an_interval_that_misses_is_counted():
     assert outcome.estimates[0].error == float("inf")
 
 
-def test_errors_of_a_changed_value_are_shown_beside_the_change_too():
+def test_errors_of_a_changed_value_are_shown_next_to_the_change_too():
     hidden = effect("motor.inertia", inertia=1.1, nominal={"inertia": 1.0})
     estimate = score(truth(hidden), diagnosis(cause("motor.inertia", inertia=(1.12, 0.02)))).estimates[0]
     assert estimate.error == pytest.approx(0.02 / 1.1)

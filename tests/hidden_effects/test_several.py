@@ -67,7 +67,7 @@ def test_a_diagnosis_is_scored_by_what_is_hidden(softening):
     assert score("x", softening, nothing, nothing).found is False
 
 
-def test_two_encoders_are_told_apart_where_the_right_one_is_named_alone(zeros):
+def test_two_encoders_are_separated_where_the_right_one_is_named_alone(zeros):
     (hidden,) = zeros.changing[:1]
     right = {"verdict": "explained", "causes": [cause(hidden)], "trends": []}
     (other,) = {"motor_position", "link_position"} - {hidden.part}

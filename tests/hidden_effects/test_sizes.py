@@ -1,4 +1,4 @@
-"""How visible an effect is said to be: nothing without one, the noise as predicted, and what each effect adds, in closed form."""
+"""Reported visibility of an effect: none without one, the noise as predicted, and what each effect adds, in closed form."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def test_without_an_effect_nothing_is_left_over_but_the_noise(benches, device, r
     inside = slice(bench.truth.inside.start + 50, bench.truth.inside.stop - 50)
     for name, part in left_over(bench.nominal, said, bench.qualities, inside, 1e-3).items():
         assert part.ratio < 0.1, name
-    # Rounding errors of an encoder that moves slowly are no white noise: the prediction is held against white noise.
+    # Rounding errors of an encoder that moves slowly are no white noise: the prediction is compared with white noise.
     white = {r: Quality(q.deviation, 0.0) for r, q in bench.qualities.items()}
     ratios = {}
     for seed in range(6):

@@ -1,4 +1,4 @@
-"""Covariances from batches of scores, held against matrices as large as the log, and against draws."""
+"""Covariances from batches of scores, compared with matrices as large as the log, and against draws."""
 
 import numpy as np
 import pytest

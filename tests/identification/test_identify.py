@@ -199,8 +199,8 @@ def test_a_fit_that_is_worse_than_the_rig_elsewhere_is_reported(servo):
     assert "identification.worse_elsewhere" not in [f["code"] for f in found["findings"]]
 
 
-def test_without_a_torque_numbers_are_told_relative_to_one(servo):
-    """Inertia, gains and damping have a factor in common, and of kd and damping only the sum is told."""
+def test_without_a_torque_numbers_are_reported_relative_to_one(servo):
+    """Inertia, gains and damping have a factor in common, and of kd and damping only the sum is reported."""
     found = identified(servo, "log.csv", "--rig", "rig.toml", "-o", "all.toml")
     assert {n["key"]: n["determined"] for n in found["numbers"]} == dict.fromkeys(
         ("motor.inertia", "motor.damping", "drive.kp", "drive.kd"), "in combination"

@@ -1,4 +1,4 @@
-"""Friction told from a motion: closed forms, and bristles against scipy's integrator."""
+"""Friction computed from a motion: closed forms, and bristles against scipy's integrator."""
 
 import numpy as np
 import pytest
@@ -36,10 +36,10 @@ def test_what_is_too_slow_to_tell_is_in_doubt_by_the_whole_level():
     assert np.all(doubt[:2] > 0.69)
 
 
-def test_samples_beside_a_change_of_sign_are_in_doubt():
+def test_samples_next_to_a_change_of_sign_are_in_doubt():
     velocity = np.linspace(-1.0, 1.0, 41) + 0.001
     doubt = told(Friction(coulomb=0.3), velocity, reach=2.0)[3]
-    # The first sample has none before it; the others are told from 0.05 rad/s per sample times two.
+    # The first sample has none before it; the others are computed from 0.05 rad/s per sample times two.
     np.testing.assert_array_equal(doubt[1:] > 0.0, np.abs(velocity[1:]) <= 0.1)
 
 
@@ -78,7 +78,7 @@ def test_bristles_against_an_integrator(friction, load):
     expected = f.presliding_stiffness * solved.y[0] + f.presliding_damping * rate(TIME, solved.y[0])
     _, torque, way, doubt = told(f, v, load)
     whole = torque + f.load * load * way
-    # Wherever the bristles began, the truth lies between the extremes; from then on it is what the integrator says.
+    # Wherever the bristles began, the truth is between the extremes; from then on it is what the integrator says.
     assert np.all(np.abs(whole - expected) <= doubt * (1.0 + 1e-3) + 2e-3 * level(0.0))
     known = doubt < 1e-4
     assert known[1500:].all()

@@ -1,4 +1,4 @@
-"""Loops told from a deflection: Bouc–Wen against scipy's integrator, slip elements against the stop operator."""
+"""Loops computed from a deflection: Bouc–Wen against scipy's integrator, slip elements against the stop operator."""
 
 from itertools import pairwise
 

@@ -111,7 +111,7 @@ def test_shapes_broadcast_and_nan_passes_through() -> None:
 
 
 @pytest.mark.parametrize("function", [flexibility_torque, stiffness, elastic_energy])
-def test_what_cannot_be_computed_is_said(function: Callable[..., Array]) -> None:
+def test_what_cannot_be_computed_is_reported(function: Callable[..., Array]) -> None:
     with pytest.raises(RigError, match="'unknown'"):
         function(UnknownTransmission(), [0.1])
     with pytest.raises(VsalogError, match="lever arm"):

@@ -47,7 +47,7 @@ def tried(method, signals):
 
 @pytest.mark.parametrize("method", [direct, residual_rls])
 @pytest.mark.parametrize("change", [0.03, -0.03, -0.10])
-def test_a_spring_that_changes_is_found_with_its_size_and_its_band_holds_the_truth(method, change):
+def test_a_spring_that_changes_is_found_with_its_size_and_its_band_contains_the_truth(method, change):
     inside, alone = [], []
     for seed in range(4):
         signals, stiffness = drifting(change, seed)

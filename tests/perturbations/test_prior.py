@@ -1,4 +1,4 @@
-"""The weak prior that the recursions begin with: it shall not decide what the data can tell, and where it does that is told."""
+"""The weak prior that the recursions begin with: it must not decide what the data determine, and is reported if it does."""
 
 import json
 from types import SimpleNamespace
@@ -107,7 +107,7 @@ def test_a_lever_that_begins_elsewhere_is_no_matter(awas, estimator):
     ("estimator", "solver"),
     [("residual-rls", ()), ("algebraic", ()), ("direct", ()), ("direct", ("--tune", "solver=qr"))],
 )
-def test_a_set_point_of_reversed_sign_is_told_and_with_what_is_advised_it_is_no_matter(awas, estimator, solver):
+def test_a_set_point_of_reversed_sign_is_reported_and_with_what_is_advised_it_is_no_matter(awas, estimator, solver):
     """The stiffness is a polynomial of the reversed set-point, too, whose coefficients are far larger.
 
     By the prior alone 36 % of what was supported was off by up to 39 %, with 1.5 % claimed.

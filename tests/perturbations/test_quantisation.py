@@ -130,7 +130,7 @@ def from_rest_to_rest(seed):
 @pytest.mark.every(2)
 @pytest.mark.parametrize("method", ["SENSOR", "RESIDUAL"])
 def test_a_spring_between_rests_is_known_as_well_as_its_encoders_tell(method):
-    """Sixty logs: the stiffness at the deflections it was seen at lies in its band; by residuals alone half of it does not."""
+    """Sixty logs: the stiffness at the deflections it was seen at is in its band; by residuals alone half of it does not."""
     scores = []
     for seed in range(60):
         column, _ = estimates(subject_of(from_rest_to_rest(seed), residual_rls, modality=method))

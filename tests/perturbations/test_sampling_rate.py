@@ -25,7 +25,7 @@ INERTIA, DAMPING, STIFFNESS, JERK = 0.08, 0.4, 150.0, 40.0
 
 
 def jerked(rate, seconds=20.0, jolt=0.11, starts=(0,), calm=np.inf):
-    """A motor whose acceleration changes its sign at once, every `jolt` seconds, on a linear spring that swings beside it.
+    """A motor whose acceleration changes its sign at once, every `jolt` seconds, on a linear spring that swings next to it.
 
     In closed form: the torque is what the motor's equation of motion leaves for it, sampled where it stands. From when it last
     turns before `calm` the motor rests where it is.
@@ -62,7 +62,7 @@ def subject_of(method, signals):
 
 
 def traced(method, signals):
-    """Return the estimate as the fold alone claims it, and as it is told."""
+    """Return the estimate as the fold alone claims it, and as it is reported."""
     subject = subject_of(method, signals)
     base = run(subject.fold, signals)
     return base.trace, run_trials(subject, (SamplingRate(),), base).widened(base.trace)
@@ -87,7 +87,7 @@ def test_the_log_is_what_a_motor_does():
 
 
 @pytest.mark.parametrize(("rate", "jolt"), [(50.0, 0.23), (50.0, 0.29), (400.0, 0.11), (500.0, 0.11)])
-def test_what_jerks_bend_is_told(rate, jolt):
+def test_what_jerks_bend_is_reported(rate, jolt):
     alone, told = traced(residual_rls, jerked(rate, jolt=jolt))
     assert plausible_and_wrong(alone) > 0.15
     assert plausible_and_wrong(told) < 0.05
@@ -99,7 +99,7 @@ def test_what_is_not_known_of_the_jerks_moments_is_most_of_it_at_some_rates(rate
     assert plausible_and_wrong(told) < 0.01
 
 
-def test_what_is_bent_at_some_deflections_and_long_ago_is_told_of_those():
+def test_what_is_bent_at_some_deflections_and_long_ago_is_reported_of_those():
     """The middle of a log's second half, where the motor rests, knows nothing of it."""
     alone, told = traced(residual_rls, jerked(50.0, jolt=0.23, calm=8.0))
     assert plausible_and_wrong(alone, 0.0) > 0.03
@@ -117,7 +117,7 @@ def test_a_motion_that_is_resolved_is_left_alone():
 
 
 @pytest.mark.parametrize(("rate", "enough"), [(50.0, False), (200.0, True)])
-def test_where_half_the_samples_cannot_be_tried_that_is_said(rate, enough):
+def test_where_half_the_samples_cannot_be_tried_that_is_reported(rate, enough):
     """A span of 0.15 s has four samples at 25 Hz, of which algebraic makes nothing."""
     signals = jerked(rate, jolt=0.5)
     subject = subject_of(algebraic, signals)

@@ -1,4 +1,4 @@
-"""Read the MCAP project's conformance files, and compare what is found with the JSON beside each.
+"""Read the MCAP project's conformance files, and compare what is found with the JSON next to each.
 
     python tests/readers/conformance.py FOLDER
 
@@ -23,7 +23,7 @@ from vsalog.writers.repair import _records_of
 
 
 def expected(path):
-    """Return what the JSON beside a file says is in it."""
+    """Return what the JSON next to a file says is in it."""
     found = {"messages": [], "channels": set(), "attachments": [], "metadata": []}
     for record in json.loads(path.with_suffix(".json").read_text())["records"]:
         fields = dict(record["fields"])

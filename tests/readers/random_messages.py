@@ -162,7 +162,7 @@ def with_indices(names):
 
 
 def own_names(store, value, sub, what):
-    """Return the names of the elements of an array of messages, where they tell them apart."""
+    """Return the names of the elements of an array of messages, where they separate them."""
     if (
         int(sub) != MESSAGE
         or what in TIMES

@@ -104,7 +104,7 @@ def test_a_ros1_bag_with_a_bad_chunk(tmp_path):
 
 
 @pytest.mark.parametrize("compression", ["BZ2", "LZ4"])
-def test_of_a_damaged_chunk_is_said_which_it_is_and_what_it_cost(tmp_path, compression):
+def test_of_a_damaged_chunk_is_reported_which_it_is_and_what_it_cost(tmp_path, compression):
     path = write_bag1(tmp_path / "log", rosbag1.Writer.CompressionFormat[compression])
     with rosbag1.Reader(path) as bag:
         chunks = sorted(bag.chunk_infos, key=lambda chunk: chunk.pos)
@@ -179,7 +179,7 @@ def test_a_folder_of_several_logs_is_no_bag(tmp_path):
 
 
 @pytest.mark.parametrize("metadata", [True, False])
-def test_logs_beside_a_bag_are_named(tmp_path, metadata):
+def test_logs_next_to_a_bag_are_named(tmp_path, metadata):
     joints_mcap(tmp_path / "run_0.mcap", 10)
     (tmp_path / "other.csv").write_text("time,a\n0,1\n1,2\n")
     if metadata:
@@ -307,7 +307,7 @@ def contents(folder):
 
 @pytest.mark.parametrize("unfinished", [(), ("-shm",)], indirect=True)
 @pytest.mark.parametrize("how", ["alone", "folder", "sample", "repaired", "read-only"])
-def test_nothing_is_left_beside_a_database(unfinished, monkeypatch, how):
+def test_nothing_is_left_next_to_a_database(unfinished, monkeypatch, how):
     folder, before = unfinished.parent, contents(unfinished.parent)
     assert f"{unfinished.name}-wal" in before
     if how == "sample":
@@ -336,7 +336,7 @@ def test_a_database_whose_log_of_changes_is_gone(unfinished):
 
 
 def test_a_database_that_is_being_written(tmp_path):
-    """The files that the writer has beside it stay as they are, and it can go on."""
+    """The files that the writer has next to it stay as they are, and it can go on."""
     folder = write_bag2(tmp_path / "bag", rosbag2.StoragePlugin.SQLITE3)
     (path,) = (path for path in folder.iterdir() if path.name != "metadata.yaml")
     writer = sqlite3.connect(path)

@@ -44,7 +44,7 @@ def test_clocks_that_agree_are_no_matter(tmp_path, late):
     assert apart_of(log_of(tmp_path / "log", late)) == []
 
 
-def test_clocks_that_are_over_a_millisecond_apart_are_told(tmp_path):
+def test_clocks_that_are_over_a_millisecond_apart_are_reported(tmp_path):
     (found,) = apart_of(log_of(tmp_path / "log", 0.0011))
     assert (found.value, found.limit) == (pytest.approx(0.0011), 1e-3)
 

@@ -145,7 +145,7 @@ def test_what_comes_seldom_is_not_told(tmp_path):
     assert read(log.save(tmp_path / "log")).findings == ()
 
 
-def test_thousands_of_names_are_parts_no_more_than_can_be_told_apart(tmp_path):
+def test_thousands_of_names_are_parts_no_more_than_can_be_separated(tmp_path):
     log = McapLog()
     for i in range(600):
         log.raw(log.channel("/q", "", encoding="json"), json.dumps({f"q{i}": i}).encode(), START + i * MS)

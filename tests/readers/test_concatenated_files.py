@@ -95,7 +95,7 @@ def test_a_log_whose_end_is_damaged_up_to_its_mark_is_cut_off_not_joined(tmp_pat
         assert {"recording.truncated"} == {*codes(read(tmp_path / "log"))}
 
 
-def test_damage_ahead_of_the_next_log_is_told(tmp_path):
+def test_damage_ahead_of_the_next_log_is_reported(tmp_path):
     path, (raw, other) = joined(tmp_path, mcap, ("/a", 0), ("/b", COUNT), use_chunking=False, **BARE)
     path.write_bytes(raw[:20_000] + bytes(5000) + other)
     assert {"recording.bytes_skipped", "recording.joined"} <= {*codes(read(path))}

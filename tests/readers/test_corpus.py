@@ -63,7 +63,7 @@ def test_lines_of_words_are_passed_over_however_many_they_are(tmp_path, line):
 
 
 def test_a_table_may_become_shorter_while_it_is_read(tmp_path):
-    """As where its writer begins anew; the process would die of a file that is mapped."""
+    """As where its writer begins again; the process would die of a file that is mapped."""
     path = tmp_path / "log.csv"
     rows = "".join(f"{k / 1000},{k}\n" for k in range(1_000_000))
     path.write_text("time [s],x\n" + rows, encoding="utf-8")

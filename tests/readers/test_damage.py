@@ -1,4 +1,4 @@
-"""Logs with changed bytes and cut off logs of every container: what can be read is right, and what is lost is told.
+"""Logs with changed bytes and cut off logs of every container: what can be read is right, and what is lost is reported.
 
 Only some places are tried; ``VSALOG_DAMAGE_PLACES=1000 pytest tests/readers/test_damage.py`` tries so many of each log.
 """

@@ -1,4 +1,4 @@
-"""Encodings and types that ROS 2 can write and that are not read: they are told by their names, and nothing is made of them."""
+"""Encodings and types that ROS 2 can write and that are not read: they are reported by name, and left out."""
 
 from __future__ import annotations
 

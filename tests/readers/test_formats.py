@@ -1,4 +1,4 @@
-"""Formats are told by content, and what cannot be read is refused in words."""
+"""Formats are detected from content, and what cannot be read is refused in words."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def test_columns_grow_with_zeros_gaps_and_signs():
             assert values[first : i.size].tobytes() == whole[first:].tobytes()
 
 
-def test_a_rate_that_is_not_used_is_told(tmp_path):
+def test_a_rate_that_is_not_used_is_reported(tmp_path):
     log = McapLog()
     log.add_json("/x", {"x": 1}, START)
     path = log.save(tmp_path / "log")

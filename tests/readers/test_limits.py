@@ -92,7 +92,7 @@ def test_arrays_of_64_are_signals():
     assert (channels_of(f'{{"x":{[0] * 64}}}'), channels_of(f'{{"x":{[0] * 65}}}')) == (64, 0)
 
 
-def test_256_frames_are_told_apart():
+def test_256_frames_are_separated():
     numbers = Frames().numbers(stated_frames([f"frame_{i}" for i in range(257)]))
     assert numbers.tolist() == [*range(256), -1]
 

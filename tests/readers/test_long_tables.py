@@ -45,7 +45,7 @@ def test_one_channel_can_be_wanted(tmp_path):
     assert list(log.channels) == ["pos[b]"]
 
 
-def test_each_clock_begins_anew_at_midnight_by_itself(tmp_path):
+def test_each_clock_begins_again_at_midnight_by_itself(tmp_path):
     def stamp(i):
         seconds = 86_399 + i // 2 / 100
         return f"{int(seconds // 3600) % 24:02d}:{int(seconds // 60) % 60:02d}:{seconds % 60:06.3f}"
@@ -137,7 +137,7 @@ def test_rows_in_turn_of_a_parquet_file(tmp_path, kind):
     }
 
 
-def test_more_speakers_than_a_table_can_have_are_told(tmp_path):
+def test_more_speakers_than_a_table_can_have_are_reported(tmp_path):
     """Made-up names of a damaged table would take ever more memory."""
     log = in_blocks(tmp_path / "log.csv", "signal", [f"s{k}" for k in range(300)], 0, count=250)
     assert len(log.channels) == 256

@@ -72,7 +72,7 @@ def test_what_contradicts_itself_is_left_out(tmp_path, name):
         read(path)
 
 
-def test_cells_in_cells_in_cells_are_told(tmp_path):
+def test_cells_in_cells_in_cells_are_reported(tmp_path):
     path = tmp_path / "log"
     path.write_bytes(HEADER + SOUND + nested(200))
     recording = read(path)
@@ -82,7 +82,7 @@ def test_cells_in_cells_in_cells_are_told(tmp_path):
 
 @pytest.mark.parametrize("compressed", [False, True])
 @pytest.mark.parametrize("byte", [4, 5, 6, 7])
-def test_a_variable_whose_length_is_wrong_is_told(tmp_path, compressed, byte):
+def test_a_variable_whose_length_is_wrong_is_reported(tmp_path, compressed, byte):
     """What is ahead of it is read; where the next begins is not known."""
     contents = {name: {"time": T, "x": T * k} for k, name in enumerate("abcd", start=1)}
     file, ahead = BytesIO(), BytesIO()
@@ -117,7 +117,7 @@ def test_a_compressed_structure_without_an_end_is_left_out(tmp_path):
 
 
 def test_lengths_that_are_wrong_throughout_come_to_an_end(tmp_path):
-    """Looking for the next variable must not begin anew for each of a million that are none."""
+    """Looking for the next variable must not begin again for each of a million that are none."""
     path = tmp_path / "log"
     path.write_bytes(HEADER + SOUND + struct.pack("<IIII", 14, 2**31, 6, 8) * 200_000)
     assert read(path).channel("sound").values.tolist() == [1, 2, 3]
@@ -186,7 +186,7 @@ def test_the_other_byte_order(tmp_path):
     assert read(path).channel("x").values.tolist() == [1, 2, -3.5]
 
 
-def test_what_is_no_array_of_numbers_is_told(tmp_path):
+def test_what_is_no_array_of_numbers_is_reported(tmp_path):
     path = tmp_path / "log"
     content = {"x": T, "sparse": csc_matrix(np.eye(3)), "word": "text", "empty": np.zeros((0, 0)), "none": {}}
     savemat(path, content, appendmat=False)

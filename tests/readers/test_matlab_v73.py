@@ -207,7 +207,7 @@ def test_a_changed_byte_never_takes_samples_away_without_a_word(tmp_path):
     path = Matlab(tmp_path / "log").save(small)
     raw, sound, said = path.read_bytes(), content(read(path)), read(path).findings
     rng, unseen = np.random.default_rng(11), 0
-    # Most of the file is empty: only bytes that are something, or lie beside these, are changed.
+    # Most of the file is empty: only bytes that are something, or lie next to these, are changed.
     filled = np.flatnonzero(np.convolve(np.frombuffer(raw, np.uint8) > 0, np.ones(5), "same"))
     for place in rng.choice(filled[filled > 512], 700, replace=False).tolist():
         bad = bytearray(raw)
@@ -236,7 +236,7 @@ def test_a_dataset_without_values_is_no_row_of_zeros(tmp_path):
     assert values_of(recording, "recording.variables_damaged") == [2]
 
 
-def test_members_that_are_listed_but_not_found_are_told(tmp_path):
+def test_members_that_are_listed_but_not_found_are_reported(tmp_path):
     path = Matlab(tmp_path / "log").save(CONTENT)
     raw, sound, told = path.read_bytes(), read(path), 0
     for tree in re.finditer(b"TREE\0\0", raw):  # groups; the first name that the tree leads to lies far off

@@ -401,7 +401,7 @@ def test_a_footer_that_points_anywhere_is_passed_by(tmp_path, start):
 
 
 def test_large_robots_and_many_topics_are_read(tmp_path):
-    """Twenty robots of 300 joints, three values each, beside 5000 topics of one value."""
+    """Twenty robots of 300 joints, three values each, next to 5000 topics of one value."""
     log = McapLog()
     names = [f"joint_{k}" for k in range(300)]
     for robot in range(20):

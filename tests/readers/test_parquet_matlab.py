@@ -306,7 +306,7 @@ def test_rows_without_a_time_are_left_out(tmp_path, missing):
     assert (left_out.code, left_out.part, left_out.value) == ("clock.rows_without_time", "s.time", len(missing))
 
 
-def test_samples_that_share_a_time_are_told(tmp_path):
+def test_samples_that_share_a_time_are_reported(tmp_path):
     time = SECONDS.copy()
     time[7] = time[6]
     savemat(tmp_path / "log", {"time": time, "x": SECONDS}, appendmat=False)
@@ -315,7 +315,7 @@ def test_samples_that_share_a_time_are_told(tmp_path):
     assert recording.streams["log"].conflicts == 1
 
 
-def test_a_clock_of_another_length_is_told(tmp_path):
+def test_a_clock_of_another_length_is_reported(tmp_path):
     savemat(tmp_path / "log", {"time": SECONDS[:40], "x": SECONDS}, appendmat=False)
     assert "40 values" in read(tmp_path / "log").unread["time"]
 

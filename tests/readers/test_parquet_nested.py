@@ -41,7 +41,7 @@ def test_elements_of_lists_are_channels(tmp_path, kind):
         np.testing.assert_array_equal(log.channels[f"pos[{k}]"].values, expected)
 
 
-def test_lists_that_become_longer_are_told(tmp_path):
+def test_lists_that_become_longer_are_reported(tmp_path):
     log = stored(tmp_path, time=TIME, pos=[[i] if i % 3 else [] for i in range(N - 1)] + [[1.0, 2.0, 3.0]])
     assert list(log.channels) == ["pos[0]"]
     assert len(log.channels["pos[0]"].values) == N - N // 3
@@ -50,7 +50,7 @@ def test_lists_that_become_longer_are_told(tmp_path):
 
 @pytest.mark.parametrize("dated", [True, False])
 def test_a_time_of_day_goes_on_at_midnight(tmp_path, dated):
-    """Beside a date or alone."""
+    """Next to a date or alone."""
     moments = [dt.datetime(2026, 1, 31, 23, 59, 58) + dt.timedelta(seconds=i / 100) for i in range(N)]
     days = {"date": [moment.date() for moment in moments]} if dated else {}
     log = stored(tmp_path, **days, time=[moment.time() for moment in moments], pos=TIME)
@@ -78,7 +78,7 @@ def test_absurd_rates_are_refused(tmp_path, rate):
         read(path, rate=rate)
 
 
-def test_whole_numbers_beyond_53_bits_are_told(tmp_path):
+def test_whole_numbers_beyond_53_bits_are_reported(tmp_path):
     log = stored(tmp_path, time=TIME, enc=2**60 + np.arange(N), even=2**60 + 1024 * np.arange(N))
     (rounded,) = found(log, "table.numbers_rounded")
     assert (rounded.part, rounded.evidence["number"]) == ("enc", str(2**60 + 1))

@@ -1,4 +1,4 @@
-"""Protobuf channels of MCAP files, beside what was put into the messages; descriptors are made here, without a compiler."""
+"""Protobuf channels of MCAP files, next to what was put into the messages; descriptors are made here, without a compiler."""
 
 from __future__ import annotations
 
@@ -286,7 +286,7 @@ def test_damaged_descriptors_and_messages_are_no_crash(raw, place, flip):
     decoder.decode(Messages.of([raw, b""]))
 
 
-def test_without_the_package_its_name_is_told(tmp_path, monkeypatch):
+def test_without_the_package_its_name_is_reported(tmp_path, monkeypatch):
     schema = Schema().message("M", x="double")
     log = McapLog(profile="")
     number = log.writer.register_schema("t.M", "protobuf", schema.data())

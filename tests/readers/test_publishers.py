@@ -175,7 +175,7 @@ def test_frames_by_turns_are_streams_of_their_own(tmp_path, sent, json):
 
 
 @pytest.mark.parametrize("more", [1, 4])
-def test_frames_beyond_those_told_apart_are_a_stream_together(tmp_path, more):
+def test_frames_beyond_those_separated_are_a_stream_together(tmp_path, more):
     names = [f"imu{k}" for k in range(MOST_PARTS + more)]
     sent = in_time(*(at(name, np.arange(6) + k / 1000, 100 * k) for k, name in enumerate(names)))
     recording = read(framed(tmp_path / "log", sent))
@@ -195,7 +195,7 @@ def as_json(path, sent, place="header"):
     return log.save(path)
 
 
-def test_frames_beside_the_values_of_json_are_told(tmp_path):
+def test_frames_next_to_the_values_of_json_are_reported(tmp_path):
     assert set(read(as_json(tmp_path / "log", BY_TURNS["1:30"], "")).streams) == {"/j@left", "/j@right"}
 
 

@@ -92,7 +92,7 @@ def test_over_http(tmp_path):
         ("http://127.0.0.1:9/log.mcap", "cannot be downloaded|there is no such file"),
     ],
 )
-def test_what_cannot_be_is_said(address, words):
+def test_what_cannot_be_is_reported(address, words):
     assert isinstance(CliRunner().invoke(cli, ["inspect", address]).exception, ReadError)
     with pytest.raises(ReadError, match=words):
         read(address)

@@ -1,4 +1,4 @@
-"""Whole records that were cut out of a ROS 1 bag: nothing is damaged then, and yet what is missing is told."""
+"""Whole records that were cut out of a ROS 1 bag: nothing is damaged then, and yet what is missing is reported."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ def add(writer, begin, count):
 
 
 @pytest.mark.parametrize("folder", [True, False])
-def test_fewer_messages_than_the_metadata_count_are_told(tmp_path, folder):
+def test_fewer_messages_than_the_metadata_count_are_reported(tmp_path, folder):
     path = bag(tmp_path / "bag")
     log = path.parent if folder else path
     for part in read(log), read(log, time="log", start=0, end=0.01), read(log, wanted=[ELBOW]):
@@ -101,7 +101,7 @@ def test_a_sample_is_not_held_against_the_metadata(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("cut", [1, 2, 50, 100, 4096])
-def test_a_database_that_lacks_its_last_bytes_is_told(tmp_path, cut):
+def test_a_database_that_lacks_its_last_bytes_is_reported(tmp_path, cut):
     path = bag(tmp_path / "bag")
     assert missing_bytes(path) == []
     path.write_bytes(path.read_bytes()[:-cut])
@@ -131,7 +131,7 @@ def frames(raw):
 
 @pytest.mark.parametrize("place", [4, 8, 17, 24, 2000])
 @pytest.mark.parametrize("frame", [0, 1, -2])
-def test_messages_behind_damage_in_a_log_of_changes_are_told(changed, place, frame):
+def test_messages_behind_damage_in_a_log_of_changes_are_reported(changed, place, frame):
     log = changed.with_name(f"{changed.name}-wal")
     raw = bytearray(log.read_bytes())
     assert damaged_changes(log) == []
@@ -145,7 +145,7 @@ def test_messages_behind_damage_in_a_log_of_changes_are_told(changed, place, fra
     assert (damage.code, damage.part) == ("recording.changes_damaged", log.name)
 
 
-def test_a_damaged_head_of_a_log_of_changes_is_told(changed):
+def test_a_damaged_head_of_a_log_of_changes_is_reported(changed):
     log = changed.with_name(f"{changed.name}-wal")
     sound = log.read_bytes()
     for place in range(32):

@@ -192,7 +192,7 @@ def test_pages_that_lead_to_one_page_many_times_take_no_time(endless, ids):
 def test_a_file_that_ends_within_a_row_has_no_row_that_ends_in_zeros(tmp_path, size):
     """Of messages in one page, and of some that go on in others: what comes out of any part of the file was put in."""
     rows = sound(120, size)
-    # No message ends with a zero, which could not be told from one that SQLite has made.
+    # No message ends with a zero, which could not be distinguished from one that SQLite has made.
     rows = [(number, topic, when, data + b"\xff" * 9) for number, topic, when, data in rows]
     whole = write(tmp_path / "whole.db3", rows).read_bytes()
     put_in, seen = {(topic, when, data) for _, topic, when, data in rows}, 0
@@ -221,7 +221,7 @@ def test_topics_whose_row_is_damaged_say_so(tmp_path):
 
 
 def test_rows_that_are_glimpsed_at_are_small(tmp_path):
-    """Thousands of rows tell publishers and frames apart; of images and maps they would be all of the file."""
+    """Thousands of rows separate publishers and frames; of images and maps they would be all of the file."""
     write(tmp_path / "log", [(i, 1, i, bytes(10**6 if i % 3 else 20)) for i in range(1, 60)])
     packets = list(SqliteContainer(tmp_path / "log").glimpses({1}))
     assert {size for packet in packets for size in packet.messages.length.tolist()} == {20}

@@ -22,7 +22,7 @@ def appended(tmp_path, header, second):
 
 
 def test_the_same_header_once_more_is_skipped(tmp_path):
-    """Nothing else is lost, and no cell is said to be bad."""
+    """Nothing else is lost, and no cell is reported to be bad."""
     log = appended(tmp_path, "time,pos [rad],tau", [(30 + i / 10, 300 + i, 400 + i) for i in range(300)])
     np.testing.assert_array_equal(log.channels["pos"].values, np.arange(600.0))
     np.testing.assert_array_equal(log.channels["tau"].values, 100 + np.arange(600.0))

@@ -1,4 +1,4 @@
-"""Text tables of which bytes have changed, or that were cut off: what is damaged is local, or it is said."""
+"""Text tables of which bytes have changed, or that were cut off: what is damaged is local, or it is reported."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_a_changed_byte_changes_one_row(tmp_path, separator, comma, quoted):
         assert found.keys() == sound.keys(), place
         assert wrong(found, sound) <= 2, place
         lost = max(ROWS - len(values) for values in found.values())
-        # Line ends may be quoted: the row in which a quote is missing runs on to the next quote, which is said.
+        # Line ends may be quoted: the row in which a quote is missing runs on to the next quote, which is reported.
         assert lost <= 3 or {"table.stray_quotes", "table.lines_skipped"} & {*said}, place
         assert lost == 0 or said, place
 

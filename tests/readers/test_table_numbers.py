@@ -43,7 +43,7 @@ def test_decimal_commas_between_blanks(table):
     assert recording.channel("x").stamps.tolist() == [i * S // 10 for i in range(9)]
 
 
-def test_whole_numbers_beyond_53_bits_are_told(table):
+def test_whole_numbers_beyond_53_bits_are_reported(table):
     recording = table("time,enc,large\n" + "".join(f"{i / 10},{2**60 + i},1.5e300\n" for i in range(50)))
     (rounded,) = recording.findings
     assert (rounded.code, rounded.part) == ("table.numbers_rounded", "enc")

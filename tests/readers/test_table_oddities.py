@@ -158,7 +158,7 @@ def test_a_separator_that_is_stated(table):
 
 
 def test_among_decimal_commas_a_point_alone_is_no_number(table):
-    """2.037 may be 2037: nobody knows, so that it is told."""
+    """2.037 may be 2037: nobody knows, so that it is reported."""
     rows = [f"{i},5;{i},25" for i in range(20)]
     rows[3] = "3,5;2.037"
     recording = table("t;x\n" + "\n".join(rows) + "\n")
@@ -169,7 +169,7 @@ def test_among_decimal_commas_a_point_alone_is_no_number(table):
 @pytest.mark.parametrize(
     "text", ["t;x\n0,1;1.234,5\n0,2;-12.345.678,25\n", 't,x\n0.1,"1,234.5"\n0.2,"-12,345,678.25"\n']
 )
-def test_thousands_beside_a_decimal_mark(table, text):
+def test_thousands_next_to_a_decimal_mark(table, text):
     """As spreadsheets write cells that they show so."""
     recording = table(text)
     assert content(recording) == {"x": ([1234.5, -12345678.25], None)}
@@ -344,6 +344,6 @@ def test_excel_writes_a_mark_a_separator_and_the_encoding_of_windows(tmp_path):
 
 
 def test_seconds_far_apart_that_begin_again_are_read(table):
-    """What lies between them is too much to be put behind ten of their steps in 64 bits."""
+    """What is between them is too much to be put behind ten of their steps in 64 bits."""
     recording = table("sec,nanosec,x\n0,0,1\n1700000000,0,2\n0,5,3\n1700000001,4,4\n1700000001,5,5\n")
     assert 5 in recording.channel("x").values

@@ -60,7 +60,7 @@ def test_a_column_of_the_same_name_that_is_no_clock_is_a_signal(tmp_path):
     assert len(log.channel("tau").values) == N
 
 
-def test_a_time_that_cannot_be_read_is_told(tmp_path):
+def test_a_time_that_cannot_be_read_is_reported(tmp_path):
     text = table("time,q,p,time,tau").replace("\n3.00,", "\nx,").replace(",2.500,", ",?x,")
     (tmp_path / "log").write_text(text)
     log = read(tmp_path / "log")

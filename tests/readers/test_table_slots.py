@@ -66,7 +66,7 @@ def test_an_order_that_stays_is_not_told(joints):
     assert recording.findings == ()
 
 
-def test_names_that_come_later_are_told(tmp_path):
+def test_names_that_come_later_are_reported(tmp_path):
     lines = [
         "time,name0,name1,pos0,pos1",
         *(f"{i / 100},hip,{'knee' if i < 50 else 'toe'},{i},{-i}" for i in range(99)),

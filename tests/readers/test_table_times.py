@@ -1,4 +1,4 @@
-"""Times in tables as people and programs write them, held against Python's own dates."""
+"""Times in tables as people and programs write them, compared with Python's own dates."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def test_dates_that_could_be_read_in_two_ways_make_the_shortest_log(table, first
 
 
 @pytest.mark.parametrize(("written", "month", "day"), [("3/4/2024", 3, 4), ("3-4-2024", 4, 3)])
-def test_a_single_date_that_nothing_decides_is_told(table, written, month, day):
+def test_a_single_date_that_nothing_decides_is_reported(table, written, month, day):
     recording = table("Date,Time,x", *(f"{written},12:00:0{i},{i}" for i in range(5)))
     noon = nanoseconds(datetime(2024, month, day, 12, tzinfo=UTC))
     assert stamps(recording) == [noon + i * S for i in range(5)]
@@ -135,7 +135,7 @@ def test_a_date_far_behind_the_first_rows_decides(table):
 
 
 @pytest.mark.parametrize("date", ["week 11", "45364", "?"])
-def test_a_date_that_cannot_be_read_is_told_and_midnight_passes(table, date):
+def test_a_date_that_cannot_be_read_is_reported_and_midnight_passes(table, date):
     recording = table("Date,Time,x", *(f"{date},{moment:%H:%M:%S.%f},{i}" for i, moment in enumerate(ROWS)))
     assert since_first(recording) == [i * S // 4 for i in range(20)]
     assert "clock.dates_unreadable" in codes(recording)
@@ -224,7 +224,7 @@ def test_a_unit_is_guessed_by_size_and_steps(table, before, rate, unit):
 
 
 @pytest.mark.parametrize(("name", "count"), [("time", 1), ("time [s]", 0), ("unix_time", 0)])
-def test_dates_in_long_steps_are_told(table, name, count):
+def test_dates_in_long_steps_are_reported(table, name, count):
     """They may be milliseconds since some weeks ago."""
     recording = table(f"{name},x", *(f"{1_750_000_000 + 2 * i},{i}" for i in range(20)))
     assert since_first(recording) == [2 * i * S for i in range(20)]
@@ -240,7 +240,7 @@ def test_a_unit_of_a_clock_that_is_set_late(table):
     assert recording.channel("x").stamps[0] == 1_750_000_004 * S
 
 
-def test_hours_that_are_not_called_so_are_told(table):
+def test_hours_that_are_not_called_so_are_reported(table):
     recording = table("time,x", *(f"{i / 3.6e6:.12f},{i}" for i in range(20)))
     (found,) = recording.findings
     assert (found.code, found.evidence["read_as"]) == ("clock.unit_by_steps", "seconds")
@@ -251,7 +251,7 @@ def test_whole_seconds_are_seconds_where_the_name_says_so(table):
     assert stamps(table("seconds,x", *(f"{i},{i}" for i in range(5)))) == [i * S for i in range(5)]
 
 
-def test_a_unit_that_is_no_time_is_told(table):
+def test_a_unit_that_is_no_time_is_reported(table):
     recording = table("time [samples],x", *(f"{i},{i}" for i in range(20)))
     assert recording.streams["log"].time_source == "none"
     assert "clock.unit_unknown" in codes(recording)
@@ -336,7 +336,7 @@ def test_a_counter_of_32_bits_that_overflows(table, unit, size):
 
 
 @pytest.mark.parametrize(("epoch", "told"), [(1_700_000_000, False), (1_700_000_000 + 2_082_844_800, True)])
-def test_seconds_as_labview_counts_them_are_told(table, epoch, told):
+def test_seconds_as_labview_counts_them_are_reported(table, epoch, told):
     recording = table("time,pos\n" + "".join(f"{epoch + i / 10},{i}\n" for i in range(50)))
     assert ("clock.perhaps_since_1904" in codes(recording)) == told
 

@@ -103,7 +103,7 @@ def test_time_columns_are_exact(tmp_path, cells, header, expected):
     assert recording.absolute_time == (expected[0] > 946684800 * S)
 
 
-def test_a_guessed_unit_is_told(tmp_path):
+def test_a_guessed_unit_is_reported(tmp_path):
     recording = read(table(tmp_path, "t,x\n0,1\n5,2\n10,3\n"))
     assert "clock.unit_by_steps" in codes(recording)
 
@@ -157,7 +157,7 @@ def test_without_time_a_rate_is_needed(tmp_path):
         read(path, rate=0.0)
 
 
-def test_a_column_that_looks_like_time_is_told_not_taken(tmp_path):
+def test_a_column_that_looks_like_time_is_reported_not_taken(tmp_path):
     rows = "".join(f"{i},{i * 0.003 - 0.0043},{i % 3}\n" for i in range(20))
     recording = read(table(tmp_path, ",header,joint_position\n" + rows))
     assert recording.streams["log"].time_source == "none"
@@ -257,7 +257,7 @@ def test_rows_without_a_time_are_left_out(tmp_path):
     assert values_of(recording, "clock.rows_without_time") == [2]
 
 
-def test_equal_names_are_told_apart(tmp_path):
+def test_equal_names_are_separated(tmp_path):
     assert list(read(table(tmp_path, "t,x,x\n0.0,1,2\n0.1,1,2\n")).channels) == ["x", "x#2"]
 
 

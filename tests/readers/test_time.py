@@ -383,7 +383,7 @@ def test_a_log_time_that_stands_still_is_no_clock(tmp_path, log_time, time):
     assert read(path, time="log").streams["/j"].time_source == "log"
 
 
-def test_a_clock_that_stands_still_beside_another_one_that_does_is_kept():
+def test_a_clock_that_stands_still_next_to_another_one_that_does_is_kept():
     still, moving = np.full(5, START), START + np.arange(5) * MS
     assert choose_clock({"header": still, "log": still}, "auto").source == "header"
     assert choose_clock({"header": still, "log": moving}, "auto").source == "log"

@@ -1,4 +1,4 @@
-"""Two publishers of one topic that nothing but their values tells apart."""
+"""Two publishers of one topic that nothing but their values separates."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def by_turns(one, other):
         (by_turns(ONE, OTHER) + NOISE, np.ones(T.size)),  # a joint that stands still says nothing
     ],
 )
-def test_values_of_two_by_turns_are_told(tmp_path, joints):
+def test_values_of_two_by_turns_are_reported(tmp_path, joints):
     assert told(log_of(tmp_path / "log", *joints))
 
 

@@ -58,7 +58,7 @@ def kept(recording, name="/j.position[a]"):
         ("0", "1e5", 0, 999),
     ],
 )
-def test_a_part_is_told_in_many_ways(log, start, end, first, last):
+def test_a_part_is_reported_in_many_ways(log, start, end, first, last):
     assert kept(read(log, start=start, end=end)) == (first, last)
 
 
@@ -151,7 +151,7 @@ def test_chunk_times_that_the_index_does_not_confirm_are_not_believed(tmp_path):
     assert read(path, start="0", end="0.005").channel("/x.data").values.tolist() == [0, 1, 2, 3, 4, 5]
 
 
-def test_what_has_no_sample_there_is_told(log):
+def test_what_has_no_sample_there_is_reported(log):
     recording = read(log, start="0", end="0.1")
     assert list(recording.channels) == ["/j.position[a]"]
     assert list(recording.streams) == ["/j"]
@@ -175,7 +175,7 @@ def test_what_has_no_sample_there_is_told(log):
         ("\x1b[31m", None, "�"),
     ],
 )
-def test_what_cannot_be_is_said(log, start, end, words):
+def test_what_cannot_be_is_reported(log, start, end, words):
     with pytest.raises(ReadError, match=r".") as caught:
         read(log, start=start, end=end)
     assert words in str(caught.value)

@@ -1,4 +1,4 @@
-"""The parts that faults of recordings are found with, held against closed forms and scipy."""
+"""The parts that faults of recordings are found with, compared with closed forms and scipy."""
 
 import numpy as np
 import pytest

@@ -130,7 +130,7 @@ def test_a_torque_that_never_reverses_is_no_magnitude(sea, samples):
     assert "torque.unsigned" not in {finding.code for finding in findings_of(signals_of(loaded, samples))}
 
 
-def test_channels_of_two_joints_are_told_apart(vsa2, samples):
+def test_channels_of_two_joints_are_separated(vsa2, samples):
     one = signals_of(vsa2, samples, "vsa2_exp1.mcap")
     # The other joint of the machine goes the same way at other times.
     other = replace(one, roles={role: values[::-1].copy() for role, values in one.roles.items()})

@@ -20,7 +20,7 @@ SERVO = signal.TransferFunction([30.0**2], [1.0, 2.0 * 0.8 * 30.0, 30.0**2])
 
 
 def joint(seed, drive_delay=0.0, lag=0.0):
-    """Return what a servo is told, and does, and what its encoder and its driver's filter of a lag say of that."""
+    """Return what a servo is reported, and does, and what its encoder and its driver's filter of a lag say of that."""
     rng = np.random.default_rng(seed)
     told = sum(
         rng.uniform(0.1, 0.4) * np.sin(w * T + rng.uniform(0.0, 6.0))

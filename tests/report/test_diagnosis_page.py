@@ -82,7 +82,7 @@ def test_a_shape_that_differs_by_direction_is_drawn_as_two_lines():
     inner = np.abs(up.x) < 0.98
     assert np.allclose(up.y[inner], np.sqrt(1.0 - up.x[inner] ** 2), atol=0.02)
     assert np.allclose(down.y, -up.y, atol=0.05)
-    assert down.dashed != up.dashed  # colours alone do not tell them apart
+    assert down.dashed != up.dashed  # colours alone do not separate them
 
 
 def test_loops_of_hysteresis_follow_the_rows_over_the_deflection():

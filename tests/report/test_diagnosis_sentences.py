@@ -1,4 +1,4 @@
-"""What a diagnosis says first: of what is there, and no gain where none is told."""
+"""What a diagnosis says first: of what is there, and no gain where none is reported."""
 
 import pytest
 from diagnosis_evidence import diagnosis, found_cause

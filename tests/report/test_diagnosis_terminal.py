@@ -56,7 +56,7 @@ def full():
 
 
 @pytest.mark.parametrize("columns", [80, 110, 160])
-def test_everything_is_said_within_the_width(capsys, monkeypatch, columns):
+def test_everything_is_reported_within_the_width(capsys, monkeypatch, columns):
     out, err = printed(full(), capsys, monkeypatch, columns)
     assert max(map(len, out.splitlines())) <= columns
     for part in ("log.mcap: partly explained", "torque 0.2000 ± 0.0020 N·m", "torque 1.204 ± 0.061 N·m", "width 0.0123 rad",
@@ -78,7 +78,7 @@ def test_words_are_not_cut_in_two_at_80_columns(capsys, monkeypatch):
         assert set(text.split()) <= words
 
 
-def test_a_consistent_log_has_its_errors_beside_the_noise(capsys, monkeypatch):
+def test_a_consistent_log_has_its_errors_next_to_the_noise(capsys, monkeypatch):
     told = diagnosis(verdict="consistent", causes=(), gain=Gains(holdout=False, where="", signals=()))
     out, err = printed(told, capsys, monkeypatch, 80)
     assert re.search(r"motor position \[rad\] +0\.008 +0\.0002 +0\.4 %", out)

@@ -123,7 +123,7 @@ def test_a_table_is_whole_where_it_fits_else_turned_else_in_blocks_else_a_list()
     assert max(map(len, listed.splitlines())) <= 80
 
 
-def test_what_is_for_pages_is_left_out_and_sections_are_told_by_their_verdicts():
+def test_what_is_for_pages_is_left_out_and_sections_are_reported_by_their_verdicts():
     verdict = Verdict("elbow", "holds", "good", ("It is good.",))
     items = (Section("Joint elbow", (Words("Here."), Words("There.", "page")), verdict), Facts((("key", "value"),)))
     text = shown(Document("title", "about", items), 80)

@@ -1,4 +1,4 @@
-"""The papers' controllers in the loop: what is said of them holds on machines that they do not know exactly."""
+"""The papers' controllers in the loop: what is reported of them holds on machines that they do not know exactly."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What stands in for the papers' experiments: another machine than the rig says, and the settings printed."""
+"""What stands in for the papers' experiments: another machine than the rig states, and the settings printed."""
 
 import numpy as np
 import pytest

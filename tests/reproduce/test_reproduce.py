@@ -89,7 +89,7 @@ def test_every_modality_reaches_the_printed_msrep_by_default(results, name):
 
 @pytest.mark.parametrize("name", ["flacco2012-table1", "flacco2012-table2"])
 def test_the_paper_s_own_settings_reach_it_within_a_tenth(results, name):
-    """The one that is worse (RESIDUAL, second transmission) is so by a few percent, and by the lag, as is said."""
+    """The one that is worse (RESIDUAL, second transmission) is so by a few percent, and by the lag, as is reported."""
     rows = chosen(results(name).rows, settings="the paper's", quantity="MSREP of the stiffness")
     for row in rows:
         assert row.ours.median <= 1.1 * row.printed, row.of

@@ -95,7 +95,7 @@ PUSH = np.sin(5.0 * TIME)
         ("imu.linear_acceleration.x", None, None),
     ],
 )
-def test_roles_beside_the_estimators_are_taken_by_name_only(name, unit, role):
+def test_roles_next_to_the_estimators_are_taken_by_name_only(name, unit, role):
     columns = {"motor_position": MOTOR, "link_position": LINK, "torque_sensor": TORQUE}
     joint = only_joint(table({**columns, name: PUSH}, units={name: unit}))
     assert channels_of(joint) == {**{c: c for c in columns}, **({role: name} if role else {})}
@@ -110,7 +110,7 @@ def test_the_secondary_motor_s_torque_is_its_own():
     assert found["motor_torque"] == "motor_torque"
 
 
-def test_joints_of_an_arm_are_told_apart():
+def test_joints_of_an_arm_are_separated():
     columns = {}
     for name in ("shoulder", "left elbow"):
         columns |= {
@@ -145,7 +145,7 @@ def test_an_arm_with_one_position_per_joint_is_rigid_and_says_what_is_missing():
         assert set(joint.roles) == {"link_position", "link_velocity", "motor_torque"}
 
 
-def test_a_geared_motor_is_told_by_its_range_and_side():
+def test_a_geared_motor_is_recognised_by_its_range_and_side():
     joint = only_joint(table({"position": LINK, "motor_position": -120.0 * MOTOR + 3.0, "motor_current": MOTOR_TORQUE}))
     assert joint.gear_ratio == pytest.approx(120.0, rel=0.01)
     motor = joint.roles["motor_position"]

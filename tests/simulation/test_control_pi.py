@@ -1,4 +1,4 @@
-"""A PI controller of two muscles: what it computes, where it ends, and that it knows no more than it is told."""
+"""A PI controller of two muscles: what it computes, where it ends, and that it knows no more than it is reported."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""State feedback with feed-forward: eigenvalues, inverse dynamics, and an elastic joint in the loop, held against scipy."""
+"""State feedback with feed-forward: eigenvalues, inverse dynamics, and an elastic joint in the loop, compared with scipy."""
 
 import numpy as np
 import pytest
@@ -66,7 +66,7 @@ def test_the_slowest_eigenvalues_are_those_asked_for(frequency, damping):
 
 
 def test_the_feed_forward_moves_the_joint_as_planned():
-    """scipy plays the torque to a joint whose equations stand here."""
+    """scipy simulates the torque to a joint whose equations stand here."""
     q = rest_to_rest(0.4, 0.5, 0.2)(TIME)
     fine = np.linspace(0.0, 1.0, 20001)
     dq = np.gradient(rest_to_rest(0.4, 0.5, 0.2)(fine), fine)
@@ -114,7 +114,7 @@ def test_the_observers_state_damps_what_the_motors_alone_does_not():
 
 @pytest.mark.parametrize("feedback", ["truth", "acceleration-observer"])
 def test_a_drive_that_makes_less_of_its_command_is_told_more(feedback):
-    """The rig says that four fifths of what is commanded acts, and a constant beside it."""
+    """The rig says that four fifths of what is commanded acts, and a constant next to it."""
     rig = Rig.from_toml(RIG.replace(f"damping = {DM}\n", f"damping = {DM}\ntorque_gain = 0.8\ntorque_offset = 0.5\n"))
     scenario = Scenario.from_toml(SCENARIO.replace("FEEDBACK", feedback))
     done = simulate(rig.file, {}, 1.2, controllers=scenario.controllers(rig.file), estimator=LiveEstimate)

@@ -66,7 +66,7 @@ def stiffness_of(truth):
 
 @pytest.mark.parametrize(("name", "wanted"), [("vsa2", 0.5), ("qbmove", 1.4), ("awas", 150.0)])
 def test_the_feed_forward_sets_stiffness_and_position_where_the_rig_is_right(name, wanted):
-    """The link is held at 25°, where gravity pulls it; what is left over is the motors' friction: none."""
+    """The link is held at 25°, where gravity pulls it; the residual is the motors' friction: none."""
     _, truth = played(name, scenario(name, "none", constant(f"{wanted} N·m/rad"), seconds=4.0), ideal=True)
     assert stiffness_of(truth)[-1] == pytest.approx(wanted, rel=2e-3)
     assert np.degrees(truth["link_position"][-1]) == pytest.approx(25.0, abs=0.1)
@@ -92,7 +92,7 @@ def test_the_motors_are_where_the_springs_equations_say():
     [("vsa2", "direct", 0.5, 0.015), ("vsa2", "residual-rls", 0.5, 0.03), ("qbmove", "direct", 1.4, 0.03)],
 )
 def test_the_loop_removes_what_a_wrong_spring_leaves(name, feedback, wanted, within):
-    """The springs are 20 % softer than the rig says: the feed-forward is wrong by as much, the loop by what the estimate is."""
+    """The springs are 20 % softer than the rig states: the feed-forward is wrong by as much, the loop by what the estimate is."""
     errors = {}
     for by in ("none", feedback):
         time, truth = played(name, scenario(name, by, constant(f"{wanted} N·m/rad"), SWING, 4.0), SOFTER[name])

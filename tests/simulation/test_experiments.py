@@ -238,12 +238,12 @@ def _elastic(**changes: object) -> RigFile:
         (awas_rig(), {"secondary_torque": 1200.0}, "lever arm reaches zero"),
     ],
 )
-def test_what_cannot_be_simulated_is_said(rig: RigFile, torques: dict[str, object], words: str) -> None:
+def test_what_cannot_be_simulated_is_reported(rig: RigFile, torques: dict[str, object], words: str) -> None:
     with pytest.raises(SimulationError, match=words):
         simulate(rig, dict.fromkeys(rig.joint, torques), 2.0)  # type: ignore[dict-item]
 
 
-def test_the_singularity_of_the_four_bar_mechanism_is_said() -> None:
+def test_the_singularity_of_the_four_bar_mechanism_is_reported() -> None:
     with pytest.raises(SimulationError, match="singularity"):
         vsa2_experiment(torques={"motor_torque_1": lambda t: 2.0 + 0.0 * t}, duration=5.0)
 

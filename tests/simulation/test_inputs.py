@@ -33,7 +33,7 @@ def rms(values):
 
 
 def frequency(values, t):
-    """The instantaneous frequency of a sine between −1 and 1, from the slope of its phase, where that can be told."""
+    """The instantaneous frequency of a sine between −1 and 1, from the slope of its phase, where that can be reported."""
     slope = np.gradient(values, t) / (2.0 * np.pi)
     clear = np.abs(values) < 0.7
     return np.abs(slope[clear]) / np.sqrt(1.0 - values[clear] ** 2), clear

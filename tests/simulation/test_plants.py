@@ -245,7 +245,7 @@ def test_light_motors_with_much_damping_get_enough_steps() -> None:
     assert_close_in_range(played, {"link_position": q, "motor_position_1": a, "motor_velocity_1": da}, 1e-6)
 
 
-def test_a_rig_in_wrong_units_is_said() -> None:
+def test_a_rig_in_wrong_units_is_reported() -> None:
     joint = elastic_rig().joint["sea"]
     assert isinstance(joint, ElasticJoint)
     tiny = msgspec.structs.replace(joint, motor=Motor(inertia=1e-12))

@@ -1,4 +1,4 @@
-"""Effects of the plants against closed forms and against scipy's integrators, with equations written out anew here."""
+"""Effects of the plants against closed forms and against scipy's integrators, with equations written out again here."""
 
 import numpy as np
 import pytest
@@ -132,7 +132,7 @@ def test_a_bouc_wen_loop():
 
 @pytest.mark.parametrize("width", [1e-5, 1e-7])
 def test_a_loop_that_is_next_to_a_step_is_followed(width):
-    """Dry friction in a spring: beside K φ its torque is that of the direction in which φ moves, wherever that is clear."""
+    """Dry friction in a spring: next to K φ its torque is that of the direction in which φ moves, wherever that is clear."""
     loop = BoucWen(torque=0.2, width=width, exponent=1.0, shape=1.0)
     # Vibrations alone would do with fewer steps.
     joint = replace(PLAIN, transmission=replace(PLAIN.transmission, bouc_wen=loop))
@@ -381,7 +381,7 @@ def test_a_stiff_machine_converges_too():
     assert np.log2(errors[1] / errors[2]) > 3.0
 
 
-def test_lacking_inertia_is_said():
+def test_lacking_inertia_is_reported():
     with pytest.raises(SimulationError, match="joint 'j': motor has no inertia"):
         build({"j": replace(PLAIN, motor=Motor())})
     with pytest.raises(SimulationError, match="joint 'j' has no link"):

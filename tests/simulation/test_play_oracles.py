@@ -1,4 +1,4 @@
-"""The compiled plants against scipy's integrators at tight tolerance, with equations written out anew here."""
+"""The compiled plants against scipy's integrators at tight tolerance, with equations written out again here."""
 
 import numpy as np
 import pytest

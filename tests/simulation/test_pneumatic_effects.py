@@ -1,4 +1,4 @@
-"""The pneumatic joint: every model and effect does what its name says, and what cannot be played is refused."""
+"""The pneumatic joint: every model and effect does what its name says, and what cannot be simulated is refused."""
 
 from __future__ import annotations
 
@@ -181,12 +181,12 @@ def test_bad_starts_are_refused(start: Array, message: str) -> None:
         simulate_pneumatic(PAM, VALVES, seconds(0.1), start=start)
 
 
-def test_a_motion_beyond_the_volumes_is_said() -> None:
+def test_a_motion_beyond_the_volumes_is_reported() -> None:
     with pytest.raises(SimulationError, match=r"after 0\.\d+ s the joint leaves the range of its model"):
         simulate_pneumatic(PAM, {**VALVES, "external_torque": lambda t: 400.0 * t}, seconds(1.0))
 
 
-def test_impossible_units_are_said() -> None:
+def test_impossible_units_are_reported() -> None:
     tiny = replace(PAM, seesaw=replace(PAM.seesaw, inertia=4e-14))
     with pytest.raises(SimulationError, match="units"):
         simulate_pneumatic(tiny, VALVES, seconds(0.1))

@@ -82,7 +82,7 @@ def test_two_motors_and_noisy_encoders():
     assert worst(again.simulated["vsa2"]["link_position"], played.truth["link_position"]) < 0.05
 
 
-def test_a_gap_begins_anew_and_what_is_too_short_is_left_out():
+def test_a_gap_begins_again_and_what_is_too_short_is_left_out():
     played = elastic_experiment(ideal=True, duration=4.0)
     recording = played.recording()
     keep = np.ones(2001, dtype=bool)
@@ -112,7 +112,7 @@ def test_a_rig_that_lacks_friction_shows():
     assert errors["without"] > 20 * errors["with"]
 
 
-def test_what_cannot_be_replayed_is_said():
+def test_what_cannot_be_replayed_is_reported():
     played = elastic_experiment(ideal=True, duration=1.0)
     with pytest.raises(SimulationError, match="link_position is not recorded"):
         replay(joints_of(played), signals_of(played, {"motor_position", "motor_torque"}))

@@ -93,7 +93,7 @@ def test_the_command_makes_every_sample_again(tmp_path: Path, monkeypatch: pytes
     np.testing.assert_array_equal(cut, np.arange(0.0, 40.0, 4.0))
 
 
-def test_a_wrong_source_is_said(tmp_path: Path) -> None:
+def test_a_wrong_source_is_reported(tmp_path: Path) -> None:
     savemat(str(tmp_path / "d.mat"), {"other": 1.0})
     with pytest.raises(ReadError, match="not the recording"):
         make_samples(tmp_path / "out", tmp_path / "d.mat")

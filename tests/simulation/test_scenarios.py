@@ -160,7 +160,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("text", "message"), CASES)
-def test_what_is_wrong_is_said_with_its_key(text, message, tmp_path):
+def test_what_is_wrong_is_reported_with_its_key(text, message, tmp_path):
     with pytest.raises(SimulationError) as error:
         signal(text, tmp_path)
     assert str(error.value).startswith("s.toml: ")

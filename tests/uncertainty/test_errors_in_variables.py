@@ -1,4 +1,4 @@
-"""Noise in regressors: what an encoder adds behind a filter, the bias of a fit, and what is said of motions of few steps."""
+"""Noise in regressors: what an encoder adds behind a filter, the bias of a fit, and what is reported of motions of few steps."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def behind(window, error):
 @pytest.mark.parametrize("steps", [2.5, 6.0, 20.0, 300.0])
 @pytest.mark.parametrize("window", [51, 201])
 def test_what_an_encoder_adds_is_what_it_adds(steps, window):
-    """KnownEffects motion, rounded here: the error is there to be filtered; told from the rounded samples alone."""
+    """KnownEffects motion, rounded here: the error is there to be filtered; computed from the rounded samples alone."""
     motion = steps * np.sin(2 * np.pi * 0.83 * TIME) + 0.4 * steps * np.sin(2 * np.pi * 0.31 * TIME + 1.0)
     recorded = np.round(motion)
     value, rate, acceleration = behind(window, recorded - motion)
@@ -63,7 +63,7 @@ def test_noise_before_the_steps_is_part_of_what_an_encoder_adds(steps, noise):
     assert told.rms(weights[2]) == pytest.approx(np.std(acceleration), rel=0.2)
 
 
-def test_white_noise_is_told_by_its_size():
+def test_white_noise_is_measured_by_its_size():
     recorded = np.sin(TIME) + np.random.default_rng(3).normal(0.0, 0.01, TIME.size)
     weights = savgol_weights(51, 5, 2, PERIOD)
     told = sensor_error(recorded, 51)
@@ -72,7 +72,7 @@ def test_white_noise_is_told_by_its_size():
 
 
 def biased(noise, seen, estimate, weights, discount, integral=False):
-    """What is told of a line's slope through abscissae `seen`, and the part of its information that is noise as numpy has it."""
+    """A line's slope through abscissae `seen`, and the part of its information that is noise, by numpy."""
     count, n = seen.shape
     P = np.linalg.inv((weights[:, None] * seen).T @ seen)
     E = np.zeros((count, 1, n))
@@ -185,7 +185,7 @@ def test_a_small_motion_is_estimated_or_said_to_be_uncertain(share, estimator):
         told = np.asarray(found["excited"], dtype=bool)
         error = np.abs(found["stiffness"] - true)
         if estimator == "qr-rls" and share == 0.03 and told.mean() < 0.3:
-            # Sixteen steps of an integrated equation tell nothing, and that is said.
+            # Sixteen steps of an integrated equation tell nothing, and that is reported.
             assert np.median((error / true)[true.size // 2 :]) > 0.1
             continue
         assert told.mean() > 0.3

@@ -1,4 +1,4 @@
-"""What is said of noise that few samples tell: how many it takes, and how its variance is taken to go on over the octaves."""
+"""What is reported of noise that few samples tell: how many it takes, and how its variance is taken to go on over the octaves."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ NO_FLAGS = np.empty(0, dtype=bool)
 
 
 def variances(F, residual):
-    """What is said of a mean's variance, sample by sample, and the state at the end."""
+    """What is reported of a mean's variance, sample by sample, and the state at the end."""
     use = np.ones(residual.size, dtype=bool)
     T = np.ones((residual.size, 1, 1))
     state, told = long_run_block(long_run_start(1), F, residual, residual, use, ~use, T, False, 1.0)

@@ -81,8 +81,8 @@ def test_noise_that_comes_with_the_motion_is_not_averaged_over_the_rests():
     assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.3
 
 
-def test_noise_that_wanders_is_told_from_its_increments():
-    """An integrated equation: white noise of a torque becomes a random walk, beside a constant that begins anew."""
+def test_noise_that_wanders_is_computed_from_its_increments():
+    """An integrated equation: white noise of a torque becomes a random walk, next to a constant that begins again."""
     rng, truth, z, naive = np.random.default_rng(11), np.array([3.0, 1.0, -2.0]), [], []
     fresh = np.arange(SAMPLES) == 1800
     for _ in range(150):
@@ -124,12 +124,12 @@ def test_no_energy_is_lost_between_the_octaves():
     assert np.mean(others) == pytest.approx(1.0, abs=0.2)
 
 
-def test_nothing_is_said_of_a_few_samples():
+def test_nothing_is_reported_of_a_few_samples():
     F, y = np.ones((60, 1)), np.random.default_rng(14).normal(size=60)
     assert np.isnan(fitted(F, y, np.ones(1))[1])
 
 
-def test_what_is_left_over_exactly_has_no_spread():
+def test_an_exact_fit_has_no_spread():
     F = slow_motion(np.random.default_rng(15))
     assert fitted(F, F @ np.array([1.0, 2.0]), np.ones(2))[1] < 1e-9
 

@@ -12,7 +12,7 @@ PHI = np.linspace(-1.0, 1.0, 900)
 ALL = np.ones(PHI.size, dtype=bool)
 
 
-def test_what_moves_the_ends_is_told_of_the_ends():
+def test_what_moves_the_ends_is_reported_of_the_ends():
     squares = np.where(np.abs(PHI) > 1.0 - 2.0 / RANGES, 0.09, 0.0)[None]
     found = spread_over([PHI], ALL, squares)
     assert found is not None
@@ -57,7 +57,7 @@ def test_a_whole_that_has_no_deflection_is_looked_at_as_one():
 
 
 @pytest.mark.parametrize(("sure", "squares"), [(~ALL, np.zeros((1, PHI.size))), (ALL, np.full((1, PHI.size), np.nan))])
-def test_nothing_is_said_of_what_was_not_tried(sure, squares):
+def test_nothing_is_reported_of_what_was_not_tried(sure, squares):
     assert spread_over([PHI], sure, squares) is None
 
 

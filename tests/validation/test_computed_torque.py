@@ -1,4 +1,4 @@
-"""Torques that were computed are told, whatever was done to them on the way; measured ones are not suspected."""
+"""Torques that were computed are reported, whatever was done to them on the way; measured ones are not suspected."""
 
 import numpy as np
 import pytest
@@ -56,7 +56,7 @@ WAYS = {
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("factor", [1.0, -3.0])
-def test_a_computed_torque_is_told(way, factor):
+def test_a_computed_torque_is_reported(way, factor):
     phi = deflection()[1]
     torque = WAYS[way](factor * law(phi))
     said = computed_from(torque, "j", "torque_sensor", phi, "the deflection")

@@ -91,7 +91,7 @@ def test_a_swapped_sign_is_named():
     assert (found[0].on, found[0].code) == ("torque", "error.sign")
 
 
-def test_what_cannot_be_told_apart_is_said():
+def test_what_cannot_be_separated_is_reported():
     """A linear spring's deflection that is zeroed wrongly and a torque sensor's offset leave the same error."""
     variables = {"deflection": PHI, "stiffness": np.full(T.size, 20.0)}
     (found,) = dependences(0.4 + NOISE, 20.0 * PHI, variables)
@@ -105,7 +105,7 @@ def test_what_cannot_be_told_apart_is_said():
 @pytest.mark.every(2)
 @pytest.mark.parametrize("alike", [1, 100, 1000])
 def test_noise_that_stays_alike_is_rarely_given_a_cause(alike):
-    """Forty logs: a cause is told of at most one of them, however slow the noise is."""
+    """Forty logs: a cause is reported of at most one of them, however slow the noise is."""
     causes = 0
     for seed in range(40):
         rng = np.random.default_rng(seed)
@@ -122,7 +122,7 @@ def test_noise_that_stays_alike_is_rarely_given_a_cause(alike):
     assert causes <= 1
 
 
-def test_two_causes_are_told_one_after_the_other():
+def test_two_causes_are_reported_one_after_the_other():
     variables = {"deflection": PHI, "velocity": RATE, "time": T, "stiffness": 20.0 + 1500.0 * PHI**2}
     found = dependences(TORQUE - (1.3 * TORQUE + 0.25 + NOISE), TORQUE, variables)
     assert {d.on for d in found} == {"torque", "offset"}

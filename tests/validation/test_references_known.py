@@ -1,4 +1,4 @@
-"""What the rig knows beside the springs is taken off what a model is held against; what it does not know is not."""
+"""What the rig knows next to the springs is taken off what a model is compared with; what it does not know is not."""
 
 import json
 

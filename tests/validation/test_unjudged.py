@@ -1,4 +1,4 @@
-"""What a log cannot tell is said as it is, and never called good."""
+"""What a log cannot tell is reported as it is, and never called good."""
 
 import csv
 import json
@@ -134,7 +134,7 @@ def test_a_report_is_not_written_by_half(models, tmp_path):
     assert not list(out.glob("*"))
 
 
-def test_what_is_implausible_of_the_signals_is_said_here_too(models, tmp_path):
+def test_what_is_implausible_of_the_signals_is_reported_here_too(models, tmp_path):
     """The torque sensor ends at 0.2 N·m, as one does that is saturated."""
 
     def saturated(_i, line, sensor):

@@ -239,7 +239,7 @@ def test_a_wrong_gear_ratio_fails(models, tmp_path):
     assert "gear ratio" in " ".join(joint_of(wrong)["sentences"])
 
 
-def test_without_a_torque_sensor_the_residual_judges_and_that_is_said(models, tmp_path):
+def test_without_a_torque_sensor_the_residual_judges_and_that_is_reported(models, tmp_path):
     rig = tmp_path / "blind.rig.toml"
     rig.write_text(
         '[joint.sea]\nkind = "elastic"\n[joint.sea.motor]\ninertia = 0.08\ndamping = 0.4\n[joint.sea.signals]\n'
@@ -283,7 +283,7 @@ def test_the_log_the_model_was_learnt_from_is_no_second_experiment(models, tmp_p
     assert codes(joint["reasons"]) == ["validation.own_log"]
 
 
-def test_a_log_that_is_given_twice_is_said_to_be(models, tmp_path):
+def test_a_log_that_is_given_twice_is_reported_to_be(models, tmp_path):
     log = simulated(tmp_path, "again")
     (tmp_path / "copy.mcap").write_bytes(log.read_bytes())
     report = judged(models["sea"], log, tmp_path / "copy.mcap", folder=tmp_path)
@@ -308,7 +308,7 @@ def test_several_logs_make_one_report(models, tmp_path):
 
 
 def test_the_foot_fitted_at_four_settings_holds_at_five_others(tmp_path):
-    """desr_foot: the dynamometer's compliance and the torque's offset come from the rig; the loop is said."""
+    """desr_foot: the dynamometer's compliance and the torque's offset come from the rig; the loop is reported."""
     source = SAMPLES / "desr_foot"
     head, *runs = (source / "desr_foot.rig.toml").read_text().split("[[joint.ankle.run]]")
     for name, kept in (("fit", ("x00", "x20", "x30", "x40")), ("val", ("x10", "x25", "x33", "x35", "x45"))):

@@ -220,7 +220,7 @@ def test_equal_recordings_make_equal_files(writer: Writer, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("writer", WRITERS)
-def test_a_missing_folder_is_said(writer: Writer, tmp_path: Path) -> None:
+def test_a_missing_folder_is_reported(writer: Writer, tmp_path: Path) -> None:
     with pytest.raises(WriteError, match="does not exist"):
         writer(mixed(), tmp_path / "no" / "a")
     assert list(tmp_path.iterdir()) == []
@@ -264,6 +264,6 @@ def test_nothing_is_left_behind_and_the_old_file_stays(
         ({"/t.data": (np.array([2**31 * 10**9]), np.ones(1))}, "outside"),
     ],
 )
-def test_what_makes_no_topics_is_said(bad: dict[str, tuple[Stamps, Array]], words: str) -> None:
+def test_what_makes_no_topics_is_reported(bad: dict[str, tuple[Stamps, Array]], words: str) -> None:
     with pytest.raises(WriteError, match=words):
         topics_of(recording(**bad))
