@@ -46,8 +46,8 @@ class FamilyOutcome:
     absurd : values that are beyond a factor of three of the rig's
     confidences : (confidence, whether it is hidden itself) of each material cause
     class_confidences : (confidence of its class, whether a member of that is hidden) of each
-    simulated : signal → error of the rig as it stands over the noise floor, on the log
-    equations : equation → what the rig as it stands leaves over its noise
+    simulated : signal → error of the original rig over the noise floor, on the log
+    equations : equation → what the original rig leaves over its noise
     remainder : size of what the catalogue has not, in multiples of the noise
     seconds : the diagnosis took
     """

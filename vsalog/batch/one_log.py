@@ -1,4 +1,4 @@
-"""What is done to one log: `estimate`, `validate` or `diagnose`, as the commands do it, into files of a batch."""
+"""The work on one log: `estimate`, `validate` or `diagnose`, as the commands do it, into files of a batch."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ Said = dict[str, Any]
 
 
 def check(settings: Settings) -> None:
-    """See whether what is asked for can be at all, before any log is opened.
+    """Check the options before any log is opened.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def check(settings: Settings) -> None:
 
 
 def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[Files, Said]:
-    """Estimate the joints of a log: a trace, a model and, where asked for, a page.
+    """Estimate the joints of a log: a trace, a model and, on request, a page.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[F
 
 
 def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[Files, Said]:
-    """Hold the model against a log: a report and its page.
+    """Test the model on a log: a report and its page.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[F
 
 
 def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[Files, Said]:
-    """Hold the rig's simulation against a log: a diagnosis, its page and, where causes were found, the extended rig.
+    """Compare the rig's simulation with a log: a diagnosis, its page and, where causes were found, the extended rig.
 
     Raises
     ------
@@ -155,14 +155,14 @@ def _model(settings: Settings, folder: Path) -> Path:
 
 
 def _reports(log: Log, files: Mapping[str, str]) -> Files:
-    """Return the files of a report by what the batch calls them."""
+    """Return the files of a report by their names in the batch."""
     kinds = {"report": "report", "data": "document", "extended rig": "rig"}
     found = {kinds[what]: Path(file) for what, file in files.items() if what in kinds}
     return {what: (file, f"reports/{encoded(log.name)}/{file.name}") for what, file in found.items()}
 
 
 def _device(rig: Rig) -> str:
-    """Return what the data set calls the machine: the rig's name, else its joints'."""
+    """Return the name of the machine in the data set: the rig's name, else its joints'."""
     return device_name(rig.name or "+".join(rig.joints))
 
 

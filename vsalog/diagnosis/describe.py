@@ -105,7 +105,7 @@ def _computed(found: JointDiagnosis, role: str, why: Finding) -> FoundCause:
 
 
 def signal_errors(found: JointDiagnosis) -> list[SignalError]:
-    """Return the simulation errors of the rig as it stands, on the log that is diagnosed."""
+    """Return the simulation errors of the original rig, on the log that is diagnosed."""
     stands, out = found.standing, []
     for role in stands.windows.roles if stands is not None else ():
         assert stands is not None

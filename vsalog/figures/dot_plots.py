@@ -133,7 +133,7 @@ def _before_and_after(kind: str, title: str, words: str, label: str, rows: Seque
     curves = [
         _limit("noise alone", 1.0, len(rows)),
         Curve("", strokes(before, after), np.repeat(y, 3), "error", dashed=True),
-        Curve("rig as it stands", before, y, "error", "points", symbol="diamond-open"),
+        Curve("original rig", before, y, "error", "points", symbol="diamond-open"),
     ]
     if np.isfinite(low).any():
         # Bars with caps, a little below, where the mark does not hide them.

@@ -1,4 +1,4 @@
-"""Figures of signals over time: measured, simulated with the rig as it stands, and with the extended one."""
+"""Figures of signals over time: measured, simulated with the original rig, and with the extended one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from vsalog.figures.time_series import TIME
 
 Array = NDArray[np.float64]
 
-BEFORE, AFTER = "simulated, rig as it stands", "simulated, extended rig"
+BEFORE, AFTER = "simulated, original rig", "simulated, extended rig"
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +110,7 @@ def _over_time(stretch: Stretch, role: str, noise: float | None, over: OverTime)
     errors = _errors(over, signal, noise, {c.label for c in curves})
     if errors:
         axes.append(Axes(stretch.label, axis_label("error", signal.unit), errors, x_ticks=stretch.ticks))
-        kinds = (("rig as it stands", signal.before), ("extended rig", signal.after))
+        kinds = (("original rig", signal.before), ("extended rig", signal.after))
         said = [f"{number(rms(v - signal.measured))}{unit} with the {label}" for label, v in kinds if v is not None]
         words += f" Simulated − measured, root mean square: {', '.join(said)}"
         words += f"; noise alone makes {number(noise)}{unit}." if noise else "."
@@ -119,7 +119,7 @@ def _over_time(stretch: Stretch, role: str, noise: float | None, over: OverTime)
 
 
 def _expanded(stretch: Stretch, noise: Mapping[str, float], columns: int) -> Chart | None:
-    """The errors of all signals around the place where the rig as it stands is furthest off, every sample of it."""
+    """The errors of all signals around the place where the original rig is furthest off, every sample of it."""
     worst = worst_place(stretch, noise)
     seen = None if worst is None else around(worst, stretch.time.size, columns)
     if worst is None or seen is None:
@@ -136,14 +136,14 @@ def _expanded(stretch: Stretch, noise: Mapping[str, float], columns: int) -> Cha
     words = (
         f"Simulated − measured for {number(float(over.time[-1] - over.time[0]))} s around"
         f" t = {number(float(stretch.time[worst]), 4)} s,"
-        " where the simulation with the rig as it stands is furthest off, in multiples of its noise."
+        " where the simulation with the original rig is furthest off, in multiples of its noise."
     )
     # Not zoomed with the others: their axes may not be time.
     return Chart("simulation_expanded", "Where the simulation is worst", words, axes, linked=not stretch.ticks)
 
 
 def worst_place(stretch: Stretch, noise: Mapping[str, float]) -> int | None:
-    """Return the sample at which the simulations with the rig as it stands are furthest off; None where there are none."""
+    """Return the sample at which the simulations with the original rig are furthest off; None where there are none."""
     total = np.zeros(stretch.time.size)
     for role, signal in stretch.signals.items():
         if signal.before is None:
