@@ -1,4 +1,4 @@
-"""Figures of what was recorded, or simulated: channels over time, those of one unit in one pair of axes."""
+"""Figures of recorded or simulated channels over time, those of one unit in one pair of axes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def recorded_chart(title: str, recording: Recording, named: Sequence[tuple[str, 
     ----------
     title : a few words
     recording : whose channels they are
-    named : what each is called, and the channel
+    named : pairs of a name and its channel
     """
     begin = min((int(c.stamps[0]) for c in recording.channels.values() if c.stamps.size), default=0)
     groups: dict[str, list[Curve]] = {}

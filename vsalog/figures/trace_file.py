@@ -1,4 +1,4 @@
-"""What a trace's file draws: its joints, and the fitted model next to it where it is of the same run."""
+"""The data of figures in a trace's file: its joints, and the fitted model next to it if it is of the same run."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from vsalog.readers.opened import for_arrow
 from vsalog.rig import Rig
 from vsalog.validation.frozen import frozen
 
-# What every trace has, and no log that somebody recorded.
+# Columns that every trace has, and no recorded log.
 OWN = ("time", "joint", "transmission", "deflection", "flexibility_torque_fit", "stiffness", "stiffness_std", "excited")
 
 
 def is_trace(path: Path) -> bool:
-    """Tell whether a file is a trace that `estimate` wrote, whatever its name."""
+    """Return whether a file is a trace that `estimate` wrote, whatever its name."""
     try:
         return path.is_file() and set(OWN) <= set(pq.read_schema(for_arrow(path)).names)
     except (OSError, UnicodeError, pa.ArrowException):
@@ -40,8 +40,8 @@ class TraceFile:
     ----------
     path : of the file
     joints : name → transmissions, the device last
-    rig : with which it was estimated; None where the file does not say
-    model : that was fitted along with it; None where it does not lie next to it
+    rig : with which it was estimated; None where the file lacks it
+    model : that was fitted along with it; None where it is not next to it
     """
 
     path: Path
@@ -51,7 +51,7 @@ class TraceFile:
 
     @classmethod
     def of(cls, path: Path) -> TraceFile:
-        """Look what a file holds.
+        """Read the contents of a file.
 
         Raises
         ------
@@ -72,7 +72,7 @@ class TraceFile:
         return cls(path, joints, rig, _model(path, told))
 
     def evidence(self, joint: str) -> JointEvidence:
-        """Read what the figures draw of a joint; of a long trace each n-th row.
+        """Read the data of the figures of a joint; of a long trace each n-th row.
 
         Raises
         ------
