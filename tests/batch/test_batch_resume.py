@@ -154,7 +154,7 @@ def test_shares_of_an_array_make_the_same_whole(tmp_path, logs, here):
         assert outcome.planned == 2
     assert (outcome.finished, outcome.everything) == (6, 6)
     same(contents(tmp_path / "out"), contents(tmp_path / "whole"))
-    with pytest.raises(BatchError, match="holds a batch already"):
+    with pytest.raises(BatchError, match="contains a batch already"):
         do_batch(logs, out=tmp_path / "out", shard=(1, 3), settings=Settings(options={"estimator": "direct"}))
 
 
@@ -163,7 +163,7 @@ def test_a_place_that_is_taken_is_not_touched(tmp_path, logs, here):
     whole = contents(tmp_path / "out")
     with pytest.raises(BatchError, match="--resume"):
         do_batch(logs, out=tmp_path / "out")
-    with pytest.raises(BatchError, match="holds a batch of 'estimate'"):
+    with pytest.raises(BatchError, match="contains a batch of 'estimate'"):
         do_batch(logs, out=tmp_path / "out", resume=True, settings=Settings(do="diagnose"))
     same(contents(tmp_path / "out"), whole)
     (tmp_path / "mine").mkdir()
