@@ -74,7 +74,7 @@ class Taken:
     one_body: bool
 
     def driven_by_current(self, motor: str) -> bool:
-        """Tell whether a motor's torque is recorded as a current."""
+        """Return whether a motor's torque is recorded as a current."""
         signal = getattr(self.joint.signals, motor.replace("motor", "motor_torque"), None)
         unit = signal.unit if isinstance(signal, Signal) else None
         return unit is not None and matching(unit, ("N*m", "A")) == "A"

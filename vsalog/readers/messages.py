@@ -73,9 +73,9 @@ MISFIT = ("do not fit the definition in the log", "fits the definition in the lo
 class Decoder(Protocol):
     """Decodes the messages of one type.
 
-    `unread` collects fields that are no signal, by full name, with the reason; `stamped` tells that messages may have a
-    time stamp of their own, `framed` that they may name a frame. `misfit` says of messages that cannot be
-    decoded what they are not, and of one what it should be.
+    `unread` collects fields that are no signal, by full name, with the reason; `stamped` is whether messages may have a
+    time stamp of their own, `framed` whether they may name a frame. `misfit` describes messages that cannot be
+    decoded, and one that can.
     """
 
     unread: dict[str, str]
@@ -144,7 +144,7 @@ class RosDecoder:
         return result
 
     def _decode_alike(self, messages: Messages, rows: Integers, result: Decoded) -> None:
-        """Decode messages of equal length; `rows` tells where they go in the result."""
+        """Decode messages of equal length; `rows` are their places in the result."""
         length, start, data = int(messages.length[0]), messages.start, messages.data
         known = self._layouts.setdefault(length, [])
         for layout in known:
