@@ -79,7 +79,7 @@ def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[F
     }
     if page is not None:
         files["report"] = (page, f"reports/{name}/estimate.html")
-    said = {
+    fields = {
         "device": device,
         "date": date,
         "joints": tuple(of_estimate(job, e) for e in estimates),
@@ -87,7 +87,7 @@ def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[F
         "rig_sha256": _sha256(provenance["vsalog.rig"]),
         "input_sha256": next(iter(json.loads(provenance["vsalog.input"]).values()), ""),
     }
-    return files, said
+    return files, fields
 
 
 def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[Files, Said]:
@@ -100,14 +100,14 @@ def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[F
     """
     options = ValidateOptions(rig=_rig(settings), **settings.options)
     report, files = write_validation(_model(settings, scratch), [path], options, scratch / "report")
-    said = {
+    fields = {
         "device": _device(Rig.from_toml(report.rig, "rig")),
         "joints": tuple(of_validation(report)),
         "rig_sha256": _sha256(report.rig),
         "input_sha256": report.logs[0].sha256,
         "met": all(t.met for t in report.thresholds),
     }
-    return _reports(log, files), said
+    return _reports(log, files), fields
 
 
 def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[Files, Said]:
@@ -122,7 +122,7 @@ def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[F
     diagnosis, files = write_diagnosis(path, None, options, scratch / "report")
     joints = tuple(of_diagnosis(diagnosis))
     own = {joint.joint for joint in joints}
-    said = {
+    fields = {
         "device": _device(Rig.from_toml(diagnosis.rig, "rig")),
         "joints": joints,
         "findings": tuple(msgspec.to_builtins(f) for f in diagnosis.findings if f.joint not in own),
@@ -131,7 +131,7 @@ def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[F
         "input_sha256": diagnosis.log_sha256,
         "met": not settings.fail_on_cause or diagnosis.verdict.startswith("consistent"),
     }
-    return _reports(log, files), said
+    return _reports(log, files), fields
 
 
 COMMANDS: dict[str, Callable[[Log, Path, Settings, Path], tuple[Files, Said]]] = {

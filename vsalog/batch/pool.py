@@ -91,15 +91,15 @@ class Pool:
         BatchError
             An option is impossible.
         """
-        said = self._asked(settings)
-        if said is None:  # it is tried once more, as a log is
+        error = self._asked(settings)
+        if error is None:  # it is tried once more, as a log is
             _end([self._idle.pop(0)])
             self._idle.append(self._started())
-            said = self._asked(settings)
-        if said is None:
+            error = self._asked(settings)
+        if error is None:
             raise BatchError("no worker could be started: it ended before it was ready")
-        if said:
-            raise BatchError(said)
+        if error:
+            raise BatchError(error)
 
     def _asked(self, settings: Settings) -> str | None:
         """Return a worker's answer; None where it died."""

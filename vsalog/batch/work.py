@@ -99,9 +99,9 @@ def _here(log: Log) -> Iterator[Path]:
         path = download(where, log.name, Path(folder))
         system, origin = file_system(where)
         for rig in (f"{path.stem}.rig.toml", "rig.toml"):
-            beside = f"{origin.rpartition('/')[0]}/{rig}"
-            if system.isfile(beside):
-                system.get_file(beside, str(path.with_name(rig)))
+            source = f"{origin.rpartition('/')[0]}/{rig}"
+            if system.isfile(source):
+                system.get_file(source, str(path.with_name(rig)))
         yield path
 
 
@@ -111,19 +111,19 @@ def _fresh(task: Task, store: Store, path: Path, start: float) -> Record:
     with store.scratch() as scratch:
         try:
             before = _state(path)
-            files, said = COMMANDS[task.settings.do](log, path, task.settings, scratch)
+            files, fields = COMMANDS[task.settings.do](log, path, task.settings, scratch)
             if _state(path) != before:
                 raise ReadError(
                     f"{log.name}: changed while it was processed; run again with --resume when it is complete"
                 )
         except VsalogError as error:
             raise type(error)(_named(str(error), path, log)) from error
-        said = _named(msgspec.to_builtins(said), path, log)
+        fields = _named(msgspec.to_builtins(fields), path, log)
         outputs = {what: Output(name=name, size=file.stat().st_size) for what, (file, name) in files.items()}
         for file, name in files.values():
             store.put(file, name)
-    key = _key(task, path, said["input_sha256"])
-    return record_of(task, outputs=outputs, key=key, run_seconds=time.perf_counter() - start, **said)
+    key = _key(task, path, fields["input_sha256"])
+    return record_of(task, outputs=outputs, key=key, run_seconds=time.perf_counter() - start, **fields)
 
 
 def _state(path: Path) -> list[tuple[str, int, int, int]]:

@@ -104,10 +104,12 @@ def samples_per_knot(x: Array) -> int:
     number that is tried.
     """
     x = x[: 8 * LINES.longest * LINES.samples]
-    bend = np.abs(np.diff(x, 2))
-    if not bend.size or float(bend.max()) == 0.0:
+    curvature = np.abs(np.diff(x, 2))
+    if not curvature.size or float(curvature.max()) == 0.0:
         return 0
-    knots = np.flatnonzero(bend > LINES.straight * float(np.median(bend[bend > ROUNDING * bend.max()])))
+    knots = np.flatnonzero(
+        curvature > LINES.straight * float(np.median(curvature[curvature > ROUNDING * curvature.max()]))
+    )
     if knots.size < LINES.fewest:
         return 0
     at_one = (n for n in range(2, LINES.longest + 1) if np.bincount(knots % n).max() >= LINES.at_knots * knots.size)

@@ -86,10 +86,10 @@ def findings(device: Device, signals: JointSignals) -> Iterator[Finding]:
 def passing(device: Device, signals: JointSignals) -> Iterator[Finding]:
     """Yield encoders that stand still while the spring would have to deflect more than elsewhere."""
     for view in with_both_positions(device, signals):
-        told = set[str]()
+        reported = set[str]()
         for s in standstills(signals, view):
-            if s.moved > s.spring and s.role not in told:
-                told.add(s.role)
+            if s.moved > s.spring and s.role not in reported:
+                reported.add(s.role)
                 yield s.finding(signals.joint, max(s.enough, s.spring))
 
 

@@ -96,8 +96,8 @@ def _piled_up(x: NDArray[np.float64], there: NDArray[np.bool_], times: int) -> b
     others = levels(x[~there])
     step = max(step_of(x) or 0.0, float(np.diff(others).min(initial=np.inf)))
     next_to = np.abs(x - extreme) < 1.5 * step
-    beside = len(runs(next_to & ~there)[0])
-    return float(special.bdtrc(times - 1, times + beside, 2.0 / 3.0)) <= FALSE_ALARM_OF_MANY
+    neighbours = len(runs(next_to & ~there)[0])
+    return float(special.bdtrc(times - 1, times + neighbours, 2.0 / 3.0)) <= FALSE_ALARM_OF_MANY
 
 
 def _clipped(signals: JointSignals, role: str) -> Iterator[Finding]:

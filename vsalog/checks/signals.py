@@ -123,8 +123,10 @@ def passing(device: Device, signals: JointSignals) -> Iterator[Finding]:
     stuck = list(encoder.passing(device, signals))
     yield from stuck
     yield from torque.passing(device, signals)
-    told = {finding.part for finding in stuck}
-    yield from (found for found in sensor.passing(signals) if found.code != "sensor.frozen" or found.part not in told)
+    reported = {finding.part for finding in stuck}
+    yield from (
+        found for found in sensor.passing(signals) if found.code != "sensor.frozen" or found.part not in reported
+    )
 
 
 def passing_findings(device: Device, signals: JointSignals) -> Iterator[Finding]:

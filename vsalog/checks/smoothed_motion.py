@@ -129,8 +129,10 @@ def _is_noisy(x: Array, gap: Flags, noise: float, width: float) -> bool:
     kernel = _kernels(width)[2]
     filled, touched = _filled(x, gap, kernel.size)
     inner = slice(kernel.size, -kernel.size)
-    bent = _convolved(filled, kernel)[inner][~touched[inner]]
-    return bent.size == 0 or noise**2 * float(kernel @ kernel) > FILTER.noise_share * float(np.mean(bent**2))
+    acceleration = _convolved(filled, kernel)[inner][~touched[inner]]
+    return acceleration.size == 0 or noise**2 * float(kernel @ kernel) > FILTER.noise_share * float(
+        np.mean(acceleration**2)
+    )
 
 
 def _read_again(recorded: Array, smooth: Array, step: float) -> Array:

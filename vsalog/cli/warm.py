@@ -58,10 +58,10 @@ def warm(commands: tuple[str, ...], presets: tuple[str, ...]) -> None:
             progress.say(f"{name}: a short log of the preset {rig}")
             getattr(runs[rig], name)()
     loops, kept = progress.loops, f"kept in {where_loops_are()}"
-    said = (
+    summary = (
         "every loop was compiled already" if loops is None else f"compiled {loops.count} loops in {loops.seconds:.0f} s"
     )
-    console_for("stderr").print(f"{said}, {kept}", soft_wrap=True)
+    console_for("stderr").print(f"{summary}, {kept}", soft_wrap=True)
 
 
 class _Runs:

@@ -188,13 +188,13 @@ class _Trial(NamedTuple):
     r: Array
     squares: Array
     inverses: Array
-    learnt: Array
+    fits: Array
 
     @property
     def left(self) -> float:
         """The squared residual after the others' prediction."""
-        predicted = np.einsum("bij,bj->bi", self.G, self.learnt)
-        return float(self.squares.sum() + np.sum(self.learnt * (predicted - 2.0 * self.r)))
+        predicted = np.einsum("bij,bj->bi", self.G, self.fits)
+        return float(self.squares.sum() + np.sum(self.fits * (predicted - 2.0 * self.r)))
 
 
 def _trial(moments: Array, shape: list[int], controls: list[int], residual: int) -> _Trial | None:
@@ -215,11 +215,11 @@ def _held_out(moments: Array, shape: list[int], controls: list[int], residual: i
     trial = _trial(moments, shape, controls, residual)
     if trial is None:
         return None, 0.0
-    G, r, power, inverses, learnt = trial
+    G, r, power, inverses, fits = trial
     squares = float(power.sum())
-    predicted = np.einsum("bij,bj->bi", G, learnt)
+    predicted = np.einsum("bij,bj->bi", G, fits)
     left = r - predicted
-    score = float(np.sum(learnt * r))
+    score = float(np.sum(fits * r))
     form = np.einsum("bi,bij->bj", left, inverses) @ left.T * ~_near(len(moments))
     inverse = _inverse(G.sum(axis=0))
     metric = left @ inverse @ left.T

@@ -35,14 +35,14 @@ def resolution_of(values: Array) -> float:
     return step_of(values) or max((noise_of(values) or 0.0) / ROUNDED, 1e-12 * span)
 
 
-def coarser(said: float, values: Array) -> float:
+def coarser(stated: float, values: Array) -> float:
     """Return the rig's step, or that of the values where they are rounded more coarsely than that.
 
     A few levels show nothing: held values are steps, too.
     """
     finite = values[np.isfinite(values)]
     shown = step_of(finite) or 0.0
-    return shown if shown > said and float(np.ptp(finite)) >= REPEATS * shown else said
+    return shown if shown > stated and float(np.ptp(finite)) >= REPEATS * shown else stated
 
 
 def step_of(values: Array) -> float | None:

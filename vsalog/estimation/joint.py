@@ -359,12 +359,12 @@ def estimate_joint(
             state = short.state
         summary = summarizer.result(signals)
         whole = whole_windows(look, fold.conditioner.window)
-        learnt, checked = fold.findings(state), checks.findings()
-        void = {finding.part for finding in (*checked, *learnt) if finding.severity == "invalidates"}
+        fit_findings, checked = fold.findings(state), checks.findings()
+        void = {finding.part for finding in (*checked, *fit_findings) if finding.severity == "invalidates"}
         found = (
             *signals.findings,
             *findings_of(summary, device, whole, void),
-            *learnt,
+            *fit_findings,
             *trials.findings(),
             *checked,
         )

@@ -36,14 +36,14 @@ def repeated(result: Path, logs: Sequence[Path] = ()) -> tuple[tuple[Path, ...],
         raise ReadError(f"{result}: cannot be read: {error.strerror or error}") from error
     except pa.ArrowInvalid as error:
         raise ReadError(f"{result}: is no Parquet file: {error}") from error
-    told = {key.decode("utf-8", "replace"): value.decode("utf-8", "replace") for key, value in metadata.items()}
-    missing = [key for key in ("vsalog.rig", "vsalog.options", "vsalog.input") if key not in told]
+    provenance = {key.decode("utf-8", "replace"): value.decode("utf-8", "replace") for key, value in metadata.items()}
+    missing = [key for key in ("vsalog.rig", "vsalog.options", "vsalog.input") if key not in provenance]
     if missing:
         raise ReadError(f"{result}: lacks its provenance ({missing[0]} is missing): no trace of 'vsalog estimate'")
     try:
-        inputs, asked = json.loads(told["vsalog.input"]), json.loads(told["vsalog.options"])
+        inputs, asked = json.loads(provenance["vsalog.input"]), json.loads(provenance["vsalog.options"])
         options = Options(
-            Rig.from_toml(told["vsalog.rig"], f"the rig in {result.name}"),
+            Rig.from_toml(provenance["vsalog.rig"], f"the rig in {result.name}"),
             tuple(asked["joints"]),
             asked["estimator"],
             asked["tune"],

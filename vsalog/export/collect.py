@@ -70,15 +70,15 @@ def collect(
     leave : keys that something else replaces
     """
     stated = {name for name in _stated(kind, part) if name not in leave}
-    for told in _counterparts(kind):
-        if stated.isdisjoint(told.keys):
+    for counterpart in _counterparts(kind):
+        if stated.isdisjoint(counterpart.keys):
             continue
-        stated -= set(told.keys)
-        say = told.mjcf if dialect == "mjcf" else told.urdf
-        if say is None:
-            lacking.update({(*path, key): REASON[dialect] for key in told.keys if key in _stated(kind, part)})
+        stated -= set(counterpart.keys)
+        export = counterpart.mjcf if dialect == "mjcf" else counterpart.urdf
+        if export is None:
+            lacking.update({(*path, key): REASON[dialect] for key in counterpart.keys if key in _stated(kind, part)})
             continue
-        for one in say(part):
+        for one in export(part):
             if isinstance(one, Lack):
                 lacking[(*path, *one.key.split("."))] = one.reason
             else:
@@ -87,7 +87,9 @@ def collect(
 
 
 def _counterparts(kind: str) -> Iterator[Counterpart]:
-    return (told for effect in effects().values() for told in effect.counterparts if told.part == kind)
+    return (
+        counterpart for effect in effects().values() for counterpart in effect.counterparts if counterpart.part == kind
+    )
 
 
 def _stated(kind: str, part: Any) -> list[str]:

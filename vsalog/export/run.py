@@ -52,8 +52,8 @@ def export(rig: Rig, dialect: Dialect, *, leave_out: bool = False) -> Exported:
     root, notes = (mjcf if dialect == "mjcf" else urdf)(found)
     left_out = {key_path(path): reason for path, reason in found.lacking.items()}
     if left_out and not leave_out:
-        told = "; ".join(f"{key}: {reason}" for key, reason in left_out.items())
-        raise ExportError(f"{rig.where}: {told} ('--unsupported comment' leaves it out)")
+        reasons = "; ".join(f"{key}: {reason}" for key, reason in left_out.items())
+        raise ExportError(f"{rig.where}: {reasons} ('--unsupported comment' leaves it out)")
     head = root.makeelement("head", {})
     comment(head, f"{rig.name or rig.where}: written by vsalog {__version__} of {rig.where}. All units are SI.")
     for note in notes:

@@ -123,10 +123,10 @@ def _half(torque: Callable[[Array], Array], slopes: tuple[float, float], reach: 
     checked = np.linspace(0.0, reach, 1001)
     wanted = torque(checked)
     # The error of a cubic over a part goes with the fourth derivative and the part's length to the fourth.
-    bent = wanted
+    derivative = wanted
     for _ in range(4):
-        bent = np.gradient(bent, checked)
-    density = np.abs(bent) ** 0.25
+        derivative = np.gradient(derivative, checked)
+    density = np.abs(derivative) ** 0.25
     passed = np.cumsum(density + 1e-3 * np.max(density))
     for parts in range(2, 65):
         knots = np.interp(np.linspace(passed[0], passed[-1], parts + 1), passed, checked)

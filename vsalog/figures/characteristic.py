@@ -151,7 +151,7 @@ def _slices(joint: JointEvidence, part: TransmissionEvidence, setpoint: Array, f
     values = setpoint[known] if known.any() else region[:, 1]
     width = _span(setpoint) / (NODES - 1)  # up to the surface's next lines
     panels: list[Axes] = []
-    said: list[str] = []
+    slopes: list[str] = []
     unit = f" {joint.setpoint_unit}".rstrip()
     for c in _apart(values):
         ends = _reach(region, c)
@@ -166,10 +166,10 @@ def _slices(joint: JointEvidence, part: TransmissionEvidence, setpoint: Array, f
         # The label is on the axis: the slice's name must not cover the data.
         panels.append(Axes(f"φ [rad] at {number(c)}{unit}", TORQUE, tuple(curves)))
         stiffness = float(model.stiffness(fitted.name, [float(np.mean(phi))], [c])[0][0])
-        said.append(f"{number(stiffness)} N·m/rad at {number(c)}{unit}")
+        slopes.append(f"{number(stiffness)} N·m/rad at {number(c)}{unit}")
     words = f"Slices of the surface at fixed set-points, with data from within {number(width, 2)}{unit}"
-    if said:
-        words += f". Slope in the middle: {', '.join(said)}"
+    if slopes:
+        words += f". Slope in the middle: {', '.join(slopes)}"
     return Chart("slices", "Slices of the surface", f"{words}.", tuple(panels), side_by_side=True)
 
 

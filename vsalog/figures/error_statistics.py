@@ -79,7 +79,7 @@ def _distribution(error: Array, of: str) -> Chart:
 def _dependence(joint: JointEvidence, part: TransmissionEvidence, few: Indices, error: Array, of: str) -> Chart:
     """The error over each variable, both of some samples only."""
     panels: list[Axes] = []
-    said: list[str] = []
+    ranges: list[str] = []
     for name, label, x in _variables(joint, part, few):
         both = np.isfinite(x)
         if not both.any() or np.ptp(x[both]) == 0.0:
@@ -97,8 +97,8 @@ def _dependence(joint: JointEvidence, part: TransmissionEvidence, few: Indices, 
             _intervals(middle, bias, ""),
         )
         panels.append(Axes(label, ERROR, curves))
-        said.append(f"over the {name} its root mean square is {number(roots.min())} to {number(roots.max())} N·m")
-    words = f"The error {of}, in intervals with equally many samples: {'; '.join(said)}."
+        ranges.append(f"over the {name} its root mean square is {number(roots.min())} to {number(roots.max())} N·m")
+    words = f"The error {of}, in intervals with equally many samples: {'; '.join(ranges)}."
     return Chart("error_dependence", "What the error depends on", words, tuple(panels), side_by_side=True)
 
 

@@ -314,20 +314,20 @@ def draw(canvas: Any, chart: Chart, style: Style) -> None:
             _few_ticks(canvas.axes[0], style.width, style.font)
         return
     # Axes side by side need a page's width.
-    beside = chart.side_by_side and style.width > SIZES["column"].width
-    ratios = [1.0] if beside else _ratios(chart)
+    in_row = chart.side_by_side and style.width > SIZES["column"].width
+    ratios = [1.0] if in_row else _ratios(chart)
     named = max((len(panel.rows) for panel in chart.axes), default=0)
     height = style.row * sum(ratios) / ratios[0] + 2.5 * style.font / 72.0 * named
     canvas.set_size_inches(style.width, height)
     canvas.set_layout_engine("constrained")
-    _fill(canvas, chart, beside)
+    _fill(canvas, chart, in_row)
     for axes, panel in zip(canvas.axes, chart.axes, strict=False):
         if not panel.x_log and not panel.x_ticks:
-            _few_ticks(axes, style.width / (len(chart.axes) if beside else 1), style.font)
+            _few_ticks(axes, style.width / (len(chart.axes) if in_row else 1), style.font)
     legends = [axes.get_legend() for axes in canvas.axes if axes.get_legend() is not None]
     tall = [legend.get_window_extent().height / canvas.dpi for legend in legends] or [0.0]
     # Three lines below the axes: their numbers, their label, and some room.
-    canvas.set_size_inches(style.width, height + (max(tall) if beside else sum(tall)) + 3.0 * style.font / 72.0)
+    canvas.set_size_inches(style.width, height + (max(tall) if in_row else sum(tall)) + 3.0 * style.font / 72.0)
     canvas.draw_without_rendering()  # the tick labels depend on the size of the axes, and it on them
 
 

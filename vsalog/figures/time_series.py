@@ -135,12 +135,12 @@ def stiffnesses_chart(title: str, lines: Iterable[tuple[str, str, Array, Array]]
     lines : name, colour, time and stiffness [N·m/rad] of each, the last two of shape (N,); the truth is dashed
     columns : of pixels
     """
-    curves, said = [], []
+    curves, ranges = [], []
     for label, colour, time, values in lines:
         is_true = colour == "truth"
         curves.append(OverTime(time, columns).line(label, values, colour, dashed=is_true))
-        said.append(f"{'the truth' if is_true else label} {span_words(values, 'N·m/rad')}")
-    words = f"{title}: the stiffness by every estimator, where it is excited: {'; '.join(said)}."
+        ranges.append(f"{'the truth' if is_true else label} {span_words(values, 'N·m/rad')}")
+    words = f"{title}: the stiffness by every estimator, where it is excited: {'; '.join(ranges)}."
     return Chart("stiffness", "Stiffness by all estimators", words, (Axes(TIME, STIFFNESS, tuple(curves)),))
 
 
@@ -149,7 +149,7 @@ def convergence_charts(joint: JointEvidence, columns: int) -> list[Chart]:
     over = OverTime(joint.time, columns)
     several = len({parameter.transmission for parameter in joint.convergence}) > 1
     groups: dict[str, list[Curve]] = {}
-    said: dict[str, list[str]] = {}
+    last_values: dict[str, list[str]] = {}
     for parameter in joint.convergence:
         values, unit = joint.convergence[parameter], unit_text(parameter.unit)
         label = f"{parameter.transmission}: {term_name(parameter.name)}" if several else term_name(parameter.name)
@@ -157,11 +157,11 @@ def convergence_charts(joint: JointEvidence, columns: int) -> list[Chart]:
         if known.size:
             curves = groups.setdefault(unit, [])
             curves.append(over.line(label, _near(values, known[known.size // 20 :]), str(len(curves))))
-            said.setdefault(unit, []).append(f"{label} {number(float(known[-1]))} {unit}".strip())
+            last_values.setdefault(unit, []).append(f"{label} {number(float(known[-1]))} {unit}".strip())
     if not groups:
         return []
     axes = tuple(Axes(TIME, f"parameter [{unit}]", tuple(curves)) for unit, curves in groups.items())
-    last = ", ".join(text for texts in said.values() for text in texts)
+    last = ", ".join(text for texts in last_values.values() for text in texts)
     words = f"The estimator's parameters over time; at the end: {last}."
     return [Chart("convergence", "Convergence of the parameters", words, axes, linked=True)]
 

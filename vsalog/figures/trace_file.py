@@ -61,15 +61,15 @@ class TraceFile:
         if not is_trace(path):
             raise ReadError("is no trace that 'vsalog estimate' wrote", path)
         try:
-            told = _metadata(path)
+            metadata = _metadata(path)
             joints: dict[str, list[str]] = {}
             for joint, transmission in _parts(path):
                 joints.setdefault(joint, []).append(transmission)
-            text = told.get("vsalog.rig")
+            text = metadata.get("vsalog.rig")
             rig = None if text is None else Rig.from_toml(text, f"the rig in {path.name}")
         except (OSError, UnicodeError, pa.ArrowException) as error:
             raise ReadError(f"cannot be read: {error}", path) from error
-        return cls(path, joints, rig, _model(path, told))
+        return cls(path, joints, rig, _model(path, metadata))
 
     def evidence(self, joint: str) -> JointEvidence:
         """Read the data of the figures of a joint; of a long trace each n-th row.
@@ -110,14 +110,14 @@ def _parts(path: Path) -> Iterator[tuple[str, str]]:
     yield from found
 
 
-def _model(path: Path, told: dict[str, str]) -> ModelFile | None:
+def _model(path: Path, metadata: dict[str, str]) -> ModelFile | None:
     """Return the model next to a trace, where it was fitted to the same logs with the same rig."""
-    beside = path.with_name(re.sub(r"(\.stiffness)?\.parquet$", "", path.name) + ".model.toml")
+    model_path = path.with_name(re.sub(r"(\.stiffness)?\.parquet$", "", path.name) + ".model.toml")
     try:
-        model = frozen(beside) if beside.is_file() else None
+        model = frozen(model_path) if model_path.is_file() else None
         same = model is not None and (model.rig, model.log) == (
-            told.get("vsalog.rig"),
-            json.loads(told["vsalog.input"]),
+            metadata.get("vsalog.rig"),
+            json.loads(metadata["vsalog.input"]),
         )
     except (VsalogError, KeyError, ValueError):
         return None

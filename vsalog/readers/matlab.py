@@ -148,8 +148,8 @@ class MatlabReader:
         """Return a vector as a clock."""
         rows = np.isfinite(times)
         whole = self._whole.get(name)
-        stamps, told = stamps_of(name, times[rows], None if whole is None else whole[rows])
-        self.findings.add(*told)
+        stamps, findings = stamps_of(name, times[rows], None if whole is None else whole[rows])
+        self.findings.add(*findings)
         if not rows.all():
             dropped = int(np.count_nonzero(~rows))
             self.findings.add(Finding(code="clock.rows_without_time", part=name, value=dropped))

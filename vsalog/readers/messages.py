@@ -151,14 +151,14 @@ class RosDecoder:
             if len(rows):
                 start, rows = self._take_matching(layout, data, start, rows, result)
         while len(rows):
-            learnt = self._learn(data[start[0] : start[0] + length].tobytes())
-            if learnt is not None and len(known) < MOST_PARTS and self._spare > 0:
-                self._spare -= 1 + len(learnt.names)
-                known.append(learnt)
-                start, rows = self._take_matching(learnt, data, start, rows, result)
+            new = self._learn(data[start[0] : start[0] + length].tobytes())
+            if new is not None and len(known) < MOST_PARTS and self._spare > 0:
+                self._spare -= 1 + len(new.names)
+                known.append(new)
+                start, rows = self._take_matching(new, data, start, rows, result)
                 continue
-            if learnt is not None:
-                self._store(learnt, data, start[:1], rows[:1], result)
+            if new is not None:
+                self._store(new, data, start[:1], rows[:1], result)
             start, rows = start[1:], rows[1:]
 
     def _learn(self, raw: bytes) -> Layout | None:

@@ -171,8 +171,8 @@ class Rosbag1Container(ChunkedFile):
             if record.kind == RecordType.CHUNK_INFO:
                 for connection, number_of in struct.iter_unpack("<II", record.content):
                     counted[connection] += number_of
-                if told := chunk_told(record.header, record.content):
-                    self.chunks[told[0]] = told[1]
+                if entry := chunk_told(record.header, record.content):
+                    self.chunks[entry[0]] = entry[1]
             elif record.kind == RecordType.CONNECTION:
                 self._keep_all(found, record)
             else:

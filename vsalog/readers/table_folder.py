@@ -41,7 +41,7 @@ def tables_in(folder: Path) -> list[Path]:
 
 
 def recorded_together(one: Stamps, other: Stamps) -> bool:
-    """Return whether two clocks show that they ran at the same time: by dates, or by the same uneven steps.
+    """Return whether two clocks show that they ran at the same time: by dates, or by the same irregular steps.
 
     Even steps, rounded to some digits, have two sizes at most (a Sturmian sequence), and every run of a program may begin with
     them. Where there are more sizes, a computer was late now and then, and no other recording repeats that.
@@ -56,8 +56,8 @@ def recorded_together(one: Stamps, other: Stamps) -> bool:
     if min(one.min(), other.min()) >= Stamp.YEAR_2000:
         return bool(one.min() <= other.max() and other.min() <= one.max())
     count = min(one.size, other.size)
-    uneven = count > REPEATS and np.unique(np.diff(one[:count])).size > 2
-    return bool(uneven and np.array_equal(one[:count], other[:count]))
+    irregular = count > REPEATS and np.unique(np.diff(one[:count])).size > 2
+    return bool(irregular and np.array_equal(one[:count], other[:count]))
 
 
 @dataclass(slots=True)

@@ -129,7 +129,7 @@ class Window:
             for moment in (self.start, self.end)
         )
         if low is not None and high is not None and high <= low:
-            raise ReadError(f"the end, {said(high)}, is not after the start, {said(low)}", path)
+            raise ReadError(f"the end, {stamp_text(high)}, is not after the start, {stamp_text(low)}", path)
         return -Stamp.FARTHEST if low is None else low, Stamp.FARTHEST if high is None else high
 
 
@@ -174,13 +174,13 @@ def _nothing(recording: Recording, low: int, high: int) -> str:
     """Return the requested times and those of the samples, in words."""
     stamps = [c.stamps for c in recording.channels.values() if c.stamps.size]
     first, last = min((int(s[0]) for s in stamps), default=0), max((int(s[-1]) for s in stamps), default=0)
-    there = f"; its samples are from {said(first)} to {said(last)}"
-    since = f" from {said(low)}" if low > -Stamp.FARTHEST else ""
-    until = f" to {said(high)}" if high < Stamp.FARTHEST else ""
+    there = f"; its samples are from {stamp_text(first)} to {stamp_text(last)}"
+    since = f" from {stamp_text(low)}" if low > -Stamp.FARTHEST else ""
+    until = f" to {stamp_text(high)}" if high < Stamp.FARTHEST else ""
     return f"has no sample{since}{until}{there if stamps else ''}"
 
 
-def said(stamp: int) -> str:
+def stamp_text(stamp: int) -> str:
     """Write a stamp in words: a date, or seconds where it cannot be one."""
     if stamp < Stamp.YEAR_2000:
         return f"{stamp / 1e9:g} s"

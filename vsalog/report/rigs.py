@@ -14,7 +14,7 @@ def rig_words(found: RigFound, verbose: bool = False) -> str:
         also = f"; {_named(found)} not used" if found.others else ""
         return f"rig: {path or found.where}{also}"
     origin = {
-        "beside": f"{path} (found next to the log)",
+        "next to log": f"{path} (found next to the log)",
         "log": found.where.removeprefix("rig "),
         "model": f"{found.where} (none in or next to the log)",
         "guessed": "guessed from the names of the channels (none in or next to the log)",

@@ -11,7 +11,7 @@ from vsalog.core.errors import RigError
 from vsalog.core.progress import is_watched, tell
 from vsalog.rig.load import Rig
 
-Place = Literal["given", "log", "beside", "model", "guessed"]
+Place = Literal["given", "log", "next to log", "model", "guessed"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ def find_rig(log: Path, rig_text: str | None, given: Rig | str | Path | None = N
     if found is None:
         return None
     rig = Rig.load(found)
-    tell_rig(rig, "beside", log, found)
+    tell_rig(rig, "next to log", log, found)
     return rig
 
 

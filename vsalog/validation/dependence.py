@@ -105,11 +105,11 @@ def dependences(
         # The sensor's quantisation is most of the error.
         return (_steps(step, power),)
     at = {name: x[keep] for name, x in variables.items()}
-    told, rest = _causes(e, torque, at, power)
+    dependences, rest = _causes(e, torque, at, power)
     last = _itself(rest, power, smoothing / thin, thin)
     if last is not None and last.share >= REPORTED_SHARE and last.p_value <= FALSE_ALARM:
-        told.append(last)
-    return tuple(told)
+        dependences.append(last)
+    return tuple(dependences)
 
 
 def gain_of(error: Array, predicted: Array) -> float | None:
@@ -154,12 +154,12 @@ def _causes(e: Array, torque: Array, at: Mapping[str, Array], power: float) -> t
         if max(p_values) <= FALSE_ALARM:
             break
         del chosen[int(np.argmax(p_values))]
-    told: list[Dependence] = []
+    dependences: list[Dependence] = []
     for k, cause in enumerate(chosen):
         share = (_left(moments, chosen[:k]) - _left(moments, chosen[: k + 1])) / (power * e.size)
         coefficients = least_squares(moments.sum(axis=0), _all(chosen[: k + 1]))[-len(cause.columns) :]
-        told.append(_said(cause, coefficients, share, p_values[k], e, torque, at))
-    return told, e - columns[:, _all(chosen)] @ least_squares(moments.sum(axis=0), _all(chosen))
+        dependences.append(_said(cause, coefficients, share, p_values[k], e, torque, at))
+    return dependences, e - columns[:, _all(chosen)] @ least_squares(moments.sum(axis=0), _all(chosen))
 
 
 def _offered(found: Sequence[Signature]) -> list[_Cause]:

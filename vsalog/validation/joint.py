@@ -280,20 +280,20 @@ def _dependence(
     period: float,
     raw: Array | None,
 ) -> tuple[Dependence, ...]:
-    error, told = predicted - measured, []
+    error, found = predicted - measured, []
     use = part.inside & np.isfinite(error)
     step = None if raw is None else step_of(raw)
     if raw is not None:
         still = stuck(raw, predicted, step or 0.0) & use
         share = float(np.sum(error[still] ** 2) / max(np.sum(error[use] ** 2), 1e-300))
         if share >= REPORTED_SHARE:
-            told.append(_stuck(share, still, s.time))
+            found.append(_stuck(share, still, s.time))
             use &= ~still
     rows, thin = thinned(use)
     variables = _variables(part, s, setpoint, period, rows)
     rest = dependences(error[rows], predicted[rows], variables, ref.noise_correlation(), step, thin)
-    left = 1.0 - sum(d.share for d in told)
-    return (*told, *(structs.replace(d, share=left * d.share) for d in rest))
+    left = 1.0 - sum(d.share for d in found)
+    return (*found, *(structs.replace(d, share=left * d.share) for d in rest))
 
 
 def _variables(

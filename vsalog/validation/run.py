@@ -94,8 +94,8 @@ def validate(
     for i, (name, log) in enumerate(zip(names_of(logs), logs, strict=True)):
         rig = _rig(file, log, options)
         progress(f"validating against {log.name}")
-        with ThreadPoolExecutor(1) as beside:
-            digest = beside.submit(_hash, log)
+        with ThreadPoolExecutor(1) as pool:
+            digest = pool.submit(_hash, log)
             joints = _judge_log(file, rig, log, digest, options, progress, partial(draw, i))
         same = hashes.setdefault(digest.result() or name, name)
         if same != name or log in logs[:i]:
@@ -182,8 +182,8 @@ def _judge_log(
 
 def _other_runs(file: ModelFile, name: str, joint: Joint) -> bool:
     """Return whether the model was fitted to other runs of the same file."""
-    learnt = Rig.from_toml(file.rig, "the rig in the model file").joints.get(name)
-    theirs, ours = ({run.name for run in getattr(j, "run", ())} for j in (learnt, joint))
+    fitted = Rig.from_toml(file.rig, "the rig in the model file").joints.get(name)
+    theirs, ours = ({run.name for run in getattr(j, "run", ())} for j in (fitted, joint))
     return bool(theirs) and bool(ours) and not theirs & ours
 
 
@@ -245,5 +245,5 @@ def _read(log: Path, joint: Joint, roles: Sequence[str], name: str, options: Opt
 def _settings(options: Options) -> dict[str, str]:
     asked = {"rig": options.rig, "joints": ", ".join(options.joints), "rate": options.rate, "time": options.time}
     asked |= {"start": options.start, "end": options.end}
-    told = {key: str(value) for key, value in asked.items() if value}
-    return told | {f"set {key}": value for key, value in options.set.items()}
+    settings = {key: str(value) for key, value in asked.items() if value}
+    return settings | {f"set {key}": value for key, value in options.set.items()}

@@ -42,10 +42,10 @@ def residual(device: Device, view: TransmissionView, s: Smoothed, signals: Joint
     known = known_of(device, view, signals, tuning_of(signals), needed[1], motor=True)
     if known is None:
         return residual_block(begin, theta, rate, tau, use, *motor, BANDWIDTH, signals.period)[1]
-    beside, doubt = _beside(known, s, signals)
-    use &= np.isfinite(beside) & np.isfinite(doubt)
-    loaded = (known.load, beside, s.roles[way_role(view)]) if known.load > 0.0 else ()
-    _, found = residual_block(begin, theta, rate, tau + beside, use, *motor, BANDWIDTH, signals.period, *loaded)
+    additional, doubt = _additional(known, s, signals)
+    use &= np.isfinite(additional) & np.isfinite(doubt)
+    loaded = (known.load, additional, s.roles[way_role(view)]) if known.load > 0.0 else ()
+    _, found = residual_block(begin, theta, rate, tau + additional, use, *motor, BANDWIDTH, signals.period, *loaded)
     # An uncertain residual stays uncertain for the duration of its lag.
     late = lag_block(np.full((2, 1), np.nan), doubt[:, None].copy(), use, BANDWIDTH, signals.period)[1][:, 0]
     return np.where(late > 1.0, np.nan, found)
@@ -81,12 +81,12 @@ def felt(
     for view in views:
         known = known_of(device, view, signals, tuning_of(signals), role, motor=False)
         if known is not None:
-            beside, doubt = _beside(known, s, signals)
-            torque = np.where(doubt > 1.0, np.nan, torque - beside)
+            additional, doubt = _additional(known, s, signals)
+            torque = np.where(doubt > 1.0, np.nan, torque - additional)
     return torque
 
 
-def _beside(known: KnownEffects, s: Smoothed, signals: JointSignals) -> tuple[Array, Array]:
+def _additional(known: KnownEffects, s: Smoothed, signals: JointSignals) -> tuple[Array, Array]:
     """Return the torque transmitted in addition to the spring's [N·m] and its relative uncertainty, shape (N,) each."""
     torque, doubt, state = np.empty(s.time.size), np.empty(s.time.size), known.start()
     for run in runs_of(s):

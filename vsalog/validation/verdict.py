@@ -82,15 +82,15 @@ def joint_report(
             _region(found, worst),
             *_why(found, _telling(parts, worst), standing),
         ]
-    told = (*_cautions(found, parts, worst), *findings)
+    further = (*_cautions(found, parts, worst), *findings)
     # Uninformative signals may make an error smaller; an error that shows nevertheless is kept.
-    decisive = reasons if standing == "fails" else (*reasons, *told)
+    decisive = reasons if standing == "fails" else (*reasons, *further)
     void = any(f.severity == "invalidates" for f in decisive)
     return JointReport(
         joint=signals.joint,
         verdict="cannot be judged" if void else standing,
         reasons=tuple(reasons),
-        findings=told,
+        findings=further,
         duration=len(signals) * signals.period,
         period=signals.period,
         transmissions=parts,
@@ -300,11 +300,11 @@ def _nothing_judged(found: partial[Finding], parts: Sequence[TransmissionReport]
 
 def _telling(parts: Sequence[TransmissionReport], worst: TransmissionReport) -> TransmissionReport:
     """Return the part whose error shows its cause best: of a sum the summand that is predicted worst, if anything is known."""
-    single = [t for t in parts if t.transmission != "total" and _judged(t) and _told(t)]
+    single = [t for t in parts if t.transmission != "total" and _judged(t) and _causes(t)]
     return max(single, key=_nrmse) if worst.transmission == "total" and single else worst
 
 
-def _told(part: TransmissionReport) -> list[Dependence]:
+def _causes(part: TransmissionReport) -> list[Dependence]:
     return [d for d in part.dependence if d.on != "itself"]
 
 
@@ -322,12 +322,12 @@ def _region(found: partial[Finding], part: TransmissionReport) -> Finding:
 def _why(found: partial[Finding], part: TransmissionReport, verdict: Verdict) -> Iterator[Finding]:
     """Yield what the error depends on."""
     about = partial(found, part=part.transmission)
-    told = _told(part)
-    if not told and verdict == "holds":
+    causes = _causes(part)
+    if not causes and verdict == "holds":
         yield about(code="error.independent", severity="info")
     elif not part.dependence:
         yield about(code="error.noise", severity="info", evidence={"reference": part.judged_on or ""})
-    for d in told[:2] if told or verdict == "holds" else part.dependence:
+    for d in causes[:2] if causes or verdict == "holds" else part.dependence:
         yield about(code=d.code, value=d.share, limit=REPORTED_SHARE, evidence=d.evidence | {"p_value": d.p_value})
         if d.not_told_from:
             others = ", ".join(CODES[on].removeprefix("error.").replace("_", " ") for on in d.not_told_from)

@@ -102,9 +102,9 @@ def detect(head: bytes, whole: bool) -> Dialect:
     if stated:
         lines[0] = ""
     of_labview = without_labview_head(lines)
-    said = [(i, line) for i, line in enumerate(lines) if line.strip() and not is_comment(line)]
-    separator = stated[1] if stated else _separator([line for _, line in said])
-    table = [(i, split(line, separator)) for i, line in said]
+    filled = [(i, line) for i, line in enumerate(lines) if line.strip() and not is_comment(line)]
+    separator = stated[1] if stated else _separator([line for _, line in filled])
+    table = [(i, split(line, separator)) for i, line in filled]
     rows = [cells for _, cells in table]
     width = most_common_width(rows)
     labels = _labels_of(rows, width)
@@ -121,7 +121,7 @@ def detect(head: bytes, whole: bool) -> Dialect:
         encoding=encoding,
         separator=separator,
         decimal_comma=decimal_comma,
-        quoted=any(has_quotes(line) for i, line in said if i >= skip_lines),
+        quoted=any(has_quotes(line) for i, line in filled if i >= skip_lines),
         skip_lines=skip_lines,
         names=tuple(unique_names([name for name, _ in pairs])),
         units=tuple(unit or own for (_, unit), own in zip(pairs, header.units, strict=True)),
