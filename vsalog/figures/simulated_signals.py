@@ -109,9 +109,11 @@ def _over_time(stretch: Stretch, role: str, noise: float | None, over: OverTime)
     words = f"Measured: {span_words(signal.measured, unit.strip())}."
     errors = _errors(over, signal, noise, {c.label for c in curves})
     if errors:
-        axes.append(Axes(stretch.label, axis_label("error", signal.unit), rms_words, x_ticks=stretch.ticks))
+        axes.append(Axes(stretch.label, axis_label("error", signal.unit), errors, x_ticks=stretch.ticks))
         kinds = (("original rig", signal.before), ("extended rig", signal.after))
-        rms_words = [f"{number(rms(v - signal.measured))}{unit} with the {label}" for label, v in kinds if v is not None]
+        rms_words = [
+            f"{number(rms(v - signal.measured))}{unit} with the {label}" for label, v in kinds if v is not None
+        ]
         words += f" Simulated − measured, root mean square: {', '.join(rms_words)}"
         words += f"; the noise floor is {number(noise)}{unit}." if noise else "."
     words += " Each window of the simulation begins with the state that fits it best."

@@ -229,6 +229,6 @@ def provenance(pairs: Sequence[tuple[str, str]], rig: str) -> Section:
     return Section("Provenance", (Facts(tuple(pairs)), Source("The rig, as TOML", rig, folded=True)), where="page")
 
 
-def told(findings: Iterable[Finding]) -> tuple[tuple[Severity, str], ...]:
+def with_severity(findings: Iterable[Finding]) -> tuple[tuple[Severity, str], ...]:
     """Return sentences, each with its severity: one per cause, unless all are requested."""
     return (by_severity if verbosity() == Verbosity.VERBOSE else merged)(findings)

@@ -13,7 +13,18 @@ from vsalog.core.notation import between, number, percent
 from vsalog.core.printable import plural, printable, size_text
 from vsalog.inspection.document import ChannelReport, HeadReport, Inspection, LogReport, StreamReport
 from vsalog.readers.base import DOUBTFUL
-from vsalog.report.document import SEVERITIES, Block, Cell, Document, Section, Table, Tone, Verdict, Words, told
+from vsalog.report.document import (
+    SEVERITIES,
+    Block,
+    Cell,
+    Document,
+    Section,
+    Table,
+    Tone,
+    Verdict,
+    Words,
+    with_severity,
+)
 from vsalog.rig.guess_gaps import Answers, Command, Gap, command_for, gaps_of, waits_for
 from vsalog.rig.guess_types import Guess, JointGuess
 from vsalog.rig.template import named_joints, toml_key
@@ -53,7 +64,7 @@ def _log(report: LogReport) -> Iterator[Block]:
 
 
 def _findings(findings: Iterable[Finding]) -> Iterator[Verdict]:
-    for severity, words in told(findings):
+    for severity, words in with_severity(findings):
         yield Verdict(SEVERITIES[severity], words, TONES[severity])
 
 

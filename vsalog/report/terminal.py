@@ -29,7 +29,7 @@ from vsalog.report.document import (
     Tone,
     Verdict,
     Words,
-    told,
+    with_severity,
 )
 from vsalog.report.verbosity import Verbosity, verbosity
 
@@ -81,7 +81,7 @@ def print_data(document: Document) -> None:
 def print_findings(findings: Iterable[Finding], errors: Console | None = None) -> None:
     """Print findings on stderr after their severity: one line per cause, unless all are requested."""
     errors = errors or Console(stderr=True, highlight=False, emoji=False)
-    for severity, sentence in told(findings):
+    for severity, sentence in with_severity(findings):
         if severity == "info" and verbosity() == Verbosity.QUIET:
             continue
         line = Text.assemble((f"{SEVERITIES[severity]}:", STYLES[severity]), f" {printable(sentence)}")
