@@ -59,7 +59,7 @@ def test_the_rig_is_never_written_over(export, tmp_path):
         (("pam", "--to", "mjcf"), "joint.pam: it is moved by compressed air"),
         (
             ("sea", "--to", "mjcf", "-o", "a.xml", "--set", "joint.sea.link.contact=[{start=1,duration=1,torque=2}]"),
-            "joint.sea.link.contact: MJCF has nothing like it ('--unsupported comment' leaves it out)",
+            "joint.sea.link.contact: MJCF does not support it ('--unsupported comment' leaves it out)",
         ),
     ],
 )
@@ -75,5 +75,5 @@ def test_what_is_left_out_stands_in_the_file_and_on_the_terminal(export, tmp_pat
     code, out, err = export("sea", "--to", "mjcf", "--unsupported", "comment", *keys, cwd=tmp_path)
     assert code == 0
     for key in ("joint.sea.transmission.drift", "joint.sea.motor.torque_step"):
-        assert f"left out: {key}: MJCF has nothing like it" in out
-        assert f"left out: {key}: MJCF has nothing like it" in err
+        assert f"left out: {key}: MJCF does not support it" in out
+        assert f"left out: {key}: MJCF does not support it" in err
