@@ -222,7 +222,8 @@ SYMPTOMS = (
 
 TEXTS = {
     "signal.sign": Text(
-        "{part} has the wrong sign: reversed, the squared residual of the joint's equations is {left:.1%} of the present one.",
+        "{part} has the wrong sign: with it reversed, the squared residual of the joint's equations is {left:.1%} of the"
+        " present one.",
         "Set 'sign = -1' of it in the rig.",
         FALSE_ALARM,
         SYMPTOMS,
@@ -243,8 +244,8 @@ TEXTS = {
         SYMPTOMS,
     ),
     "signal.late": Text(
-        "{part} is {value:.3g} s later than the other channels (below 0: earlier): shifted, the squared residual of the joint's"
-        " equations is {left:.1%} of the present one.",
+        "{part} is {value:.3g} s later than the other channels (below 0: earlier): with it shifted, the squared residual of the"
+        " joint's equations is {left:.1%} of the present one.",
         "Set 'delay' of the role in the rig, or stamp samples where they are taken.",
         FALSE_ALARM,
         SYMPTOMS,
@@ -255,14 +256,15 @@ TEXTS = {
         FALSE_ALARM,
     ),
     "signal.exchanged": Text(
-        "{part} are exchanged: swapped, the squared residual of the joint's equations is {left:.1%} of the present one.",
+        "{part} are exchanged: with them swapped, the squared residual of the joint's equations is {left:.1%} of the present"
+        " one.",
         "Exchange their channels in the rig.",
         FALSE_ALARM,
         SYMPTOMS,
     ),
     "signal.joints_exchanged": Text(
-        "{part} of {first} and of {second} are exchanged: swapped, the squared residual of the joints' equations is {left:.1%} of"
-        " the present one.",
+        "{part} of {first} and of {second} are exchanged: with them swapped, the squared residual of the joints' equations"
+        " is {left:.1%} of the present one.",
         "Exchange their channels in the rig.",
         FALSE_ALARM,
     ),
