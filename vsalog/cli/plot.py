@@ -48,8 +48,8 @@ ESTIMATE = ("estimator", "preset_tuning", "tune", "causal")
 @click.option(
     "--style",
     type=click.Choice(["column", "page", "screen"]),
-    help="How large: a column of a paper, 3.5 in wide with text of 8 pt; its page, 7.16 in with 9 pt; a screen. A column in files"
-    " when absent.",
+    help="Size: a paper's column, 3.5 in wide with text of 8 pt; its page, 7.16 in with 9 pt; a screen. Default: a column in"
+    " files.",
 )
 @click.option(
     "--transmission",
