@@ -168,10 +168,10 @@ def test_a_place_that_is_taken_is_not_touched(tmp_path, logs, here):
     same(contents(tmp_path / "out"), whole)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("x")
-    with pytest.raises(BatchError, match="holds no batch"):
+    with pytest.raises(BatchError, match="contains no batch"):
         do_batch(logs, out=tmp_path / "mine", resume=True)
     (tmp_path / "out" / "batch.json").write_text("{}")
-    with pytest.raises(BatchError, match="none of ours"):
+    with pytest.raises(BatchError, match="is not of vsalog"):
         do_batch(logs, out=tmp_path / "out", resume=True)
 
 

@@ -59,7 +59,7 @@ def test_a_friction_curve_is_drawn_over_velocity_and_noise_is_left():
     joint = friction_evidence()
     chart = cause_chart(joint, joint.causes[0])
     upper, lower = (curves_of(chart, i) for i in (0, 1))
-    line = upper["what this cause makes"]
+    line = upper["effect of this cause"]
     assert line.kind == "line"
     # Means near zero mix both signs; but there each is the level with the velocity's sign turned.
     away = np.abs(line.x) > 0.1
@@ -78,7 +78,7 @@ def test_a_shape_that_differs_by_direction_is_drawn_as_two_lines():
     joint = friction_evidence(60_000)
     joint = seen(joint, np.cos(joint.rows), "deflection")
     found = curves_of(cause_chart(joint, joint.causes[0]))
-    up, down = found["what this cause makes, rising"], found["falling"]
+    up, down = found["effect of this cause, rising"], found["falling"]
     inner = np.abs(up.x) < 0.98
     assert np.allclose(up.y[inner], np.sqrt(1.0 - up.x[inner] ** 2), atol=0.02)
     assert np.allclose(down.y, -up.y, atol=0.05)
@@ -90,7 +90,7 @@ def test_loops_of_hysteresis_follow_the_rows_over_the_deflection():
     shape = np.tanh(20.0 * np.sin(0.9 * joint.rows)) * np.cos(3.1 * joint.rows)
     joint = seen(joint, shape, "time", cause="transmission.hysteresis")
     chart = cause_chart(joint, joint.causes[0])
-    path = curves_of(chart)["what this cause makes, for a while"]
+    path = curves_of(chart)["effect of this cause, for a while"]
     assert chart.axes[0].x_label == "deflection [rad]"
     first = int(np.flatnonzero(joint.variables["deflection"][0] == path.x[0])[0])
     assert np.array_equal(path.y, shape[first : first + path.y.size])
@@ -100,7 +100,7 @@ def test_what_a_variable_alone_does_not_tell_is_drawn_as_points_and_said():
     joint = friction_evidence()
     joint = seen(joint, np.random.default_rng(2).standard_normal(joint.rows.size), "deflection")
     chart = cause_chart(joint, joint.causes[0])
-    assert curves_of(chart)["what this cause makes"].kind == "points"
+    assert curves_of(chart)["effect of this cause"].kind == "points"
     assert "of it follows from this variable alone" in chart.words
 
 
@@ -109,7 +109,7 @@ def test_a_ramp_is_drawn_over_time_and_rows_that_do_not_count_are_left_out():
     shape = 0.03 * joint.rows
     shape[100:200] = np.nan
     joint = seen(joint, shape, "time")
-    line = curves_of(cause_chart(joint, joint.causes[0]))["what this cause makes"]
+    line = curves_of(cause_chart(joint, joint.causes[0]))["effect of this cause"]
     known = np.isfinite(line.y)
     assert np.allclose(line.y[known], 0.03 * line.x[known])
     assert not np.any((line.x[known] > joint.rows[99]) & (line.x[known] < joint.rows[200]))
