@@ -19,22 +19,10 @@ DEMO = sample_logs/sea_exp1
 BATTERY = --out battery$(addprefix /,$(firstword $(FAMILY))$(ENGINE:%=-%)) $(FAMILY:%=--kind %) $(ENGINE:%=--engine %) $(CASES:%=--cases %)
 # Tests of the sdist that a plain installation passes: they need pytest and hypothesis alone.
 PLAIN = tests/test_snippets.py tests/core tests/filters tests/mechanics
-# Words that the project has better ones for (docs/vocabulary.txt), also of two parts, and the files that are held to them. Packages
-# of vsalog are named one by one; pages that are generated from others' texts are left out.
+# Words that the project has better ones for (docs/vocabulary.txt), also of two parts, and the files that are checked for them.
 WORDS = (?:left over|leaves over|borne out|how sure|stands? alone|[\w-]+)
-PROSE = README.md CONTRIBUTING.md docs benchmarks/README.md sample_logs/README.md $(PACKAGES:%=vsalog/%)
-PACKAGES = diagnosis \
-	effects \
-	estimators \
-	filters \
-	identification \
-	mechanics \
-	perturbations \
-	reproduce \
-	residuals \
-	simulation \
-	uncertainty
-TEXTS = *.json,__pycache__,./docs/vocabulary.txt,docs/vocabulary.txt,docs/reference/cli,docs/reference/findings
+PROSE = README.md CONTRIBUTING.md docs benchmarks/README.md sample_logs/README.md vsalog
+TEXTS = *.json,__pycache__,./docs/vocabulary.txt,docs/vocabulary.txt
 IMPORTED = numba llvmlite numpy scipy pyarrow pandas msgspec rosbags distributed dask
 MAKEFLAGS += --no-print-directory
 # Tests start many processes: what one has compiled the next ones load, also where the environment says otherwise.
@@ -63,7 +51,7 @@ lint: $(VENV)/.test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/codespell
-	$(BIN)/codespell --dictionary docs/vocabulary.txt --regex '$(WORDS)' --skip '$(TEXTS)' $(PROSE)
+	$(BIN)/codespell --dictionary docs/vocabulary.txt --regex '$(WORDS)' --skip '$(TEXTS)' $(PROSE) vsalog
 	$(BIN)/check-jsonschema --builtin-schema vendor.github-workflows .github/workflows/*.yml
 	$(BIN)/check-jsonschema --builtin-schema vendor.github-actions action.yml
 

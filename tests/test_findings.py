@@ -78,7 +78,7 @@ def test_what_one_cause_makes_is_reported_with_it():
     elsewhere = of("stiffness.changed", joint="b")
     told = merged([one, void, other, cause, elsewhere])
     assert [severity for severity, _ in told] == ["invalidates", "warning", "warning"]
-    (words,) = [words for _, words in told if words.startswith("joint 'a': 1 counts")]
+    (words,) = [words for _, words in told if words.startswith("joint 'a': 1 has")]
     assert "stiffness.changed, sampling.too_slow" in words
     assert any(words.startswith("joint 'b'") for _, words in told)
     # Without a cause each stands for itself.
@@ -90,7 +90,7 @@ def test_what_several_joints_have_alike_is_reported_once():
         return Finding(code="signal.sign", joint=joint, part="motor_torque", evidence={"left": left})
 
     ((_, words),) = merged([of("a", 0.1), of("b", 0.2)])
-    assert words.startswith("joints 'a', 'b': motor_torque counts")
+    assert words.startswith("joints 'a', 'b': motor_torque has")
     assert "10.0%" in words
     assert "20.0%" not in words
     # Two of one joint are two.

@@ -88,7 +88,7 @@ _LAZY = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import what is heavy when it is asked for."""
+    """Import heavy modules on first use."""
     if name not in _LAZY:
         raise AttributeError(f"module 'vsalog' has no attribute '{name}'")
     found = globals()[name] = getattr(import_module(_LAZY[name]), name)
@@ -96,5 +96,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Return all names, also of what is not imported yet."""
+    """Return all names, also those not imported yet."""
     return sorted(__all__)

@@ -36,7 +36,7 @@ def test_a_thousand_logs_in_small(tmp_path, call):
     told = json.loads(out)
     assert (told["logs"], told["done"], told["kept"]) == (5, 4, 0)
     assert [(f["log"], f["kind"]) for f in told["failed"]] == [("day1/empty.csv", "input")]
-    assert err.splitlines()[-1].startswith("vsalog: 1 of 5 logs failed; out/index.html and out/summary.parquet say")
+    assert err.splitlines()[-1].startswith("vsalog: 1 of 5 logs failed; out/index.html and out/summary.parquet list")
     rows = {row["log"]: row for row in summary(tmp_path / "out")}
     assert rows["day1/empty.csv"]["status"] == "failed"
     assert "is empty" in rows["day1/empty.csv"]["reason"]
@@ -141,7 +141,7 @@ def test_diagnose(tmp_path, here, samples):
         (["--shard", "0/2"], "0/2"),
         (["--memory", "much"], "no size"),
         (["--scheduler", "tcp://127.0.0.1:1", "-j", "2"], "--jobs"),
-        (["-o", "logs/day0/exp0.csv"], "is a file|lies in one"),
+        (["-o", "logs/day0/exp0.csv"], "is a file|is in one"),
     ],
 )
 def test_what_cannot_be_asked_is_refused_before_anything_is_written(tmp_path, logs, call, options, said):

@@ -93,7 +93,7 @@ def test_a_file_is_taken_once_whatever_its_names(tree):
     plan = make_plan(["logs/**/*.csv"], "out")
     assert "aa_link.csv" not in [log.name for log in plan.logs]
     assert "day1/b.csv" in [log.name for log in plan.logs]
-    assert "another name" in " ".join(plan.notes)
+    assert "other names" in " ".join(plan.notes)
 
 
 def test_links_to_folders_are_followed_and_loops_end(tree):

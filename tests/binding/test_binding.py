@@ -336,7 +336,7 @@ def test_clocks_that_never_meet_are_refused():
 
 
 @pytest.mark.parametrize(
-    ("values", "said"), [(np.full(1000, np.nan), "no finite number at all"), (np.array([1.0]), "at least two")]
+    ("values", "said"), [(np.full(1000, np.nan), "no finite number"), (np.array([1.0]), "at least two")]
 )
 def test_channels_that_say_nothing_are_refused(values, said):
     with pytest.raises(BindingError, match=said):

@@ -30,7 +30,7 @@ def test_a_file_is_written_whole_and_kept(export, tmp_path):
     assert "of rig.toml." in written
     code, out, err = export("sea", "--to", "mjcf", "-o", "sea.xml", cwd=tmp_path)
     assert (code, out) == (2, "")
-    assert "sea.xml: is there already; --force overwrites it" in err
+    assert "sea.xml: exists already; --force overwrites it" in err
     assert (tmp_path / "sea.xml").read_text() == written
     assert export("sea", "--to", "urdf", "--unsupported", "comment", "-o", "sea.xml", "--force", cwd=tmp_path)[0] == 0
     assert ET.parse(tmp_path / "sea.xml").getroot().tag == "robot"
@@ -40,7 +40,7 @@ def test_the_rig_is_never_written_over(export, tmp_path):
     (tmp_path / "rig.toml").write_text(preset_text("sea"))
     code, _, err = export("rig.toml", "--to", "mjcf", "-o", "rig.toml", "--force", cwd=tmp_path)
     assert code == 2
-    assert "is what is read" in err
+    assert "is an input" in err
     assert (tmp_path / "rig.toml").read_text() == preset_text("sea")
 
 
@@ -59,7 +59,7 @@ def test_the_rig_is_never_written_over(export, tmp_path):
         (("pam", "--to", "mjcf"), "joint.pam: it is moved by compressed air"),
         (
             ("sea", "--to", "mjcf", "-o", "a.xml", "--set", "joint.sea.link.contact=[{start=1,duration=1,torque=2}]"),
-            "joint.sea.link.contact: MJCF has nothing like it ('--unsupported comment' leaves it out)",
+            "joint.sea.link.contact: MJCF does not support it ('--unsupported comment' leaves it out)",
         ),
     ],
 )
@@ -75,5 +75,5 @@ def test_what_is_left_out_stands_in_the_file_and_on_the_terminal(export, tmp_pat
     code, out, err = export("sea", "--to", "mjcf", "--unsupported", "comment", *keys, cwd=tmp_path)
     assert code == 0
     for key in ("joint.sea.transmission.drift", "joint.sea.motor.torque_step"):
-        assert f"left out: {key}: MJCF has nothing like it" in out
-        assert f"left out: {key}: MJCF has nothing like it" in err
+        assert f"left out: {key}: MJCF does not support it" in out
+        assert f"left out: {key}: MJCF does not support it" in err

@@ -107,7 +107,7 @@ def test_first_samples_on_a_narrow_terminal_and_without_a_time(tmp_path, monkeyp
 
 
 def test_roles_have_reasons(large):
-    assert "link_position (85 %): its name says" in inspect(large)
+    assert "link_position (85 %): a joint's or link's position by its name" in inspect(large)
 
 
 def test_what_is_not_at_an_address_is_reported():

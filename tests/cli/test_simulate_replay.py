@@ -37,7 +37,7 @@ def bench(tmp_path, done):
 def test_a_log_s_own_rig_is_simulated_on_its_own_inputs(done, simulate, samples, tmp_path):
     code, out, err = simulate("--replay", samples / "vsa2_exp1.mcap", "--window", "200 ms", cwd=tmp_path)
     assert (code, out) == (0, "")
-    assert "driven by motor_torque_1, motor_torque_2; begun 101 times" in err
+    assert "driven by motor_torque_1, motor_torque_2; started 101 times" in err
     assert [p.name for p in tmp_path.iterdir()] == ["vsa2_exp1-replay.mcap"]
     log = read(tmp_path / "vsa2_exp1-replay.mcap")
     measured, simulated = (log.channels[f"/{kind}/link_position.data"].values for kind in ("measured", "simulated"))
@@ -141,8 +141,8 @@ def test_a_sensor_that_the_log_lacks_is_left_out_unless_the_replay_needs_it(done
         (("sea", "--replay", "log.csv"), "there is no channel"),
         (("vsa3", "--replay", "log.csv"), "did you mean 'vsa2'"),
         (("pam", "--replay", "log.csv"), "joint 'pam' is pneumatic"),
-        (("--replay", "log.csv", "-o", "log.csv"), "is read by the simulation"),
-        (("--replay", "log.csv", "-o", "log.txt"), "no log format has the ending"),
+        (("--replay", "log.csv", "-o", "log.csv"), "is what the simulation reads"),
+        (("--replay", "log.csv", "-o", "log.txt"), "no log format has the suffix"),
         (("--replay", "log.csv", "--window", "1 ms"), "shorter than two samples"),
         (("--replay", "log.csv", "--window", "0"), "not a time longer than zero"),
         (("--replay", "log.csv", "--scenario", "sines"), "--scenario does nothing with --replay"),

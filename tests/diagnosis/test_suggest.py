@@ -203,7 +203,7 @@ def test_a_consistent_log_is_answered_with_what_it_shows_least_of(tmp_path, run)
     found = run("diagnose", "right.csv", "--suggest", "--json", "-o", "out")
     assert found["verdict"] == "consistent"
     assert FILE in found["next_experiment"]
-    assert "Of what this log shows least it would show" in found["next_experiment"]
+    assert "Of the effects that this log shows least it would show" in found["next_experiment"]
     scenario = Scenario.load(tmp_path / "out" / FILE)
     assert scenario.file.duration == DESIGN.duration
     run("simulate", "right.rig.toml", "--scenario", f"out/{FILE}", "-o", "next.mcap")

@@ -60,7 +60,7 @@ def test_clocks_that_are_a_little_apart_are_found(tmp_path, late):
 
 def test_clocks_that_are_far_apart_are_refused_unless_asked_for(tmp_path):
     path = log_of(tmp_path / "log", 0.15)
-    with pytest.raises(BindingError, match=r"0\.15 s apart; --time log puts all on one clock, --time header takes"):
+    with pytest.raises(BindingError, match=r"0\.15 s apart; --time log puts all on one clock, --time header uses"):
         apart_of(path)
     ((name, joint),) = Rig.from_toml(RIG).joints.items()
     with pytest.raises(BindingError, match="apart"):

@@ -60,7 +60,7 @@ def test_names_that_name_nothing_fall_back_to_the_index(tmp_path):
     log.add("/c", joint_state(START, [], [1, 2]), START)
     recording = read(log.save(tmp_path / "log"))
     assert list(recording.channels) == [f"/{t}.position[{i}]" for t in "abc" for i in (0, 1)]
-    assert {name for name, reason in recording.unread.items() if "empty or there twice" in reason} == {
+    assert {name for name, reason in recording.unread.items() if "empty or repeated" in reason} == {
         "/a.name",
         "/b.name",
     }
@@ -78,8 +78,8 @@ def test_a_bad_name_does_not_take_the_good_ones_away(tmp_path, bad):
     recording = read(log.save(tmp_path / "log"))
     for name in ("/j.position[b]", "/json.q[b]"):
         np.testing.assert_array_equal(recording.channel(name).values, 10 + np.arange(40))
-    assert "empty or there twice" in recording.unread["/j.name"]
-    assert "empty or there twice" in recording.unread["/json.names"]
+    assert "empty or repeated" in recording.unread["/j.name"]
+    assert "empty or repeated" in recording.unread["/json.names"]
 
 
 def test_dynamic_joint_state(tmp_path):

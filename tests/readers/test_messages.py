@@ -87,7 +87,7 @@ def test_windows_line_ends_in_a_definition():
     ("text", "words"),
     [
         ("A again", "contains itself"),
-        ("Missing m", "does not hold the definition of a/msg/Missing"),
+        ("Missing m", "lacks the definition of a/msg/Missing"),
         ("wstring w", "wstring"),
         ("]]]", "not understood"),
     ],

@@ -79,6 +79,6 @@ def test_a_file_without_messages_may_hold_something_else(tmp_path, what):
 
 def test_a_file_that_holds_nothing_is_refused(tmp_path):
     path = McapLog().save(tmp_path / "log")
-    with pytest.raises(ReadError, match="not one message"):
+    with pytest.raises(ReadError, match="none of its messages"):
         repair(path, tmp_path / "new.mcap")
     assert not (tmp_path / "new.mcap").exists()

@@ -214,7 +214,9 @@ def test_topics_whose_row_is_damaged_say_so(tmp_path):
         database.execute("UPDATE topics SET name = NULL, type = NULL, serialization_format = NULL WHERE id = 2")
         database.execute("UPDATE topics SET serialization_format = NULL WHERE id = 5")
     recording = read(path)
-    assert recording.unread["topic 2"] == recording.unread["/t5"] == "the log does not say how its messages are encoded"
+    assert (
+        recording.unread["topic 2"] == recording.unread["/t5"] == "the log does not state the encoding of its messages"
+    )
     damaged = [one for one in recording.findings if one.code == "recording.topic_damaged"]
     assert [(one.value, one.part) for one in damaged] == [(2, "unnamed"), (5, "/t5")]
     assert not any("None" in text for text in (*recording.notes, *recording.unread, *recording.unread.values()))

@@ -119,7 +119,7 @@ def test_only_what_can_lie_there_is_read_where_the_clock_is_the_logs(tmp_path, u
             np.testing.assert_array_equal(part.channel(name).values, full.values[inside])
             np.testing.assert_array_equal(part.channel(name).stamps, full.stamps[inside])
         else:
-            assert "no sample lies between" in part.unread[name]
+            assert "no sample is between" in part.unread[name]
     assert part.findings == whole.findings
     with pytest.raises(
         ReadError, match=r"its samples are from 2023-11-14T22:13:20\.123456Z to 2023-11-14T22:13:21\.12"
@@ -155,7 +155,7 @@ def test_what_has_no_sample_there_is_reported(log):
     recording = read(log, start="0", end="0.1")
     assert list(recording.channels) == ["/j.position[a]"]
     assert list(recording.streams) == ["/j"]
-    assert "no sample lies between" in recording.unread["/late.position[b]"]
+    assert "no sample is between" in recording.unread["/late.position[b]"]
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def test_a_friction_curve_is_drawn_over_velocity_and_noise_is_left():
     joint = friction_evidence()
     chart = cause_chart(joint, joint.causes[0])
     upper, lower = (curves_of(chart, i) for i in (0, 1))
-    line = upper["what this cause makes"]
+    line = upper["effect of this cause"]
     assert line.kind == "line"
     # Means near zero mix both signs; but there each is the level with the velocity's sign turned.
     away = np.abs(line.x) > 0.1
@@ -78,7 +78,7 @@ def test_a_shape_that_differs_by_direction_is_drawn_as_two_lines():
     joint = friction_evidence(60_000)
     joint = seen(joint, np.cos(joint.rows), "deflection")
     found = curves_of(cause_chart(joint, joint.causes[0]))
-    up, down = found["what this cause makes, rising"], found["falling"]
+    up, down = found["effect of this cause, rising"], found["falling"]
     inner = np.abs(up.x) < 0.98
     assert np.allclose(up.y[inner], np.sqrt(1.0 - up.x[inner] ** 2), atol=0.02)
     assert np.allclose(down.y, -up.y, atol=0.05)
@@ -90,7 +90,7 @@ def test_loops_of_hysteresis_follow_the_rows_over_the_deflection():
     shape = np.tanh(20.0 * np.sin(0.9 * joint.rows)) * np.cos(3.1 * joint.rows)
     joint = seen(joint, shape, "time", cause="transmission.hysteresis")
     chart = cause_chart(joint, joint.causes[0])
-    path = curves_of(chart)["what this cause makes, for a while"]
+    path = curves_of(chart)["effect of this cause, for a while"]
     assert chart.axes[0].x_label == "deflection [rad]"
     first = int(np.flatnonzero(joint.variables["deflection"][0] == path.x[0])[0])
     assert np.array_equal(path.y, shape[first : first + path.y.size])
@@ -100,7 +100,7 @@ def test_what_a_variable_alone_does_not_tell_is_drawn_as_points_and_said():
     joint = friction_evidence()
     joint = seen(joint, np.random.default_rng(2).standard_normal(joint.rows.size), "deflection")
     chart = cause_chart(joint, joint.causes[0])
-    assert curves_of(chart)["what this cause makes"].kind == "points"
+    assert curves_of(chart)["effect of this cause"].kind == "points"
     assert "of it follows from this variable alone" in chart.words
 
 
@@ -109,7 +109,7 @@ def test_a_ramp_is_drawn_over_time_and_rows_that_do_not_count_are_left_out():
     shape = 0.03 * joint.rows
     shape[100:200] = np.nan
     joint = seen(joint, shape, "time")
-    line = curves_of(cause_chart(joint, joint.causes[0]))["what this cause makes"]
+    line = curves_of(cause_chart(joint, joint.causes[0]))["effect of this cause"]
     known = np.isfinite(line.y)
     assert np.allclose(line.y[known], 0.03 * line.x[known])
     assert not np.any((line.x[known] > joint.rows[99]) & (line.x[known] < joint.rows[200]))
@@ -133,11 +133,11 @@ def test_signals_before_and_after_and_their_errors():
     assert np.nanmax(np.abs(after.y)) == pytest.approx(1e-4, rel=1e-4)
     # The mean of sin²(w t) over 20 s is 1/2 − sin(40 w)/(80 w).
     rms = [a * np.sqrt(0.5 - np.sin(40.0 * w) / (80.0 * w)) for a, w in ((0.01, 7.0), (1e-4, 70.0))]
-    said = re.search(r"([\d.]+) rad with the rig as it stands, ([\d.e−]+) rad with the extended rig", chart.words)
+    said = re.search(r"([\d.]+) rad with the original rig, ([\d.e−]+) rad with the extended rig", chart.words)
     assert [float(v.replace("−", "-")) for v in said.groups()] == pytest.approx(rms, rel=2e-3)
 
     assert expanded.axes[0].y_label == "error of motor position [rad]"
-    assert np.nanmax(np.abs(curves_of(expanded)["simulated, rig as it stands"].y)) <= 0.01
+    assert np.nanmax(np.abs(curves_of(expanded)["simulated, original rig"].y)) <= 0.01
 
 
 def test_the_expanded_view_is_where_the_simulation_is_worst():
@@ -147,7 +147,7 @@ def test_the_expanded_view_is_where_the_simulation_is_worst():
     joint = replace(joint, signals={"motor_position": SignalEvidence("rad", signal.measured, spike, signal.after)})
     worst = worst_place(in_windows(joint), {})
     assert joint.time[worst] == pytest.approx(37.0, abs=0.1)
-    line = curves_of(signal_charts(joint, {}, 800)[-1])["simulated, rig as it stands"]
+    line = curves_of(signal_charts(joint, {}, 800)[-1])["simulated, original rig"]
     assert line.x.size == 1600
     np.testing.assert_allclose(line.y, (spike - signal.measured)[worst - 800 : worst + 800])
 
@@ -157,7 +157,7 @@ def test_an_unextended_rig_is_drawn_once():
     signal = joint.signals["motor_position"]
     joint = replace(joint, signals={"motor_position": replace(signal, after=signal.before)})
     labels = [c.label for chart in signal_charts(joint, {}, 800) for a in chart.axes for c in a.curves]
-    assert "simulated, rig as it stands" in labels
+    assert "simulated, original rig" in labels
     assert "simulated, extended rig" not in labels
 
 
@@ -187,15 +187,15 @@ def test_the_gain_in_multiples_of_the_noise():
     (axes,) = chart.axes
     assert axes.rows == ("motor position",)
     found = curves_of(chart)
-    assert found["rig as it stands"].x == pytest.approx([40.0])
+    assert found["original rig"].x == pytest.approx([40.0])
     assert found["extended rig"].x == pytest.approx([2.0])
     ends = found["95 % interval of the remaining error"].x
     assert np.nanmin(ends) == pytest.approx(0.025 * 40.0)
     assert np.nanmax(ends) == pytest.approx(0.1 * 40.0)
-    assert found["rig as it stands"].symbol != found["extended rig"].symbol
+    assert found["original rig"].symbol != found["extended rig"].symbol
     assert gain_chart([silent], "x") is None
     (equation,) = diagnosis().equations
-    assert curves_of(equations_chart([equation]))["rig as it stands"].x == pytest.approx([50.0])
+    assert curves_of(equations_chart([equation]))["original rig"].x == pytest.approx([50.0])
 
 
 def test_the_remainders_curve():
@@ -217,7 +217,7 @@ def test_the_page_says_all_of_it():
     text = diagnosis_page(told, [friction_evidence()], EXTENDED)
     for part in ("partly explained", "One.", "Three.", "0.2000 ± 0.0020 N·m", "motor.stribeck_friction", "Move slower.",
                  "Raise the torque slowly.", "Armstrong (1994)", "Sweep it.", "Beware.", "other.mcap", "0" * 64, "1" * 64,
-                 "95 % (90 … 98)", "12 % of what was wrong is left unexplained", "<ins>+coulomb = 0.2</ins>"):  # fmt: skip
+                 "95 % (90 … 98)", "12 % of the error is unexplained", "<ins>+coulomb = 0.2</ins>"):  # fmt: skip
         assert part in text, part
     names = [json.loads(d)["name"] for d in re.findall(r'<script type="application/json"[^>]*>(.*?)</script>', text)]
     assert names == ["simulation", "simulation_expanded", "cause", "gain", "equations", "unexplained"]
@@ -295,7 +295,7 @@ def test_an_extended_rig_from_before_is_never_deleted(tmp_path):
     assert set(diagnosis_files(diagnosis(), [], None, tmp_path)) == {"report", "data"}
     rig.write_text(RIG)
     files = diagnosis_files(diagnosis(), [], None, tmp_path)
-    assert files["note"].startswith(f"{rig} is from before")
+    assert files["note"].startswith(f"{rig} is from an earlier run")
     assert "extended rig" not in files
     assert rig.read_text() == RIG
 

@@ -41,7 +41,7 @@ def test_words_say_the_figures_numbers():
     assert "0.25 N·m (root mean square), at most by 0.25 N·m" in charts["torque"].words
     assert "160 to 240 N·m/rad" in charts["stiffness"].words
     assert "difference is 0.5 N·m/rad" in charts["stiffness"].words
-    assert "holds the truth for 100 % of the time" in charts["stiffness"].words
+    assert "contains the truth for 100 % of the time" in charts["stiffness"].words
     assert "10 % of the time" in charts["torque"].words
     assert "mean −0.25 N·m" in charts["error_distribution"].words
     assert all(c.words.endswith(".") and len(c.words) > 40 for c in charts.values())

@@ -43,7 +43,7 @@ def test_init_prints_a_rig_that_loads(log):
     assert joint.signals.motor_position == "motor_position"
     assert "# inertia = " in done.stdout
     assert "# torque_constant = " in done.stdout
-    assert "90 %: its name says motor and position" in done.stdout
+    assert "90 %: its name contains motor and position" in done.stdout
 
 
 def test_init_writes_a_file_once(log, tmp_path):
@@ -51,7 +51,7 @@ def test_init_writes_a_file_once(log, tmp_path):
     first = vsalog("init", log, "-o", target)
     assert (first.returncode, first.stdout) == (0, "")
     assert "vsalog estimate" in first.stderr
-    assert "motor_position (90 %): its name says motor and position" in first.stderr
+    assert "motor_position (90 %): its name contains motor and position" in first.stderr
     before = target.read_text()
     again = vsalog("init", log, "-o", target)
     assert again.returncode == 2

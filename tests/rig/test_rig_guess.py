@@ -216,7 +216,7 @@ def test_a_set_point_makes_a_serial_joint(name):
 def test_a_lone_angle_whose_torque_follows_is_a_deflection_but_not_in_joint_states():
     joint = only_joint(table({"angleRig": DEFLECTION, "torque": TORQUE}))
     assert channels_of(joint) == {"deflection": "angleRig", "torque_sensor": "torque"}
-    assert "held still" in joint.roles["deflection"].reasons[0]
+    assert "fixed at its other end" in joint.roles["deflection"].reasons[0]
     assert only_joint(joint_states({"position[a]": DEFLECTION, "effort[a]": TORQUE})).kind == "rigid"
     assert only_joint(table({"angle": DEFLECTION, "torque": RNG.standard_normal(TIME.size)})).kind == "rigid"
 

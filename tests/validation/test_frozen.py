@@ -22,7 +22,7 @@ def of(key, value, joint=False, basis=False):
 FAULTS = {
     "few coefficients": (of("coefficients", [0.1]), "1 coefficients for 4"),
     "nan coefficient": (of("coefficients", [float("nan"), 0.1, 0.1, 0.1]), "not finite"),
-    "huge coefficients": (of("coefficients", [1e300] * 4), "beyond all measure"),
+    "huge coefficients": (of("coefficients", [1e300] * 4), "too large"),
     "small covariance": (of("covariance", [[1.0, 2.0], [3.0, 4.0]]), "not 4 by 4"),
     "ragged covariance": (of("covariance", [[1.0], [3.0, 4.0], [], [1.0]]), "not 4 by 4"),
     "negative variance": (of("covariance", [[-1.0] * 4] * 4), "negative variance"),

@@ -113,7 +113,7 @@ def test_nothing_that_is_read_is_written_over(models, tmp_path):
     for arguments in (("compare", log, "--report", log), ("validate", models["vsa2"], log, "-o", tmp_path)):
         result = call(*arguments)
         assert result.exit_code == 2
-        assert "is what is read" in result.stderr
+        assert "is an input" in result.stderr
         assert log.read_bytes() == before
 
 

@@ -139,12 +139,12 @@ def test_nothing_is_left_behind_when_the_disk_is_full(
 @pytest.mark.parametrize(
     ("output", "words"),
     [
-        ("a.db3", "no log format has the ending '.db3'; write .mcap, .bag, .csv or .parquet"),
-        ("a.txt", "no log format has the ending '.txt'"),
+        ("a.db3", "no log format has the suffix '.db3'; write .mcap, .bag, .csv or .parquet"),
+        ("a.txt", "no log format has the suffix '.txt'"),
         ("no/a.mcap", "the folder no does not exist"),
         ("no/a/", "the folder no does not exist"),
-        ("there", "is there already"),
-        ("there/", "is there already"),
+        ("there", "exists already"),
+        ("there/", "exists already"),
         ("", "names no file"),
         ("..", "names no file"),
         ("/", "names no file"),
@@ -170,7 +170,7 @@ def test_a_rig_file_of_somebody_else_is_not_replaced(
     monkeypatch.chdir(tmp_path)
     beside = tmp_path / "a.rig.toml"
     beside.write_text("# mine\n")
-    with pytest.raises(WriteError, match="is there already and not of 'vsalog simulate'"):
+    with pytest.raises(WriteError, match="exists already and is not of 'vsalog simulate'"):
         LogFiles.named(output)
     beside.write_text(f"{MARK}a.csv.\n")
     LogFiles.named(output)

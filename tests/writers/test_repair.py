@@ -215,7 +215,7 @@ def test_the_source_is_never_written_to_and_nothing_half_written(original, tmp_p
     assert path.read_bytes() == original.read_bytes()
     empty = tmp_path / "empty.mcap"
     empty.write_bytes(path.read_bytes()[:50])
-    with pytest.raises(ReadError, match="not one message"):
+    with pytest.raises(ReadError, match="none of its messages"):
         repair(empty, tmp_path / "new.mcap")
     assert {p.name for p in tmp_path.iterdir()} == {"log.mcap", "link.mcap", "empty.mcap"}
 

@@ -1,1 +1,1 @@
-"""What `import vsalog` offers: a function per command, and what each returns."""
+"""The API of `import vsalog`: a function per command, and its result."""

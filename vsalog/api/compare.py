@@ -36,7 +36,7 @@ class Comparison(Listed):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What a person should know."""
+        """The findings."""
         return self._found.findings
 
     def _document(self) -> Document:
@@ -76,7 +76,7 @@ def compare(
     ----------
     logs : a log's path, or several that make one model
     rig : a rig, its file or a preset's name; that in the log, or next to it, when absent
-    estimators : which, each with its tuning, e.g. ``"qr-rls:forgetting=0.98"``; all that the log allows when empty
+    estimators : names, each with its tuning, e.g. ``"qr-rls:forgetting=0.98"``; all that the log allows when empty
     joints : names of the joints wanted; all when empty
     set : changes to the rig, e.g. ``{"joint.elbow.motor.damping": "1 N*mm*s/rad"}``
     rate : samples per second of a table without a time column [Hz]

@@ -1,4 +1,4 @@
-"""`vsalog.diagnose`: what a rig's simulation gets wrong, and why."""
+"""`vsalog.diagnose`: the errors of a rig's simulation, and their causes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from vsalog.rig import Rig
 
 
 class Diagnosis(Listed):
-    """What the simulation of a rig gets wrong, the causes, the extended rig, and the gain."""
+    """The errors of a rig's simulation, their causes, the extended rig, and the gain."""
 
     def __init__(self, found: document.Diagnosis, outcome: Outcome) -> None:
         self._found, self._outcome = found, outcome
@@ -45,7 +45,7 @@ class Diagnosis(Listed):
 
     @property
     def rig(self) -> Rig:
-        """As it stands."""
+        """The original rig."""
         return self._outcome.rig
 
     @property
@@ -55,12 +55,12 @@ class Diagnosis(Listed):
 
     @property
     def proposed(self) -> str | None:
-        """The next experiment, a scenario as TOML; None where none was asked for, or can be proposed."""
+        """The next experiment, a scenario as TOML; None where none was requested, or can be proposed."""
         return None if self._outcome.proposed is None else scenario_text(self._outcome.proposed)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What a person should know."""
+        """The findings."""
         return self._found.findings
 
     def _document(self) -> Document:
@@ -128,14 +128,14 @@ def diagnose(
     end: str | None = None,
     suggest: bool = False,
 ) -> Diagnosis:
-    """Name the causes of what a rig's simulation gets wrong, as ``vsalog diagnose`` does, without writing files.
+    """Name the causes of the errors of a rig's simulation, as ``vsalog diagnose`` does, without writing files.
 
     Parameters
     ----------
     logs : a log's path, or several of one machine, which are explained together
     rig : a rig, its file or a preset's name; that in the log, or next to it, when absent
     holdouts : other logs of the same machine, on which the gain is measured; windows of the log itself when empty
-    differs : of several logs, causes that may have a value of their own in each
+    differs : of several logs, causes that may have their own values in each
     joints : names of the joints wanted; all when empty
     set : changes to the rig, e.g. ``{"joint.elbow.motor.damping": "1 N*mm*s/rad"}``
     rate : samples per second of a table without a time column [Hz]

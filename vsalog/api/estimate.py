@@ -50,17 +50,17 @@ class Estimate(Results, Sequence[JointEstimate]):
 
     @property
     def rig(self) -> Rig:
-        """With which it was estimated."""
+        """The rig of the estimate."""
         return self._job.rig
 
     @property
     def model(self) -> ModelFile:
-        """What ``vsalog estimate`` writes as LOG.model.toml: ``model.to_toml()`` is its text."""
+        """The content of LOG.model.toml: ``model.to_toml()`` is its text."""
         return self._job.model_file(self._estimates, self._job.provenance())
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What a person should know of the logs, the rig and the joints."""
+        """Findings about the logs, the rig and the joints."""
         return (*self._job.findings, *(finding for e in self._estimates for finding in e.findings))
 
     def _document(self) -> Document:
@@ -103,8 +103,8 @@ def estimate(
     rig : a rig, its file or a preset's name; that in the log, or next to it, when absent
     joints : names of the joints wanted; all when empty
     estimator : a method's name, as ``vsalog estimate --help`` lists them, or ``auto``
-    preset_tuning : ``paper`` begins with the values that the estimator's paper prints; ``tune`` goes on top
-    tune : what to tune, e.g. ``{"forgetting": 0.98}``; docs/explanation/estimators/ lists it, a page per method
+    preset_tuning : ``paper`` uses the values of the estimator's paper; ``tune`` overrides them
+    tune : tuning, e.g. ``{"forgetting": 0.98}``; docs/explanation/estimators/ lists it, a page per method
     causal : estimate each sample from those before it, as in a control loop
     set : changes to the rig, e.g. ``{"joint.elbow.motor.damping": "1 N*mm*s/rad"}``; ``setpoint`` fixes the set-point
     rate : samples per second of a table without a time column [Hz]

@@ -1,4 +1,4 @@
-"""`vsalog.identify`: the rig's own numbers, fitted to a log."""
+"""`vsalog.identify`: the rig's parameters, fitted to a log."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from vsalog.rig import Rig
 
 
 class Identification(Listed):
-    """A rig's own numbers, fitted to a log, with intervals, and which of them the log tells."""
+    """A rig's parameters, fitted to a log, with intervals, and which of them the log determines."""
 
     def __init__(self, found: document.Identification, rig: Rig) -> None:
         self._found, self._rig = found, rig
@@ -31,17 +31,17 @@ class Identification(Listed):
 
     @property
     def rig(self) -> Rig:
-        """The rig with what was identified."""
+        """The rig with the identified parameters."""
         return self._rig
 
     @property
     def numbers(self) -> tuple[document.IdentifiedNumber, ...]:
-        """The numbers that were fitted."""
+        """The fitted parameters."""
         return self._found.numbers
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What a person should know."""
+        """The findings."""
         return self._found.findings
 
     def _document(self) -> Document:
@@ -73,7 +73,7 @@ def identify(
     start: str | None = None,
     end: str | None = None,
 ) -> Identification:
-    """Fit a rig's own numbers to a log by simulation, as ``vsalog identify`` does, without writing files.
+    """Fit a rig's parameters to a log by simulation, as ``vsalog identify`` does, without writing files.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def identify(
     rig : a rig, its file or a preset's name; that in the log, or next to it, when absent
     holdouts : other logs of the same machine, to judge the fit by; the last third of the log when empty
     free : keys below a joint, or patterns, that are fitted too, as ``"motor.friction.*"``
-    fix : keys or patterns that stay as the rig has them
+    fix : keys or patterns that keep the rig's values
     joints : names of the joints wanted; all when empty
     set : changes to the rig, e.g. ``{"joint.elbow.motor.damping": "1 N*mm*s/rad"}``
     rate : samples per second of a table without a time column [Hz]

@@ -1,4 +1,4 @@
-"""`vsalog.inspect`: what is in a log."""
+"""`vsalog.inspect`: the contents of a log."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from vsalog.report.plot import Drawn
 
 
 class Inspection(Listed):
-    """What is in logs: streams with their clocks, channels, and the joints that they probably hold."""
+    """The contents of logs: streams with their clocks, channels, and the probable joints."""
 
     def __init__(self, data: document.Inspection, options: Options) -> None:
         self._data, self._options = data, options
@@ -35,7 +35,7 @@ class Inspection(Listed):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What a person should know of all logs."""
+        """Findings about all logs."""
         return tuple(finding for log in self.logs for finding in log.findings)
 
     def _document(self) -> Document:
@@ -99,7 +99,7 @@ def inspect(
     start: str | None = None,
     end: str | None = None,
 ) -> Inspection:
-    """Look at what is in logs, as ``vsalog inspect`` does.
+    """Inspect the contents of logs, as ``vsalog inspect`` does.
 
     Parameters
     ----------

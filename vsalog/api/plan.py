@@ -1,4 +1,4 @@
-"""`vsalog.plan`: which causes a rig's sensors can tell apart."""
+"""`vsalog.plan`: which causes a rig's sensors can separate."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vsalog.rig import Rig
 
 
 class Plan(Listed):
-    """Which causes of a simulation's error the sensors of a rig tell apart, and the sensor and the motion that tell more."""
+    """Which causes of a simulation's error the sensors of a rig separate, and the sensor and the motion that separate more."""
 
     def __init__(self, found: structure.Plan, outcome: Outcome) -> None:
         self._found, self._outcome = found, outcome
@@ -77,7 +77,7 @@ def plan(
     max_angle: float | str | None = None,
     set: Mapping[str, object] | None = None,
 ) -> Plan:
-    """Say which causes of a simulation's error a rig's sensors can tell apart, as ``vsalog plan`` does, without writing files.
+    """Predict which causes of a simulation's error a rig's sensors can separate, as ``vsalog plan`` does, without writing files.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What all results have in common: text, figures, tables, findings, and how a notebook shows them."""
+"""The common part of all results: text, figures, tables, findings, and their display in a notebook."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ PACKAGE = f"{Path(__file__).parent.parent}{os.sep}"
 
 
 class Results(ABC):
-    """What a function of `vsalog` returns.
+    """The result of a function of `vsalog`.
 
     Findings of severity warning and invalidates are issued as Python warnings of the category `VsalogWarning` when a result is
     made; `findings` has them all.
@@ -53,15 +53,15 @@ class Results(ABC):
     @property
     @abstractmethod
     def findings(self) -> tuple[Finding, ...]:
-        """What a person should know, each with a stable code (docs/reference/findings/)."""
+        """The findings, each with a stable code (docs/reference/findings/)."""
 
     @abstractmethod
     def _document(self) -> Document:
-        """Return what the command says."""
+        """Return the document of the command."""
 
     @abstractmethod
     def _figures(self) -> Iterable[Drawn]:
-        """Return all figures, the most telling one first."""
+        """Return all figures, the most informative one first."""
 
     @abstractmethod
     def to_arrow(self) -> pa.Table:
@@ -142,7 +142,7 @@ class Results(ABC):
                 there = [one.part for one in own]
             if not own or (value is None and len(set(there)) > 1):
                 said = listed([f"'{printable(its)}'" for its in dict.fromkeys(there)])
-                raise VsalogError(f"say which figure '{name}' is meant, by {what}=…: there are {said}")
+                raise VsalogError(f"choose the figure '{name}' by {what}=…: there are {said}")
         return own[0]
 
     def to_pandas(self) -> pandas.DataFrame:
@@ -176,7 +176,7 @@ class Results(ABC):
 
 
 class Listed(Results):
-    """Results whose table has a row for each thing that was found."""
+    """Results whose table has a row for each item."""
 
     @property
     @abstractmethod

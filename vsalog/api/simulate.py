@@ -1,4 +1,4 @@
-"""`vsalog.simulate`: a rig, played."""
+"""`vsalog.simulate`: a simulated rig."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from vsalog.simulation.run import Options, prepare
 
 
 class Simulation(Results):
-    """What the sensors of a rig that was played recorded, or what its simulation makes of a log's inputs."""
+    """The recording of a simulated rig's sensors, or a rig's simulation with a log's inputs."""
 
     def __init__(self, recording: Recording, document: Document, log: Path | None) -> None:
         self._recording, self._said, self._log = recording, document, log
@@ -42,12 +42,12 @@ class Simulation(Results):
 
     @property
     def log(self) -> Path | None:
-        """The file that was written; None where none was asked for."""
+        """The file that was written; None where none was requested."""
         return self._log
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What a person should know."""
+        """The findings."""
         return self._recording.findings
 
     def _document(self) -> Document:
@@ -90,7 +90,7 @@ def simulate(
     truth: bool = False,
     output: str | Path | None = None,
 ) -> Simulation:
-    """Play a rig, as ``vsalog simulate`` does; a log is written only where `output` names one.
+    """Simulate a rig, as ``vsalog simulate`` does; a log is written only where `output` names one.
 
     Parameters
     ----------
@@ -100,12 +100,12 @@ def simulate(
     rate : [Hz]; the scenario's when absent; with `replay`, of a table without a time column
     seed : of all noise
     replay : a log whose inputs drive the rig
-    window : with `replay`: begin again from the measured state every so often, [s] or with a unit
-    ideal : sensors without noise, steps, jitter and dropped samples
-    set : changes to the rig, the machine and what the log says of it
-    actual : changes to the machine only
+    window : with `replay`: restart from the measured state every so often, [s] or with a unit
+    ideal : sensors without noise, quantisation, jitter and dropped samples
+    set : changes to the simulated machine and to the rig in the log
+    actual : changes to the simulated machine only
     truth : record the true motion, torques and stiffness too
-    output : the log's file, whose ending tells the format
+    output : the log's file, whose suffix sets the format
 
     Raises
     ------

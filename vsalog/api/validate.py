@@ -1,4 +1,4 @@
-"""`vsalog.validate`: a frozen model against other experiments."""
+"""`vsalog.validate`: test a frozen model on other experiments."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ class Validation(Listed):
 
     @property
     def met(self) -> bool:
-        """Whether all thresholds that were asked for are met."""
+        """Whether all requested thresholds are met."""
         return all(threshold.met for threshold in self._report.thresholds)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What a person should know of all logs."""
+        """Findings about all logs."""
         return tuple(finding for log in self._report.logs for joint in log.joints for finding in joint.findings)
 
     def _document(self) -> Document:
@@ -112,7 +112,7 @@ def validate(
     max_nrmse: float | None = None,
     max_msrep: float | None = None,
 ) -> Validation:
-    """Hold a fitted model against other experiments, as ``vsalog validate`` does, without writing files.
+    """Test a fitted model on other experiments, as ``vsalog validate`` does, without writing files.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def validate(
     start, end : the part of each log that is used: seconds from its beginning, ``"2 min"``, an ISO 8601 date or a time since the
         epoch
     modalities : estimate the logs by MODEL, SENSOR and RESIDUAL too; for logs of up to 300 000 samples when absent
-    max_nrmse, max_msrep : thresholds of the torque's error [%], of which `Validation.met` says whether they are met
+    max_nrmse, max_msrep : thresholds of the torque's error [%]; `Validation.met` is whether they are met
 
     Raises
     ------

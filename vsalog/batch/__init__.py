@@ -1,1 +1,1 @@
-"""Many logs: planned, done side by side, resumed after anything, and left as one data set."""
+"""Many logs: planned, processed in parallel, resumable, and written as one data set."""

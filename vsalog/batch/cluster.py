@@ -21,7 +21,7 @@ from vsalog.core.errors import BatchError
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Hands work on to a cluster, as a process here does it."""
+    """Passes work to a cluster, with the interface of a local process."""
 
     executor: Executor
     active = True
@@ -31,7 +31,7 @@ class Place:
         return self.executor.submit(function, *args)
 
     def stop(self) -> None:
-        """Leave: what has not begun is forgotten by the scheduler with the last who waited for it."""
+        """Leave: the scheduler drops tasks that have not begun once nobody waits for them."""
 
     join = stop
 
@@ -39,8 +39,8 @@ class Place:
 class Cluster(Pool):
     """Do tasks on a Dask cluster.
 
-    Workers that die are the scheduler's affair: it gives their logs to others. What they write is renamed into place, so that a
-    log that is done twice is the same as one that was done once.
+    The scheduler replaces workers that die and gives their logs to others. Results are renamed into place, so that a log that is
+    done twice gives the same files as one that is done once.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Cluster(Pool):
             self._dask: Any = import_module("distributed")
         except ImportError:
             raise BatchError("--scheduler needs Dask: pip install 'vsalog[dask]'") from None
-        # What Dask logs is tracebacks: what matters comes as exceptions, and is a line.
+        # Dask logs tracebacks: errors arrive as exceptions, and are printed in one line.
         for name in logging.root.manager.loggerDict:
             if name.startswith(("distributed", "tornado")):
                 logging.getLogger(name).setLevel(logging.CRITICAL)
@@ -80,11 +80,11 @@ class Cluster(Pool):
 
     @property
     def jobs(self) -> int:
-        """How many logs the scheduler knows: twice as many as are worked on, so that no worker waits for the next one."""
+        """How many logs the scheduler knows: twice as many as are in progress, so that no worker waits for the next one."""
         try:
             return max(2 * self._threads(), 1)
         except OSError as error:
-            if not self._busy:  # else the answers say so
+            if not self._busy:  # else the answers show it
                 raise BatchError(self._lost) from error
             return 0
 
@@ -115,7 +115,7 @@ class Cluster(Pool):
         try:
             return msgspec.json.decode(future.result(), type=Answer)
         except CancelledError:
-            return Answer(stop=f"{self._lost}, and with it what was being worked on")
+            return Answer(stop=f"{self._lost}, and with it the work in progress")
         except Exception as error:
             return job.failed("killed", self._words(error))
 

@@ -1,4 +1,4 @@
-"""The figures of a joint that stand in the summary: from what the commands find to columns by name."""
+"""The figures of a joint in the summary: from the commands' results to named columns."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def of_estimate(job: Job, estimate: JointEstimate) -> Joint:
     whole = whole or next(iter(s.transmissions), None)
     if whole is not None:
         figures |= to_builtins(whole)
-        # The device is not fitted: residuals stand with its transmissions.
+        # The device is not fitted: residuals belong to its transmissions.
         fitted = [part for part in s.transmissions if part.fit_share is not None]
         if whole.fit_share is None and fitted:
             worst = max(fitted, key=lambda part: part.fit_share or 0.0)
@@ -42,7 +42,7 @@ def of_estimate(job: Job, estimate: JointEstimate) -> Joint:
 
 
 def of_validation(report: Report) -> Iterator[Joint]:
-    """Yield each joint's verdict and the score it rests on."""
+    """Yield each joint's verdict and the score it is based on."""
     (log,) = report.logs
     for line, joint in zip(overview(report), log.joints, strict=True):
         figures = {
@@ -63,12 +63,12 @@ def of_validation(report: Report) -> Iterator[Joint]:
 
 
 def of_diagnosis(diagnosis: Diagnosis) -> Iterator[Joint]:
-    """Yield each joint's causes and what they are worth; the verdict and what is unexplained are the log's."""
+    """Yield each joint's causes and improvement; the verdict and the unexplained share belong to the log."""
     parts = (diagnosis.simulation_error, diagnosis.equations, diagnosis.causes)
     for name in dict.fromkeys(part.joint for several in parts for part in several):
 
         def own(parts: Sequence[Any], *fields: str, joint: str = name) -> list[dict[str, Any]]:
-            """Return these fields of what is the joint's."""
+            """Return these fields of the joint's entries."""
             return [{field: getattr(part, field) for field in fields} for part in parts if part.joint == joint]
 
         figures = {

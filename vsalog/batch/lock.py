@@ -1,4 +1,4 @@
-"""One run at a time in a batch: signs of life, which no kill leaves behind for long."""
+"""One run at a time in a batch: heartbeats, which expire soon after a kill."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from vsalog.batch.storage import LOCK, Store, StoreError
 from vsalog.core.errors import BatchError
 
 BEAT = 20.0
-"""Seconds between two signs of life; a run that misses four counts as dead."""
+"""Seconds between two heartbeats; a run that misses four counts as dead."""
 
 
 class Owner(msgspec.Struct, frozen=True, kw_only=True):
-    """A run that is at work in a batch, by its own sign of life.
+    """A run that is active in a batch, by its heartbeat.
 
     Attributes
     ----------
     host, process : whose it is
     share : of a job array, "2-of-7"; nothing where it is the whole batch
-    at : time of the last sign of life [s since 1970]
+    at : time of the last heartbeat [s since 1970]
     """
 
     host: str
@@ -36,7 +36,7 @@ class Owner(msgspec.Struct, frozen=True, kw_only=True):
     at: float
 
     def alive(self) -> bool:
-        """Tell whether it is still at work."""
+        """Return whether it is still active."""
         if time.time() - self.at > 4.0 * BEAT:
             return False
         if self.host != socket.gethostname() or not Path("/proc").is_dir():
@@ -46,12 +46,12 @@ class Owner(msgspec.Struct, frozen=True, kw_only=True):
 
 @contextmanager
 def locked(store: Store, shard: tuple[int, int] | None) -> Iterator[None]:
-    """Keep other runs out of a batch while the context lasts; different shares of one array get along.
+    """Keep other runs out of a batch while the context lasts; different shares of one array may run together.
 
     Raises
     ------
     BatchError
-        Another run is at it.
+        Another run is active.
     """
     name = f"{LOCK}-{secrets.token_hex(8)}"
     share = "" if shard is None else f"{shard[0]}-of-{shard[1]}"
@@ -68,7 +68,7 @@ def locked(store: Store, shard: tuple[int, int] | None) -> Iterator[None]:
 
     thread = threading.Thread(target=beat, daemon=True)
     try:
-        # Who comes second sees the first: both have signed before they look.
+        # The second run sees the first: both have written a heartbeat before they check.
         sign()
         _look(store, name, share)
         thread.start()
@@ -82,7 +82,7 @@ def locked(store: Store, shard: tuple[int, int] | None) -> Iterator[None]:
 
 
 def _look(store: Store, mine: str, share: str) -> None:
-    """Refuse a batch where another run is at work, and remove what dead ones left."""
+    """Refuse a batch where another run is active, and remove the files of dead ones."""
     for name in store.names():
         if not name.startswith(LOCK) or name == mine:
             continue

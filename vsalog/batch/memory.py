@@ -8,7 +8,7 @@ from vsalog.batch.records import Log, Settings
 from vsalog.core.memory import usable_memory
 
 BASE = 330 * 2**20
-"""Bytes that a worker takes which waits, with everything loaded."""
+"""Bytes that an idle worker takes, with everything loaded."""
 
 
 # What a step needs beyond that, as measured over formats (docs/how-to), with room: bytes per byte of log, and at most, however
@@ -33,5 +33,5 @@ def expected(log: Log, settings: Settings) -> int:
 
 
 def free() -> int:
-    """Return the bytes that can be used without pushing others out: of the machine, or of the group the process is in."""
+    """Return the free memory [bytes]: of the machine, or of the control group of the process."""
     return max(BASE, usable_memory())

@@ -1,4 +1,4 @@
-"""Names from outside as names of files and partitions: what a path or a rig says never becomes a path of its own."""
+"""External names as names of files and partitions: a name from a path or a rig never becomes a path of its own."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from vsalog.core.printable import LONGEST_NAME
 
 TRACES = "traces"
 PART = "part.parquet"
-# Readers take this for "no value".
+# Readers interpret this as "no value".
 UNNAMED = "unnamed"
 
 
 def encoded(text: str) -> str:
     """Return a text as one name of a file or partition, percent-encoded as Hive's readers decode it.
 
-    Letters, digits, ``_``, ``-`` and ``.`` stay; a dot in front does not, since it would hide the file or name a folder.
+    Letters, digits, ``_``, ``-`` and ``.`` stay; a leading dot does not, since it would hide the file or name a folder.
 
     Parameters
     ----------
@@ -29,20 +29,20 @@ def encoded(text: str) -> str:
 
 
 def trace_name(device: str, date: str, log: str) -> str:
-    """Return where a log's trace lies in the batch; all three are encoded, so that none can be a path."""
+    """Return the path of a log's trace in the batch; all three are encoded, so that none can be a path."""
     return f"{TRACES}/device={encoded(device)}/date={encoded(date)}/log={encoded(log)}/{PART}"
 
 
 def shown(text: str) -> str:
-    """Return what can be written as UTF-8: names of files may hold bytes that are no text."""
+    """Return a text that can be written as UTF-8: names of files may contain bytes that are no text."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 
 def readable(path: bytes) -> str:
     """Return a log's relative path as text that can be encoded: another text for another path.
 
-    Bytes that are no UTF-8 are shown as hexadecimal escapes, and what is too long loses its beginning; both get a hash of the
-    bytes behind them, so that no two paths become one.
+    Bytes that are no UTF-8 are shown as hexadecimal escapes, and too long a path loses its beginning; both get a hash of the
+    original bytes, so that no two paths become one.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def readable(path: bytes) -> str:
 
 
 def device_name(text: str) -> str:
-    """Return what a rig calls itself as the value of a partition."""
+    """Return the name of a rig as the value of a partition."""
     text = text.encode("utf-8", "replace").decode()
     if not text:
         return UNNAMED
@@ -64,7 +64,7 @@ def device_name(text: str) -> str:
 
 
 def told_apart(texts: Sequence[str]) -> list[str]:
-    """Return texts of which no two differ by capitals alone: not every file system keeps such apart.
+    """Return texts of which no two differ by capitals alone: not every file system distinguishes them.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def _fits(text: str) -> bool:
 
 
 def _cut(text: str, origin: bytes) -> str:
-    """Return the end of a text, which says more of a path than its beginning, with a hash."""
+    """Return the end of a text, the more specific part of a path, with a hash."""
     mark = f"~{hashlib.sha256(origin).hexdigest()[:12]}"
     begin = max(len(text) - LONGEST_NAME, 0)
     while not _fits(text[begin:] + mark):

@@ -1,4 +1,4 @@
-"""What is done to one log: `estimate`, `validate` or `diagnose`, as the commands do it, into files of a batch."""
+"""The work on one log: `estimate`, `validate` or `diagnose`, as the commands do it, into files of a batch."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ Said = dict[str, Any]
 
 
 def check(settings: Settings) -> None:
-    """See whether what is asked for can be at all, before any log is opened.
+    """Check the options before any log is opened.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def check(settings: Settings) -> None:
 
 
 def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[Files, Said]:
-    """Estimate the joints of a log: a trace, a model and, where asked for, a page.
+    """Estimate the joints of a log: a trace, a model and, on request, a page.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[F
     }
     if page is not None:
         files["report"] = (page, f"reports/{name}/estimate.html")
-    said = {
+    fields = {
         "device": device,
         "date": date,
         "joints": tuple(of_estimate(job, e) for e in estimates),
@@ -87,11 +87,11 @@ def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[F
         "rig_sha256": _sha256(provenance["vsalog.rig"]),
         "input_sha256": next(iter(json.loads(provenance["vsalog.input"]).values()), ""),
     }
-    return files, said
+    return files, fields
 
 
 def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[Files, Said]:
-    """Hold the model against a log: a report and its page.
+    """Test the model on a log: a report and its page.
 
     Raises
     ------
@@ -100,18 +100,18 @@ def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[F
     """
     options = ValidateOptions(rig=_rig(settings), **settings.options)
     report, files = write_validation(_model(settings, scratch), [path], options, scratch / "report")
-    said = {
+    fields = {
         "device": _device(Rig.from_toml(report.rig, "rig")),
         "joints": tuple(of_validation(report)),
         "rig_sha256": _sha256(report.rig),
         "input_sha256": report.logs[0].sha256,
         "met": all(t.met for t in report.thresholds),
     }
-    return _reports(log, files), said
+    return _reports(log, files), fields
 
 
 def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[Files, Said]:
-    """Hold the rig's simulation against a log: a diagnosis, its page and, where causes were found, the extended rig.
+    """Compare the rig's simulation with a log: a diagnosis, its page and, where causes were found, the extended rig.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[F
     diagnosis, files = write_diagnosis(path, None, options, scratch / "report")
     joints = tuple(of_diagnosis(diagnosis))
     own = {joint.joint for joint in joints}
-    said = {
+    fields = {
         "device": _device(Rig.from_toml(diagnosis.rig, "rig")),
         "joints": joints,
         "findings": tuple(msgspec.to_builtins(f) for f in diagnosis.findings if f.joint not in own),
@@ -131,7 +131,7 @@ def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> tuple[F
         "input_sha256": diagnosis.log_sha256,
         "met": not settings.fail_on_cause or diagnosis.verdict.startswith("consistent"),
     }
-    return _reports(log, files), said
+    return _reports(log, files), fields
 
 
 COMMANDS: dict[str, Callable[[Log, Path, Settings, Path], tuple[Files, Said]]] = {
@@ -155,14 +155,14 @@ def _model(settings: Settings, folder: Path) -> Path:
 
 
 def _reports(log: Log, files: Mapping[str, str]) -> Files:
-    """Return the files of a report by what the batch calls them."""
+    """Return the files of a report by their names in the batch."""
     kinds = {"report": "report", "data": "document", "extended rig": "rig"}
     found = {kinds[what]: Path(file) for what, file in files.items() if what in kinds}
     return {what: (file, f"reports/{encoded(log.name)}/{file.name}") for what, file in found.items()}
 
 
 def _device(rig: Rig) -> str:
-    """Return what the data set calls the machine: the rig's name, else its joints'."""
+    """Return the name of the machine in the data set: the rig's name, else its joints'."""
     return device_name(rig.name or "+".join(rig.joints))
 
 

@@ -1,4 +1,4 @@
-"""What came of a batch: records of its logs, and what follows from them."""
+"""The outcome of a batch: records of its logs, and what follows from them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vsalog.core.printable import printable
 
 @dataclass(slots=True)
 class Outcome:
-    """What came of it.
+    """The outcome.
 
     Attributes
     ----------
@@ -20,7 +20,7 @@ class Outcome:
     records : of these logs, by their names
     kept : of these, were finished before
     everything, finished : logs of all shares, and of these those that have a record
-    others : logs of earlier runs that are not asked for any more, and whose results are still there
+    others : logs of earlier runs that are no longer requested, but whose results still exist
     seconds : how long it took
     """
 
@@ -46,7 +46,7 @@ class Outcome:
 
     @property
     def code(self) -> int:
-        """The exit code: 1 where a failure is a bug of ours, 2 where a log failed, 3 where a threshold was missed."""
+        """The exit code: 1 where a failure is a bug in vsalog, 2 where a log failed, 3 where a threshold was missed."""
         if any(r.kind == "bug" for r in self.failures):
             return 1
         return 2 if self.failures else 3 if self.missed else 0

@@ -22,12 +22,12 @@ from vsalog.core.errors import BatchError
 from vsalog.core.printable import plural
 
 BAG = "metadata.yaml"
-# What a folder is searched for; a pattern may match anything.
+# Suffixes that a folder is searched for; a pattern may match anything.
 ENDINGS = (".mcap", ".bag", ".db3", ".csv", ".tsv", ".parquet", ".mat", ".gz", ".zst", ".bz2", ".lz4")
-# Of these, tables, of which a folder may be one recording.
+# Those of tables; a folder of them may be one recording.
 TABLES = (".csv", ".tsv", ".csv.gz", ".tsv.gz", ".parquet")
-# What lies next to logs and is none.
-BESIDE = (".toml", ".yaml", ".yml", ".md", ".html", ".json")
+# Files next to logs that are no logs.
+NO_LOGS = (".toml", ".yaml", ".yml", ".md", ".html", ".json")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ def make_plan(asked: Sequence[str], out: str) -> Plan:
     Raises
     ------
     BatchError
-        A pattern matches nothing, a file is not there, or the batch would be written into a log.
+        A pattern matches nothing, a file does not exist, or the batch would be written into a log.
     """
     words = [word for text in asked for word in _listed(text)]
     if not words:
@@ -62,7 +62,7 @@ def make_plan(asked: Sequence[str], out: str) -> Plan:
     placed = [file_system(word) for word in words]
     system = placed[0][0]
     if any(other != system for other, _ in placed):
-        raise BatchError("some logs are files here and some are addresses; put them into two batches")
+        raise BatchError("some logs are local files and some are addresses; use two batches")
     sizes: dict[str, int] = {}
     roots, notes, named = [], [], set()
     for word, (_, path) in zip(words, placed, strict=True):
@@ -70,18 +70,18 @@ def make_plan(asked: Sequence[str], out: str) -> Plan:
         sizes |= found
         if prose:
             notes.append(
-                f"left out: {plural(len(prose), 'file')} of text that hold no table, such as {shown(prose[0])}"
+                f"left out: {plural(len(prose), 'file')} of text that contain no table, such as {shown(prose[0])}"
             )
         roots.append(root)
         named |= {path} & set(found)
     paths, left_out = _outside(system, sizes, named, out)
     if left_out:
-        notes.append(f"left out: {left_out} files in {shown(out)}, which is where the batch goes")
+        notes.append(f"left out: {left_out} files in {shown(out)}, the folder of the batch")
     paths, twice = _once(system, paths)
     if twice:
-        notes.append(f"left out: {twice} files that are others by another name")
+        notes.append(f"left out: {twice} files that are other names of the same logs")
     if not paths:
-        raise BatchError(f"no log is left: all that was found lies in {shown(out)}")
+        raise BatchError(f"no log is left: all logs found are in {shown(out)}")
     root = os.path.commonpath(roots)
     names = told_apart([readable(os.fsencode(Path(os.path.relpath(p, root)).as_posix())) for p in paths])
     logs = [
@@ -91,7 +91,7 @@ def make_plan(asked: Sequence[str], out: str) -> Plan:
 
 
 def _listed(text: str) -> list[str]:
-    """Read a list: lines, or with zeros between, as `find -print0` writes names that hold line ends."""
+    """Read a list: lines, or zero-separated as of `find -print0`, for names that contain line ends."""
     if text != "-" and not text.startswith("@"):
         return [text]
     try:
@@ -117,7 +117,7 @@ def _found(system: Any, path: str, word: str) -> tuple[dict[str, int], str, list
         elif glob.has_magic(word):
             fixed, rest = _parts(word)
             top, matches = file_system(fixed)[1], re.compile(glob_translate(rest)).match
-            # One deeper than what is meant, to see which folders are bags.
+            # One level deeper than requested, to see which folders are bags.
             there = _below(system, top, None if "**" in rest else rest.count("/") + 2)
             logs = _logs(system, there, lambda path: matches(path.removeprefix(top).lstrip("/")) is not None)
             if is_local(system) and not rest.rpartition("/")[2].strip("*"):  # a pattern that names no ending
@@ -126,14 +126,14 @@ def _found(system: Any, path: str, word: str) -> tuple[dict[str, int], str, list
         else:
             raise BatchError(f"{shown(word)}: {'is no file' if kind else 'there is no such file'}")
     if not logs and kind:
-        raise BatchError(f"{shown(word)}: there is no log in this folder (endings: {', '.join(ENDINGS)})")
+        raise BatchError(f"{shown(word)}: there is no log in this folder (suffixes: {', '.join(ENDINGS)})")
     if not logs:
         raise BatchError(f"'{shown(word)}' matches no log")
     return logs, top, [path.rpartition("/")[2] for path in prose]
 
 
 def _kind(system: Any, path: str) -> str:
-    """Return what lies at a path: "file", "directory", another word for what is neither, nothing where nothing does."""
+    """Return what is at a path: "file", "directory", another word for what is neither, "" for nothing."""
     try:
         return str(system.info(path)["type"])
     except (FileNotFoundError, NotADirectoryError):
@@ -148,9 +148,9 @@ def _parts(pattern: str) -> tuple[str, str]:
 
 
 def _below(system: Any, top: str, depth: int | None) -> dict[str, int]:
-    """Return path → size [bytes] of the files below a folder, hidden ones aside, as many folders deep as said.
+    """Return path → size [bytes] of the files below a folder, without hidden ones, to a given depth.
 
-    Links to folders are followed, each of these once, and none to a folder that the search came through.
+    Links to folders are followed once each, and none to a folder that contains the link.
     """
     files: dict[str, int] = {}
     seen = {str(folder) for folder in (Path(top).resolve(), *Path(top).resolve().parents)}
@@ -171,7 +171,7 @@ def _below(system: Any, top: str, depth: int | None) -> dict[str, int]:
 
 
 def _logs(system: Any, files: Mapping[str, int], matches: Callable[[str], bool] | None = None) -> dict[str, int]:
-    """Choose what of a folder's files a pattern means, or the folder itself: logs, and folders that are one log as a whole."""
+    """Choose what a pattern means of a folder's files, or the folder itself: logs, and folders that are one log."""
     bags = {path.rpartition("/")[0] for path in files if path.endswith(f"/{BAG}")}
     if matches is not None:
         bags = {bag for bag in bags if matches(bag)}
@@ -182,7 +182,7 @@ def _logs(system: Any, files: Mapping[str, int], matches: Callable[[str], bool] 
         name = path.lower()
         if bag:
             chosen[bag[-1]] += size
-        elif name.endswith(ENDINGS) if matches is None else matches(path) and not name.endswith(BESIDE):
+        elif name.endswith(ENDINGS) if matches is None else matches(path) and not name.endswith(NO_LOGS):
             chosen[path] = size
     return dict(chosen)
 
@@ -191,7 +191,7 @@ def _table_folders(system: Any, files: Iterable[str], matches: Callable[[str], b
     """Return the folders whose tables are one recording.
 
     A pattern that matches a folder and no table in it means the folder. Else the tables' clocks have to show that they were
-    recorded together, since each of them may be meant.
+    recorded together, since the pattern may mean each of them.
     """
     tables: dict[str, list[str]] = {}
     for path in files if is_local(system) else ():
@@ -207,32 +207,32 @@ def _table_folders(system: Any, files: Iterable[str], matches: Callable[[str], b
 
 
 def _place(system: Any, path: str) -> str:
-    """Return a path without links, or an address: what no two files share."""
+    """Return a path without links, or an address: unique for each file."""
     return os.path.realpath(path) if is_local(system) else address(system, path)
 
 
 def _outside(system: Any, paths: Iterable[str], named: Collection[str], out: str) -> tuple[list[str], int]:
-    """Leave out what lies in the batch itself; refuse what was named and lies there, and a batch inside a log."""
+    """Leave out files of the batch itself; refuse named files in it, and a batch inside a log."""
     target, kept, left_out = _place(*file_system(out)), [], 0
     for path in paths:
         place = _place(system, path)
         if f"{target}/".startswith(f"{place}/"):
-            raise BatchError(f"{shown(out)}: is a log itself, or lies in one; name another folder with -o")
+            raise BatchError(f"{shown(out)}: is a log itself, or is in one; name another folder with -o")
         if not place.startswith(f"{target}/"):
             kept.append(path)
         elif path in named:
-            raise BatchError(f"{shown(path)}: lies in {shown(out)}, where the batch goes; name another folder with -o")
+            raise BatchError(f"{shown(path)}: is in {shown(out)}, the folder of the batch; name another folder with -o")
         else:
             left_out += 1
     return kept, left_out
 
 
 def _once(system: Any, paths: Sequence[str]) -> tuple[list[str], int]:
-    """Take each file once, by the first of its names in the order of the alphabet; say how many had another one."""
+    """Take each file once, by the first of its names in alphabetical order; return how many had another one."""
     by_place: dict[str, str] = {}
     for path in sorted(paths):
         place = _place(system, path)
-        # A link gives way to the file, whatever their names.
+        # A file precedes a link to it, whatever their names.
         if place not in by_place or path == place:
             by_place[place] = path
     return list(by_place.values()), len(paths) - len(by_place)

@@ -25,7 +25,7 @@ from vsalog.report.compiling import ANNOUNCED
 
 Say = Callable[[str], None]
 Worker = ProcessPool
-"""One process: of several in one pool a death at the wrong moment is taken for that of another (decision 14)."""
+"""One process: in a pool of several, a death at the wrong moment is attributed to another (decision 14)."""
 
 
 @dataclass(slots=True)
@@ -37,7 +37,7 @@ class Job:
     deaths: int = 0
 
     def failed(self, kind: Kind, reason: str) -> Answer:
-        """Return the answer of a task that nobody could do."""
+        """Return the answer of a task that failed without a result."""
         return Answer(record=failed(self.task, kind, reason))
 
 
@@ -61,7 +61,7 @@ class Pool:
         self._busy: dict[Future[bytes], tuple[Job, Worker]] = {}
 
     def __enter__(self) -> Self:
-        # All of them, so that they load side by side, and while others prepare.
+        # All of them, so that they load in parallel, and while others prepare.
         self._idle = [self._started() for _ in range(self.jobs)]
         return self
 
@@ -76,7 +76,7 @@ class Pool:
         return self._jobs
 
     def _is_compiled(self) -> bool:
-        """Tell whether numba has loops of ours in its cache, next to the sources or where its cache was put."""
+        """Return whether numba has loops of vsalog in its cache, next to the sources or in its cache folder."""
         place = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parents[1])
         return any(True for _ in place.rglob("*.nbi"))
 
@@ -84,25 +84,25 @@ class Pool:
         return _process()
 
     def check(self, settings: Settings) -> None:
-        """See in a worker, which has to load all that anyway, whether what is asked for can be at all.
+        """Check the options in a worker, which has to load the libraries anyway.
 
         Raises
         ------
         BatchError
-            It cannot.
+            An option is impossible.
         """
-        said = self._asked(settings)
-        if said is None:  # as a log, it is tried once more
+        error = self._asked(settings)
+        if error is None:  # it is tried once more, as a log is
             _end([self._idle.pop(0)])
             self._idle.append(self._started())
-            said = self._asked(settings)
-        if said is None:
+            error = self._asked(settings)
+        if error is None:
             raise BatchError("no worker could be started: it ended before it was ready")
-        if said:
-            raise BatchError(said)
+        if error:
+            raise BatchError(error)
 
     def _asked(self, settings: Settings) -> str | None:
-        """Return what a worker says of it; None where that died."""
+        """Return a worker's answer; None where it died."""
         worker = self._idle[0]
         try:
             future = worker.schedule(check_settings, (msgspec.json.encode(settings),))
@@ -113,7 +113,7 @@ class Pool:
             return None
 
     def run(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Answer]]:
-        """Do tasks, those of large logs first; yield each with its answer as soon as it is there.
+        """Do tasks, those of large logs first; yield each with its answer as soon as it arrives.
 
         Where nothing is compiled yet, one after the other is done alone until loops are compiled, or each worker had one.
         """
@@ -121,8 +121,8 @@ class Pool:
         for job in jobs:
             if job.need > self.memory:
                 what = f"a log of {size_text(job.task.log.size)} is expected to need {size_text(job.need)} of memory"
-                advice = "give more with --memory, or do a part with --start and --end"
-                reason = f"{what}, and {size_text(self.memory)} are allowed: {advice}"
+                advice = "allow more with --memory, or process a part with --start and --end"
+                reason = f"{what}, but {size_text(self.memory)} are allowed: {advice}"
                 yield job.task, job.failed("memory", reason)
         # From the large ones down, so that the last ones end together.
         waiting = [job for job in jobs if job.need <= self.memory]
@@ -131,7 +131,7 @@ class Pool:
         if waiting and not self._is_compiled():
             self.say(ANNOUNCED)
             alone = min(self.jobs, len(waiting))
-            # Of ordinary size, for the smallest ones may be stumps.
+            # Of ordinary size, since the smallest ones may be incomplete.
             waiting.insert(0, waiting.pop(3 * len(waiting) // 4))
         while waiting or self._busy:
             self._hand_out(waiting, 1 if alone else self.jobs)
@@ -162,7 +162,7 @@ class Pool:
             self._busy[future] = job, worker
 
     def _next(self, waiting: list[Job], most: int) -> Job | None:
-        """Return the first log that may begin; one that somebody died of gets all to itself."""
+        """Return the first log that may begin; one at which a worker died runs alone."""
         busy = [job for job, _ in self._busy.values()]
         if len(busy) >= most or any(job.deaths for job in busy):
             return None
@@ -170,25 +170,25 @@ class Pool:
         return next((job for job in waiting if job.need <= left and not (job.deaths and busy)), None)
 
     def _done(self) -> list[Future[bytes]]:
-        """Wait until somebody is done, or died; no longer than pebble does, for an interrupt may reach another thread."""
+        """Wait until a worker is done, or died; no longer than pebble does, since an interrupt may reach another thread."""
         done = wait(self._busy, CONSTS.sleep_unit, FIRST_COMPLETED).done
-        # What is given to a worker that dies at this moment is never answered.
+        # A task given to a worker that dies at this moment is never answered.
         return [f for f, (_, worker) in self._busy.items() if f in done or not worker.active]
 
     def _answer(self, future: Future[bytes], job: Job) -> Answer | None:
-        """Return what a worker says; nothing where the log is to be tried once more, for the worker died the first time."""
+        """Return a worker's answer; None where the log is tried once more, because the worker died the first time."""
         error = future.exception() if future.done() else None
         if future.done() and error is None:
             return msgspec.json.decode(future.result(), type=Answer)
         if isinstance(error, TimeoutError):
-            advice = "give more, or do a part with --start and --end"
+            advice = "allow more, or process a part with --start and --end"
             return job.failed("time", f"took longer than --timeout allows; {advice}")
         job.deaths += 1
         end = _ended(error.exitcode) if isinstance(error, ProcessExpired) else "ended before it began"
         return None if job.deaths < 2 else job.failed("killed", f"the process that worked on it {end}, twice")
 
     def _keep(self, worker: Worker, answer: Answer | None) -> None:
-        """Keep a worker for the next log, unless it died, or holds twice what one that waits is counted with: what leaks goes."""
+        """Keep a worker for the next log, unless it died, or holds twice the memory of an idle one because of a leak."""
         if worker.active and answer is not None and answer.resident <= 2 * BASE:
             self._idle.append(worker)
         else:
@@ -196,9 +196,9 @@ class Pool:
 
 
 def _process() -> Worker:
-    """Start a worker that a terminal's Ctrl-C does not reach, nor its threads here: who waits for it decides what ends when."""
+    """Start a worker that a terminal's Ctrl-C does not reach, nor its threads here: the waiting process ends it."""
     worker = ProcessPool(1, initializer=prepare, context=multiprocessing.get_context("spawn"))
-    # It would let signals through again while it is started itself.
+    # It would unblock signals while it is started itself.
     resource_tracker.ensure_running()
     masked = hasattr(signal, "pthread_sigmask")
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masked else set()
@@ -218,7 +218,7 @@ def _end(workers: Sequence[Worker]) -> None:
 
 
 def _ended(code: int) -> str:
-    """Say how a process ended."""
+    """Return how a process ended."""
     if code >= 0:
         return f"ended with code {code}"
     name = "SIGKILL (out of memory?)" if code == -signal.SIGKILL else signal.strsignal(-code)

@@ -1,4 +1,4 @@
-"""What goes between the parts of a batch, as JSON: a log, what is asked for, a task, and the record of what became of it."""
+"""The messages between the parts of a batch, as JSON: a log, the settings, a task, and the record of its outcome."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from vsalog._version import __version__
 from vsalog.batch.names import encoded
 from vsalog.batch.storage import Store
 
-# What a batch is, in its folder; it is there before the first log is begun.
+# The description of a batch, in its folder; it exists before the first log is begun.
 MANIFEST = "batch.json"
 RECORDS = "records"
 VERSION = 1
 """Of the layout of a batch's folder and records."""
 
 Do = Literal["estimate", "validate", "diagnose"]
-# Whose fault a failure is; all but "input" may be gone the next time.
+# The origin of a failure; all but "input" may disappear on the next run.
 Kind = Literal["", "input", "memory", "killed", "time", "bug"]
 
 
@@ -38,16 +38,16 @@ class Log(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True):
-    """What is asked for, the same for every log. Rigs and models are here as text: other machines need not have the files.
+    """The settings, the same for every log. Rigs and models are here as text: other machines need not have the files.
 
     Attributes
     ----------
     do : the command that is run
-    rig : the rig that was given, TOML; None where each log's own is looked for
-    rig_name : what messages call it
+    rig : the rig that was given, TOML; None where each log's own is searched for
+    rig_name : its name in messages
     model, model_name : the model to validate, TOML
     options : others of the command's `Options`, by name
-    report : write a page per log where the command does not do so anyway
+    report : write a page per log also for commands without one
     fail_on_cause : of `diagnose`
     """
 
@@ -72,8 +72,8 @@ class Task(msgspec.Struct, frozen=True, kw_only=True):
     ----------
     log, settings : what, and how
     out : folder or address of the batch, as bytes
-    vsalog : version that is asked for: a worker with another one must not do it
-    keep : leave the log alone where its record says that it is finished
+    vsalog : required version: a worker with another one must not do it
+    keep : skip the log if its record marks it as finished
     """
 
     log: Log
@@ -98,7 +98,7 @@ class Joint(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Record(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of a log.
+    """The outcome of a log.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
     outputs : what was written, by what it is: trace, model, report, document, rig
     joints : figures, joint by joint
     findings, warnings : of the log as a whole
-    met : whether the thresholds asked for were met
+    met : whether the requested thresholds were met
     run_seconds : how long it took
     """
 
@@ -141,7 +141,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):
-    """What a worker answers: a record, whether it was there before, and whether it lies there now; or why none can be written.
+    """A worker's answer: a record, whether it existed before, and whether it was written; or why none can be written.
 
     Attributes
     ----------
@@ -156,18 +156,18 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def record_of(task: Task, **fields: Any) -> Record:
-    """Return the record of a task's log: what the plan says of it, and fields by name as they come from outside."""
+    """Return the record of a task's log: its entry in the plan, and fields by name as they come from outside."""
     known = {"log": task.log.name, "do": task.settings.do, "vsalog": __version__, "input_bytes": task.log.size}
     return msgspec.convert(known | fields, Record)
 
 
 def failed(task: Task, kind: Kind, reason: str, seconds: float = 0.0) -> Record:
-    """Return the record of a log that nobody could do, or that failed after some seconds."""
+    """Return the record of a log without a result, or that failed after some seconds."""
     return record_of(task, status="failed", kind=kind, reason=reason, run_seconds=seconds)
 
 
 def record_name(log: str) -> str:
-    """Return where a log's record lies in the batch."""
+    """Return the path of a log's record in the batch."""
     return f"{RECORDS}/{encoded(log)}.json"
 
 
@@ -185,5 +185,5 @@ def read_record(store: Store, name: str) -> Record | None:
 
 
 def whole(record: Record, store: Store) -> bool:
-    """Tell whether a log is finished, and its files are as they were written."""
+    """Return whether a log is finished, and its files are as they were written."""
     return record.status == "done" and all(store.size(o.name) == o.size for o in record.outputs.values())

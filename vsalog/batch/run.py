@@ -1,4 +1,4 @@
-"""A whole batch: the plan, the place, the work, and what is left in the end."""
+"""A whole batch: the plan, the place, the work, and the final data set."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from vsalog.core.printable import plural
 from vsalog.report.batch import batch_page
 from vsalog.report.progress import BatchProgress
 
-# Files of a batch that may be removed when no record names them; nobody else's ever are.
+# Files of a batch that may be removed when no record names them; other files never are.
 _WRITTEN = re.compile(
     r"traces/device=[^/]*/date=[^/]*/log=[^/]*/part\.parquet|models/[^/]*\.model\.toml"
     r"|reports/[^/]*/(estimate\.html|report\.html|report\.json|diagnosis\.html|diagnosis\.json|extended\.rig\.toml)"
@@ -44,7 +44,7 @@ _WRITTEN = re.compile(
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):
-    """What a batch is: the version of its layout, what is run, and a hash of what is asked for. It says nothing of machines."""
+    """The description of a batch: the version of its layout, the command, and a hash of the settings, not of the machines."""
 
     version: int
     do: Do
@@ -53,16 +53,16 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What is asked of `batch`.
+    """The request to `batch`.
 
     Attributes
     ----------
     logs : paths, patterns, folders, addresses, lists
     out : folder or address
-    settings : what is done to each log
-    resume : go on with what is there
+    settings : the work on each log
+    resume : continue the existing batch
     shard : (i, n): the i-th of n shares only
-    jobs, memory, timeout : of the pool; None for the machine's cores, what is free, no bound
+    jobs, memory, timeout : of the pool; None for the machine's cores, the free memory, no bound
     scheduler : address of a Dask scheduler, instead of the pool
     """
 
@@ -83,12 +83,12 @@ def run_batch(asked: Asked, shown: BatchProgress) -> Outcome:
     Parameters
     ----------
     asked : what
-    shown : called with how it goes
+    shown : called with the progress
 
     Raises
     ------
     BatchError
-        It cannot be begun, or not go on: nothing of what is finished is lost, and `resume` continues.
+        It cannot begin or continue: finished work is kept, and `resume` continues.
     """
     start = time.perf_counter()
     whole_plan = make_plan(asked.logs, asked.out)
@@ -100,7 +100,7 @@ def run_batch(asked: Asked, shown: BatchProgress) -> Outcome:
     with _executor(asked, shown, len(plan.logs)) as executor:
         executor.check(asked.settings)
         with locked(store, asked.shard):
-            # Once more: somebody may have been faster.
+            # Once more: another run may have been faster.
             before = _check_place(store, asked)
             if asked.shard is None:
                 store.clear_scratch()
@@ -120,26 +120,26 @@ def _executor(asked: Asked, shown: BatchProgress, logs: int) -> Pool:
 
 
 def _check_place(store: Store, asked: Asked) -> Manifest | None:
-    """Refuse a place where something else is, or a batch that nobody said should go on."""
+    """Refuse a place with other files, or an existing batch without `resume`."""
     data, where = store.read(MANIFEST), store.shown
     if data is None:
         if not store.empty():
-            raise BatchError(f"{where}: is not empty, and holds no batch; name a new folder with -o")
+            raise BatchError(f"{where}: is not empty, and contains no batch; name a new folder with -o")
         return None
     try:
         manifest = msgspec.json.decode(data, type=Manifest)
     except msgspec.DecodeError:
-        raise BatchError(f"{where}/{MANIFEST}: is none of ours; name a new folder with -o") from None
+        raise BatchError(f"{where}/{MANIFEST}: is not of vsalog; name a new folder with -o") from None
     if manifest.version != VERSION:
         versions = f"(layout {manifest.version}, here {VERSION})"
         raise BatchError(f"{where}: is of another version of vsalog {versions}; name a new folder with -o")
     if manifest.do != asked.settings.do:
         raise BatchError(
-            f"{where}: holds a batch of '{manifest.do}', not of '{asked.settings.do}'; name another folder with -o"
+            f"{where}: contains a batch of '{manifest.do}', not of '{asked.settings.do}'; name another folder with -o"
         )
     same = manifest.asked == asked.settings.digest()
     if not asked.resume and not (asked.shard is not None and same):
-        raise BatchError(f"{where}: holds a batch already; --resume goes on with it, or name a new folder with -o")
+        raise BatchError(f"{where}: contains a batch already; continue it with --resume, or name a new folder with -o")
     return manifest
 
 
@@ -148,7 +148,7 @@ def _begin(store: Store, asked: Asked, before: Manifest | None, shown: BatchProg
     if before == manifest:
         return
     if before is not None:
-        shown.say("other options than before: all logs are done again")
+        shown.say("other options than before: all logs are processed again")
     store.write(MANIFEST, msgspec.json.format(msgspec.json.encode(manifest)) + b"\n")
 
 
@@ -158,7 +158,7 @@ def _work(executor: Pool, store: Store, plan: Plan, asked: Asked, outcome: Outco
     shown.begin([log.size for log in plan.logs])
     for task, answer in executor.run(tasks):
         if answer.stop or answer.record is None:
-            done = f"{len(outcome.records)} of {plural(len(tasks), 'log')} finished; --resume goes on"
+            done = f"{len(outcome.records)} of {plural(len(tasks), 'log')} finished; continue with --resume"
             raise StoreError(f"{answer.stop} ({done})")
         if not answer.written:
             write_record(store, answer.record)
@@ -176,7 +176,7 @@ def _finish(store: Store, planned: set[str], asked: Asked, outcome: Outcome, sho
     if asked.shard is None:
         known = {r.input_sha256 for r in outcome.records.values() if r.status == "done"}
         for record in [r for name, r in everything.items() if name not in planned]:
-            # A log that has another name now is there under that; one that failed left nothing.
+            # A renamed log has its results under the new name; a failed one left none.
             if record.status == "failed" or record.input_sha256 in known:
                 del everything[record.log]
                 store.remove(record_name(record.log))
@@ -184,19 +184,19 @@ def _finish(store: Store, planned: set[str], asked: Asked, outcome: Outcome, sho
     outcome.everything, outcome.finished = len(planned), len(planned & set(everything))
     outcome.others = len(set(everything) - planned)
     if outcome.others:
-        shown.say(f"the data set keeps what {plural(outcome.others, 'log')} of an earlier run left, besides these")
+        shown.say(f"the data set also keeps the results of {plural(outcome.others, 'log')} of an earlier run")
     _write_overview(store, everything, do)
     if asked.shard is None:
-        # A worker that was killed on the way could not do this for itself.
+        # A killed worker could not do this itself.
         store.clear_scratch()
     else:
-        # Of shares that end at the same time the last to write need not be the last that looked.
+        # Of shares that end at the same time the last to write need not be the last to read.
         while _gather(store, everything):
             _write_overview(store, everything, do)
 
 
 def _gather(store: Store, records: dict[str, Record]) -> bool:
-    """Add the records of others that are there; tell whether there were any."""
+    """Add the existing records of others; return whether there were any."""
     names = set(store.files(RECORDS)) - {record_name(log) for log in records}
     found = {r.log: r for name in sorted(names) if (r := read_record(store, name)) is not None}
     records |= found
@@ -212,7 +212,7 @@ def _write_overview(store: Store, records: dict[str, Record], do: Do) -> None:
 
 
 def _sweep(store: Store, records: dict[str, Record]) -> None:
-    """Remove files of logs that have gone, changed their device or their day, or failed since."""
+    """Remove files of logs that have disappeared, changed their device or their day, or failed since."""
     named = {output.name for record in records.values() for output in record.outputs.values()}
     for top in ("traces", "models", "reports"):
         for name in store.files(top):

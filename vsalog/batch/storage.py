@@ -1,4 +1,4 @@
-"""Where a batch and its logs lie: whatever fsspec opens, a folder above all. A file is there as a whole, or not at all."""
+"""The storage of a batch and its logs: a folder, or whatever fsspec opens. A file exists as a whole, or not at all."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class StoreError(BatchError):
 
 
 def is_address(text: str) -> bool:
-    """Tell an address (s3://…) from a path."""
+    """Return whether it is an address (s3://…) and not a path."""
     return _ADDRESS.match(text) is not None
 
 
 def file_system(place: str) -> tuple[Any, str]:
-    """Return what opens a path or an address, and the path in it, which is absolute.
+    """Return the file system of a path or an address, and the path in it, which is absolute.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def file_system(place: str) -> tuple[Any, str]:
 
 
 def is_local(system: Any) -> bool:
-    """Tell files here from objects elsewhere."""
+    """Return whether it is the local file system and no object store."""
     return isinstance(system, LocalFileSystem)
 
 
@@ -63,7 +63,7 @@ def address(system: Any, path: str) -> str:
 
 @contextmanager
 def explained(where: str, what: str = "written") -> Iterator[None]:
-    """Turn what a storage raises, which may be of any kind, into one line."""
+    """Turn an exception of a storage, of any kind, into one line."""
     try:
         yield
     except BatchError:
@@ -93,7 +93,7 @@ class Store:
 
     @property
     def address(self) -> str:
-        """What opens this place from anywhere on this machine, and from others where they see it."""
+        """The URL of this place, for this machine and others that see it."""
         return address(self._system, self._root)
 
     def _at(self, name: str) -> str:
@@ -120,7 +120,7 @@ class Store:
             self.put(folder / "file", name)
 
     def read(self, name: str) -> bytes | None:
-        """Return what a file holds; None where there is none."""
+        """Return a file's content; None where there is none."""
         with explained(f"{self.shown}/{name}", "read"):
             self._system.invalidate_cache()
             with suppress(*_NOTHING):
@@ -141,7 +141,7 @@ class Store:
         return []
 
     def names(self) -> list[str]:
-        """Return the names of what lies in the batch, not below its folders."""
+        """Return the names of the batch's top-level entries."""
         with explained(self.shown, "read"), suppress(*_NOTHING):
             self._system.invalidate_cache()
             if self._system.isfile(self._root):
@@ -150,18 +150,18 @@ class Store:
         return []
 
     def remove(self, name: str) -> None:
-        """Remove a file, and the folders above it that hold nothing any more."""
+        """Remove a file, and the folders above it that are empty then."""
         with explained(self.shown):
             with suppress(FileNotFoundError):
                 self._system.rm_file(self._at(name))
             if is_local(self._system):
                 for folder in Path(name).parents[:-1]:
-                    with suppress(OSError):  # it still holds something
+                    with suppress(OSError):  # it is not empty
                         Path(self._root, folder).rmdir()
 
     @contextmanager
     def scratch(self) -> Iterator[Path]:
-        """Give a folder to write files in before they are put: where moving them takes no copy."""
+        """Give a folder to write files in before they are put: on the same file system, if possible."""
         above = self._at(SCRATCH) if is_local(self._system) else None
         with explained(self.shown):
             if above is not None:
@@ -173,10 +173,10 @@ class Store:
             shutil.rmtree(folder, ignore_errors=True)
 
     def clear_scratch(self) -> None:
-        """Clear away what a killed process was writing."""
+        """Remove the unfinished files of a killed process."""
         if is_local(self._system):
             shutil.rmtree(self._at(SCRATCH), ignore_errors=True)
 
     def empty(self) -> bool:
-        """Tell whether nothing is there but what a run leaves that was killed before it began."""
+        """Return whether it is empty, except for files of a run that was killed before it began."""
         return all(name.startswith((SCRATCH, LOCK)) for name in self.names())

@@ -17,7 +17,7 @@ TEXT, NUMBER, COUNT = pa.string(), pa.float64(), pa.int64()
 
 
 class Figure(NamedTuple):
-    """A column of what a command finds of a joint; `head` is its heading on the page, where it stands there."""
+    """A column of a command's results for a joint; `head` is its heading on the page, if it is shown there."""
 
     name: str
     kind: pa.DataType = NUMBER
@@ -46,7 +46,7 @@ _OF_TRANSMISSION = (
     Figure("external_stiffness_low", unit="N*m/rad"),
     Figure("external_stiffness_high", unit="N*m/rad"),
 )
-# What each command finds, in the order of the columns.
+# The results of each command, in the order of the columns.
 FIGURES: dict[Do, tuple[Figure, ...]] = {
     "estimate": (
         Figure("estimator", TEXT, head="estimator"),
@@ -91,7 +91,7 @@ FILES = ("trace", "model", "report", "document", "rig")
 
 
 def summary_schema(do: Do) -> pa.Schema:
-    """Return the table's schema; run times come last, apart from what is the same however often it is computed."""
+    """Return the table's schema; run times come last, after the reproducible columns."""
     figures = (
         *(Figure(name, TEXT) for name in ("log", "joint", "status", "kind", "reason", "device")),
         Figure("date", pa.date32()),
@@ -107,7 +107,7 @@ def summary_schema(do: Do) -> pa.Schema:
 
 
 def page_columns(do: Do) -> list[Column]:
-    """Return the figures that stand on the page of a batch."""
+    """Return the figures on the page of a batch."""
     return [
         Column(f.name, f.head, f.kind == NUMBER, f.head.endswith("[%]") and f.unit != "%")
         for f in FIGURES[do]
@@ -118,7 +118,7 @@ def page_columns(do: Do) -> list[Column]:
 def rows_of(records: Iterable[Record]) -> Iterator[dict[str, Any]]:
     """Yield a row per log and joint, in the order of the records; a log that failed has one without a joint."""
     for record in records:
-        # What is not known is null.
+        # Unknown values are null.
         log = {name: value or None for name, value in msgspec.structs.asdict(record).items()}
         log |= {what: record.outputs[what].name if what in record.outputs else None for what in FILES}
         log |= {"input_bytes": record.input_bytes, "run_seconds": record.run_seconds}
@@ -145,7 +145,7 @@ def write_summary(records: Iterable[Record], do: Do) -> bytes:
 
 
 def _table(rows: Iterable[dict[str, Any]], schema: pa.Schema) -> pa.Table:
-    """Return rows as a table, by way of JSON: `Table.from_pylist` imports pandas, to see whether it was given any; a second."""
+    """Return rows as a table, by way of JSON: `Table.from_pylist` imports pandas for a type check, which takes a second."""
     lines = b"\n".join(msgspec.json.encode({name: row.get(name) for name in schema.names}) for row in rows)
     if not lines:
         return schema.empty_table()

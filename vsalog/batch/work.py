@@ -1,4 +1,4 @@
-"""A task done, wherever that is."""
+"""A task, done on any machine."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def do(task: Task) -> Answer:
     """
     try:
         if task.vsalog != __version__:
-            raise StoreError(f"this worker has vsalog {__version__}, but {task.vsalog} was asked for")
+            raise StoreError(f"this worker has vsalog {__version__}, but the batch needs {task.vsalog}")
         store = Store(os.fsdecode(task.out))
         if store.size(MANIFEST) is None:
             raise StoreError(f"{store.shown}: is not seen by this worker; name a place that all machines share")
@@ -61,7 +61,7 @@ def do(task: Task) -> Answer:
 
 
 def _done(task: Task, store: Store) -> tuple[Record, bool]:
-    """Return a log's record, and whether it was there before."""
+    """Return a log's record, and whether it existed before."""
     log, start = task.log, time.perf_counter()
 
     def gone(kind: Kind, reason: str) -> tuple[Record, bool]:
@@ -84,13 +84,13 @@ def _done(task: Task, store: Store) -> tuple[Record, bool]:
     except OSError as error:
         return gone("input", f"{log.name}: {error.strerror or error}")
     except Exception as error:
-        # A hostile log may reach any bug of ours or of a library; the others must not suffer from that.
+        # A hostile log may reach any bug in vsalog or a library; the others must not be affected.
         return gone("bug", f"this is a bug in vsalog, not in your log: {type(error).__name__}: {error}")
 
 
 @contextmanager
 def _here(log: Log) -> Iterator[Path]:
-    """Give a log as a path here: its own, or that of a copy, with the rigs that lie next to it, while the context lasts."""
+    """Give a log as a local path: its own, or that of a copy, with the rigs next to it, while the context lasts."""
     where = os.fsdecode(log.where)
     if not is_address(where):
         yield Path(where)
@@ -99,35 +99,35 @@ def _here(log: Log) -> Iterator[Path]:
         path = download(where, log.name, Path(folder))
         system, origin = file_system(where)
         for rig in (f"{path.stem}.rig.toml", "rig.toml"):
-            beside = f"{origin.rpartition('/')[0]}/{rig}"
-            if system.isfile(beside):
-                system.get_file(beside, str(path.with_name(rig)))
+            source = f"{origin.rpartition('/')[0]}/{rig}"
+            if system.isfile(source):
+                system.get_file(source, str(path.with_name(rig)))
         yield path
 
 
 def _fresh(task: Task, store: Store, path: Path, start: float) -> Record:
-    """Do what is asked for to a log, see that it stayed what it was, and put the files into the batch."""
+    """Process a log, check that it did not change, and put the files into the batch."""
     log = task.log
     with store.scratch() as scratch:
         try:
             before = _state(path)
-            files, said = COMMANDS[task.settings.do](log, path, task.settings, scratch)
+            files, fields = COMMANDS[task.settings.do](log, path, task.settings, scratch)
             if _state(path) != before:
                 raise ReadError(
-                    f"{log.name}: changed while it was worked on; run again with --resume when it is complete"
+                    f"{log.name}: changed while it was processed; run again with --resume when it is complete"
                 )
         except VsalogError as error:
             raise type(error)(_named(str(error), path, log)) from error
-        said = _named(msgspec.to_builtins(said), path, log)
+        fields = _named(msgspec.to_builtins(fields), path, log)
         outputs = {what: Output(name=name, size=file.stat().st_size) for what, (file, name) in files.items()}
         for file, name in files.values():
             store.put(file, name)
-    key = _key(task, path, said["input_sha256"])
-    return record_of(task, outputs=outputs, key=key, run_seconds=time.perf_counter() - start, **said)
+    key = _key(task, path, fields["input_sha256"])
+    return record_of(task, outputs=outputs, key=key, run_seconds=time.perf_counter() - start, **fields)
 
 
 def _state(path: Path) -> list[tuple[str, int, int, int]]:
-    """Return what changes when a log does; its hash, which is taken only once, would not tell when it was taken."""
+    """Return a value that changes when a log does; its hash is taken only once and cannot show a later change."""
     if not path.exists():
         raise ReadError(f"{path}: there is no such file")
     files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
@@ -135,7 +135,7 @@ def _state(path: Path) -> list[tuple[str, int, int, int]]:
 
 
 def _named(value: Any, path: Path, log: Log) -> Any:
-    """Call the log in messages what the batch calls it: where it lies is no one's business, and differs by machine."""
+    """Name the log in messages as the batch does: its location is private, and differs by machine."""
     if isinstance(value, str):
         return shown(value.replace(str(path), log.name))
     if isinstance(value, dict):

@@ -1,7 +1,7 @@
 """A worker process, of the pool or of a cluster.
 
-Who hands out logs imports this module and does without all that works on them: that comes with the first log, inside
-functions, as in the commands.
+The process that distributes logs imports this module without the libraries that process them: these are imported inside
+functions with the first log, as in the commands.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ THREADS = {"VECLIB_MAXIMUM_THREADS": "1"} | {f"{library}_NUM_THREADS": "1" for l
 
 
 def prepare() -> None:
-    """Load what logs are done with, in a new process of the pool."""
+    """Load the libraries for logs, in a new process of the pool."""
     os.environ.update(THREADS)
-    # Files are whole at any moment: the pool ends a worker without asking it.
+    # Files are complete at any moment: the pool may kill a worker.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_leave_with_parent, daemon=True).start()
     import pyarrow
@@ -38,14 +38,14 @@ def prepare() -> None:
 
 
 def do_task(task: bytes) -> bytes:
-    """Do a task; both it and the answer are JSON, so that nothing else goes between processes."""
+    """Do a task; both it and the answer are JSON: no other objects pass between processes."""
     from vsalog.batch.work import do
 
     return msgspec.json.encode(do(msgspec.json.decode(task, type=Task)))
 
 
 def check_settings(settings: bytes) -> str:
-    """Return what is wrong with what is asked for, whatever the log; nothing where nothing is."""
+    """Return the error in the options, whatever the log; "" where there is none."""
     from vsalog.batch.one_log import check
 
     try:
@@ -56,7 +56,7 @@ def check_settings(settings: bytes) -> str:
 
 
 def is_recording(folder: str, meant: bool) -> bool:
-    """Tell whether the tables of a folder are one recording; unless the folder itself is `meant`, clocks have to show it."""
+    """Return whether the tables of a folder are one recording; unless the folder itself is `meant`, clocks have to show it."""
     from vsalog.readers import open_reader
     from vsalog.readers.table_folder import TableFolderReader
 
@@ -67,11 +67,11 @@ def is_recording(folder: str, meant: bool) -> bool:
 
 
 def is_prose(path: str) -> bool:
-    """Tell whether a file is text, and no table."""
+    """Return whether a file is text, and no table."""
     from vsalog.readers import open_reader
     from vsalog.readers.sniff import sniff
 
-    with suppress(ReadError):  # what is of no known format may be a log that is damaged
+    with suppress(ReadError):  # a file of unknown format may be a damaged log
         if sniff(Path(path)) == "table":
             try:
                 open_reader(path)
@@ -81,7 +81,7 @@ def is_prose(path: str) -> bool:
 
 
 def _leave_with_parent() -> None:
-    """End when the parent does, by whatever signal: nobody would wait for the answer."""
+    """End when the parent does, by whatever signal: nobody waits for the answer."""
     parent = parent_process()
     if parent is not None:
         wait([parent.sentinel])

@@ -1,4 +1,4 @@
-"""Roles of a joint that are on different clocks: header stamps of one topic, the log's time of another that has none."""
+"""Roles of a joint on different clocks: header stamps of one topic, the log's time of another without stamps."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from vsalog.core.printable import printable
 from vsalog.core.recording import Recording, Stream
 
 LONGEST_TRANSPORT = 0.1
-"""A log's time that is later than the stamps by more [s] is no matter of the way between them."""
+"""A log's time that is later than the stamps by more [s] is no transport delay."""
 
 LEAST_CLOCK_SKEW = 1e-3
-"""Of clocks that are less apart [s] nothing is found: no joint moves in a millisecond."""
+"""Smaller differences of clocks [s] are not reported: no joint moves in a millisecond."""
 
 
 def clock_findings(recording: Recording, name: str, channels: Iterable[str]) -> tuple[Finding, ...]:
-    """Return that roles of a joint are on different clocks, where that is more than a moment.
+    """Return that roles of a joint are on different clocks, unless the difference is negligible.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def clock_findings(recording: Recording, name: str, channels: Iterable[str]) -> 
     Raises
     ------
     BindingError
-        The clocks are far apart, and nobody asked for header stamps where there are some.
+        The clocks are far apart, and header stamps were not requested explicitly.
     """
     streams = dict.fromkeys(recording.channels[channel].stream for channel in channels)
     used = [recording.streams[stream] for stream in streams if stream in recording.streams]
@@ -38,7 +38,7 @@ def clock_findings(recording: Recording, name: str, channels: Iterable[str]) -> 
         return ()
     far = max(stamped, key=lambda one: abs(one.delay_median))
     if abs(far.delay_median) > LONGEST_TRANSPORT and not all(map(_lacks_stamps, others)):
-        header = "" if any(one.time_finding for one in others) else ", --time header takes them as they are"
+        header = "" if any(one.time_finding for one in others) else ", --time header uses them as they are"
         raise BindingError(
             f"{recording.path.name}: joint '{name}': {printable(far.name)} is on header stamps and"
             f" {printable(others[0].name)} on {others[0].time_source} time, and in {printable(far.name)} the two are"
@@ -61,6 +61,6 @@ def clock_findings(recording: Recording, name: str, channels: Iterable[str]) -> 
 
 
 def _lacks_stamps(stream: Stream) -> bool:
-    """Tell whether a stream was to be on header stamps and has none."""
+    """Return whether a stream should have header stamps and has none."""
     found = stream.time_finding
     return found is not None and found.code == "clock.not_recorded" and found.evidence["asked"] == "header"

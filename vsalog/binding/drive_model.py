@@ -1,4 +1,4 @@
-"""What acts on a motor's rotor, of the torque that was recorded: gain, offset, delay and step of the motor in the rig."""
+"""The drive model, from the recorded to the acting torque: gain, offset, delay and step of the motor in the rig."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 def is_motor_torque(role: str) -> bool:
-    """Tell whether a role is the torque of a motor."""
+    """Return whether a role is the torque of a motor."""
     return role.startswith("motor_torque") or role == "secondary_torque"
 
 
@@ -28,7 +28,7 @@ def acting_torque(bound: Bound, motor: Motor) -> Bound:
     stamps = bound.stamps + delay if delay else bound.stamps
     if motor.torque_gain == 1.0 and motor.torque_offset == 0.0 and motor.torque_step == 0.0:
         return replace(bound, stamps=stamps)
-    # What is added here hides the steps of what was recorded.
+    # The offset hides the steps of the recorded torque.
     step = resolution_of(bound.values) if bound.resolution is None else bound.resolution
     return replace(
         bound,
@@ -39,12 +39,12 @@ def acting_torque(bound: Bound, motor: Motor) -> Bound:
 
 
 def shift_of(motor: Motor) -> int:
-    """Return how much later a recorded torque acts [ns]."""
+    """Return the delay after which a recorded torque acts [ns]."""
     return round(motor.reflected.torque_delay * 1e9)
 
 
 def made_of(recorded: Array, motor: Motor) -> Array:
-    """Return what a drive makes of recorded torques, on the same side of the gear as `motor`; its delay aside."""
+    """Return a drive's torques for recorded ones, on the same side of the gear as `motor`; without its delay."""
     return delivered(recorded, motor.torque_gain, motor.torque_offset, motor.torque_step)
 
 

@@ -1,4 +1,4 @@
-"""What a person should know of how a joint's signals came about: gaps, lost samples, samples left out."""
+"""Findings about the binding of a joint's signals: gaps, lost samples, samples left out."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from vsalog.core.finding import Finding
 
 @dataclass(slots=True)
 class Tally:
-    """What there is to say of a role's samples, gathered part by part.
+    """Counts of a role's samples, gathered part by part.
 
     Attributes
     ----------
     samples : their number
-    lost : steps in which a sample or more is lacking, gaps included
+    lost : steps in which a sample or more is missing, gaps included
     bad : those that are no finite number, those that are left out included
-    alone, first_alone : those that stand alone, and the stamp of the first of them [ns]
+    alone, first_alone : the outliers, and the stamp of the first of them [ns]
     held, first_held : those that were held, and the stamp of the first of them [ns]
     low, high : the least and the greatest number
     last : the last stamp so far [ns]
@@ -59,7 +59,7 @@ class Tally:
 def binding_findings(
     joint: str, segments: list[tuple[int, int]], tallies: Mapping[str, Tally], origin: int
 ) -> list[Finding]:
-    """Return what was found of a joint's roles; `origin` is the log's first stamp [ns]."""
+    """Return the findings about a joint's roles; `origin` is the log's first stamp [ns]."""
     found = []
     gaps = len(segments) - 1
     if gaps > 0:

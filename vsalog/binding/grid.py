@@ -1,4 +1,4 @@
-"""Channels on clocks of their own, brought onto one uniform grid; nothing is interpolated across a gap."""
+"""Resamples channels on different clocks to one uniform grid; nothing is interpolated across a gap."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ LONGEST_GAP = 2.5
 """Longest gap within a run [periods of the channel]: one lost sample and jitter, across which a motion is nearly a line."""
 
 MOST_JITTER = 0.02
-"""How far stamps may stray from an even spacing and are on the grid as they are [periods]: what a recorder's clock jitters by."""
+"""Largest deviation of stamps from an even spacing to be used as they are [periods]: the jitter of a recorder's clock."""
 
 MOST_RATE_ERROR = 5e-4
-"""Part by which a run's rate may differ from the grid's for its samples to be taken as they are [1]: a second derivative is then
-off by twice that, a part in a thousand, as it is by a filter. Jitter averages out, a rate does not."""
+"""Part by which a run's rate may differ from the grid's for its samples to be used as they are [1]: a second derivative is then
+wrong by twice that, a part in a thousand, as by a filter. Jitter averages out, a rate does not."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bound:
     """A part of a role of one run: its stamps, SI values, period [ns] and least step; and the stamps of the samples that are left
-    out because they stood alone or were held.
+    out because they were outliers or held.
     """
 
     stamps: Stamps
@@ -47,7 +47,7 @@ def less(values: Array, out: Flags | None) -> Array:
 
 
 def stamps_where(b: Bound, flags: Flags | None) -> Stamps | None:
-    """Return the stamps of a role's samples that are so; None where none is."""
+    """Return the stamps of the selected samples of a role; None where there are none."""
     return None if flags is None else b.stamps[flags]
 
 
@@ -76,12 +76,12 @@ def common_segments(log: str, joint: str, stretches: Iterable[list[tuple[int, in
 
 
 def after_long_silence(roles: Mapping[str, Array], before: int = 0) -> tuple[Flags, int]:
-    """Return where a run begins again because a role had no number for longer than a gap may be, and how long that is by now.
+    """Return where a run begins again because a role had no number for longer than a gap may be, and the length so far.
 
     Parameters
     ----------
     roles : shape (n,) each, NaN where a role has no number
-    before : so many samples without a number came right before these
+    before : number of samples without a number right before these
     """
     missing = np.zeros(next(iter(roles.values())).size, dtype=np.bool_)
     for values in roles.values():
@@ -113,17 +113,17 @@ def _overlap(a: list[tuple[int, int]], b: list[tuple[int, int]]) -> list[tuple[i
 
 
 def lacks_samples(steps: Stamps, period: int) -> Flags:
-    """Tell behind which steps between stamps [ns] samples are lacking: those that are nearer to two periods than to one."""
+    """Return which steps between stamps [ns] lack samples: those that are nearer to two periods than to one."""
     return np.asarray(np.rint(steps / period) > 1)
 
 
 def is_even(least: int, greatest: int, period: int) -> bool:
-    """Tell whether stamps are even, by the least and the greatest of their steps [ns]."""
+    """Return whether stamps are even, by the least and the greatest of their steps [ns]."""
     return max(greatest - period, period - least) <= MOST_JITTER * period
 
 
 def on_grid(b: Bound, stamps: Stamps) -> Array:
-    """Values at the grid's stamps: as they are where they lie on it, linearly between neighbours otherwise."""
+    """Values at the grid's stamps: unchanged where they are on it, linearly between neighbours otherwise."""
     b = bridged(b)
     first = _first_on(b, stamps)
     if first is not None:
@@ -134,13 +134,13 @@ def on_grid(b: Bound, stamps: Stamps) -> Array:
 
 @dataclass(slots=True)
 class OffGrid:
-    """How a role's samples lie between the grid's stamps, gathered block by block.
+    """The positions of a role's samples between the grid's stamps, gathered block by block.
 
     Attributes
     ----------
     rows : of the grid
-    apart, power : sums of how far apart [ns] samples are, and of the squares of the weights that they have
-    off : whether any row lies between samples
+    apart, power : sums of the distances [ns] between samples, and of the squares of their weights
+    off : whether any row is between samples
     """
 
     rows: int = 0
@@ -170,13 +170,13 @@ class OffGrid:
 
 
 def _first_on(b: Bound, stamps: Stamps) -> int | None:
-    """Return which of a role's samples is the first of those that lie on the grid; None where not all rows are samples."""
+    """Return the first of a role's samples on the grid; None where not all rows are samples."""
     first = int(np.searchsorted(b.stamps, stamps[0]))
     return first if np.array_equal(b.stamps[first : first + stamps.size], stamps) else None
 
 
 def _between(b: Bound, stamps: Stamps) -> tuple[Array, Array, Array, Array]:
-    """Return for each of the grid's stamps the values before and after it, where it lies between them, 0 to 1, and their distance
+    """Return for each of the grid's stamps the values before and after it, its position between them, 0 to 1, and their distance
     in time [ns].
     """
     # Relative to the first stamp: nanoseconds since the epoch do not fit into the digits of a float.
@@ -188,7 +188,7 @@ def _between(b: Bound, stamps: Stamps) -> tuple[Array, Array, Array, Array]:
 
 
 def bridged(b: Bound) -> Bound:
-    """Return a role in which numbers that are missing lie between their neighbours, where these are no gap apart, as rows do."""
+    """Return a role with missing numbers interpolated between their neighbours, unless these are a gap apart, as rows are."""
     known = np.isfinite(b.values)
     if known.all() or known.sum() < 2:
         return b

@@ -34,14 +34,14 @@ Array = NDArray[np.float64]
 
 
 def signal_of(spec: str | float | Signal) -> Signal:
-    """Write out a role given in short: a channel's name, or a constant."""
+    """Expand a role given in short: a channel's name, or a constant."""
     if isinstance(spec, Signal):
         return spec
     return Signal(channel=spec) if isinstance(spec, str) else Signal(constant=float(spec))
 
 
 def offered_roles(joint: Joint) -> dict[str, Signal]:
-    """Return the roles a joint's rig names, written out; a run's set-point counts as one."""
+    """Return the roles that a joint's rig names, expanded; a run's set-point counts as one."""
     signals = joint.signals
     roles = {
         role: signal_of(spec) for role in signals.__struct_fields__ if (spec := getattr(signals, role)) is not None
@@ -93,7 +93,7 @@ def wanted_channels(joint: Joint, recording_name: str, roles: Collection[str] | 
 
 
 def _beside(offered: Mapping[str, Signal], roles: Collection[str]) -> list[str]:
-    """Return the torque sensors that have to be read too, because parts in series give way under their torque."""
+    """Return the torque sensors that have to be read too, because parts in series deflect under their torque."""
     deflections = [role for role in roles if role in offered and offered[role].series_stiffness is not None]
     sensors = (role.replace("deflection", "torque_sensor") for role in deflections)
     return [role for role in sensors if role in offered and role not in roles]
@@ -120,15 +120,15 @@ def bind(
     recordings : in the order their runs shall have
     name, joint : of the rig
     roles : the roles to bind, each offered by the rig
-    setpoints : a fixed set-point per recording that goes before what the rig says, SI; None for none
-    acting : False binds motor torques as they were recorded, for a simulation that plays gain, offset, delay and step itself
-    noise : True tells the noise of roles that have to be interpolated, see `JointSignals.interpolated`
+    setpoints : a fixed set-point per recording that overrides the rig's, SI; None for none
+    acting : False binds motor torques as they were recorded, for a simulation that applies gain, offset, delay and step itself
+    noise : True estimates the noise of roles that have to be interpolated, see `JointSignals.interpolated`
     neighbours : other joints and their roles, bound on the same grid as ``JOINT/ROLE``
 
     Raises
     ------
     BindingError
-        A channel is not there, is text, is empty or has no clock, its unit does not fit, or the clocks do not overlap.
+        A channel is missing, is text, is empty or has no clock, its unit does not fit, or the clocks do not overlap.
     """
     offered = offered_roles(joint)
     wanted = [*roles, *(f"{other}/{role}" for other, (_, its) in neighbours.items() for role in its)]
@@ -183,7 +183,7 @@ class _Rows:
     def add(
         self, run: int, stamps: NDArray[np.int64], origin: int, roles: Mapping[str, Array], starts: NDArray[np.bool_]
     ) -> None:
-        """Take a block of a run's rows in; `origin` is its log's first stamp [ns]."""
+        """Append a block of a run's rows; `origin` is its log's first stamp [ns]."""
         self._stamps.append(stamps)
         self._time.append((stamps - origin).astype(np.float64) * 1e-9)
         self._starts.append(starts)
@@ -202,7 +202,7 @@ class _Rows:
         findings: tuple[Finding, ...],
         interpolated: Mapping[str, Interpolated],
     ) -> JointSignals:
-        """Return all rows, with what else there is to say of them."""
+        """Return all rows, with the findings about them."""
         count = len(self._stamps)
         return JointSignals(
             joint,
@@ -261,7 +261,7 @@ def _channels_of(
 def _role(
     recording: Recording, look: Recording, run: Run, role: str, joint: Joint, fixed: float | None, acting: bool
 ) -> Role | float:
-    """Return a role of a run, or the constant that it is; `look` is what was looked at of the recording."""
+    """Return a role of a run, or the constant that it is; `look` is the part of the recording that was read."""
     signal = offered_roles(joint).get(role, Signal())
     motor = motor_of(joint, role) if acting and is_motor_torque(role) else None
     constant = constant_of(recording, run, role, signal, fixed)
@@ -274,12 +274,12 @@ def _role(
 def _less_series(
     log: str, recorded: Mapping[str, Array], offered: Mapping[str, Signal], wanted: Collection[str]
 ) -> dict[str, Array]:
-    """Take off each deflection what a part in series adds to it under the measured torque, and keep the wanted roles.
+    """Subtract from each deflection that of a part in series under the measured torque, and keep the wanted roles.
 
     Raises
     ------
     BindingError
-        There is no torque sensor to tell.
+        There is no torque sensor to compute it from.
     """
     roles = dict(recorded)
     for role in recorded:
@@ -296,7 +296,7 @@ def _less_series(
 def _at_one_rate(
     runs: list[BoundRun], bounds: Sequence[tuple[str, str, dict[str, Role | float], int]], noise: bool
 ) -> list[BoundRun]:
-    """Return runs on grids of one period: their own where these are alike, else the longest, on which none is invented."""
+    """Return runs on grids of one period: their own where these agree, else the longest, for which no sample is invented."""
     periods = np.array([run.period for run in runs])
     if np.ptp(periods) <= MOST_RATE_ERROR * periods.max():
         return runs
@@ -304,7 +304,7 @@ def _at_one_rate(
 
 
 def _least_steps(runs: Sequence[Mapping[str, float]], roles: Collection[str]) -> dict[str, float]:
-    """Return role → resolution over all runs: the least that could be told."""
+    """Return role → resolution over all runs: the least that was found."""
     if len(runs) == 1:
         return dict(runs[0])
     steps = {role: [run[role] for run in runs if run.get(role, 0.0) > 0.0] for role in roles}

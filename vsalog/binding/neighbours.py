@@ -1,4 +1,4 @@
-"""Roles of other joints: what a method reads beside its own joint's signals, written ``JOINT/ROLE``."""
+"""Roles of other joints that a method reads in addition to its own joint's signals, written ``JOINT/ROLE``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Samples that stand alone, as no motion makes them: a bit that flipped, a packet that was lost and read as zero.
+"""Outliers that no motion makes: a flipped bit, a packet that was lost and read as zero.
 
-One of them spoils a whole fit, and nothing in the fit shows it. What could have happened is left alone: a step, a square wave,
-a push of four samples or more, noise of whatever shape.
+One of them spoils a whole fit, and nothing in the fit shows it. Possible motions are kept: a step, a square wave, a push of four
+samples or more, noise of whatever shape.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vsalog.core.significance import FALSE_ALARM_OF_MANY
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Roles that no command makes jump; a push or a blow seen by an accelerometer may be as short as it likes.
+# Roles that no command makes jump; a push or a blow seen by an accelerometer may be very short.
 ROLES = ("motor_position", "link_position", "deflection", "torque_sensor", "pressure")
 
 MOST_OUTLIERS = 0.02
@@ -35,11 +35,11 @@ LEAST_SHARE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Usual:
-    """How far a signal usually is from its running median.
+    """The usual distance of a signal from its running median.
 
     Attributes
     ----------
-    least : how far a sample is at least that stands alone
+    least : least distance of an outlier
     low, high : the least and the greatest of the running median
     """
 
@@ -49,11 +49,11 @@ class Usual:
 
 
 class Outliers:
-    """What tells which samples of a signal stand alone.
+    """Detects the outliers of a signal.
 
     Parameters
     ----------
-    seen : shape (N,), the signal as recorded, or as much of it as is looked at, NaN where missing
+    seen : shape (N,), the signal as recorded, or the part of it that was read, NaN where missing
     turn : after which an encoder may wrap, in the unit of the values; None for what is no angle
     whole : whether that is all of the signal
     """
@@ -64,12 +64,12 @@ class Outliers:
         if known.size * MOST_OUTLIERS < LONGEST_OUTLIER + 1:
             return
         self._wraps, self._jump = _wraps_in(known, steps, turn), 0.5 * LEAST_SHARE * _usual_range(known)
-        # Cheap, and most logs end here: whoever stands alone was jumped to, and not by steps half as large.
+        # Cheap, and most logs end here: an outlier needs a jump, and no steps half as large.
         if not whole or _greatest(steps, turn, self._wraps) > self._jump:
             self._usual = _usual(known, _middle(known), turn)
 
     def among(self, values: Array) -> Flags | None:
-        """Return where samples of a part of the signal stand alone, shape (n,); None where none does."""
+        """Return the outliers of a part of the signal, shape (n,); None where there is none."""
         if self._usual is None:
             return None
         kept, known, steps = _known(values)
@@ -89,7 +89,7 @@ def _known(values: Array) -> tuple[Flags | None, Array, Array]:
 
 
 def _everywhere(values: Array, kept: Flags | None, alone: Flags) -> Flags | None:
-    """Return what is known of the numbers for all values; None where none stands alone."""
+    """Expand flags of the numbers to all values; None where there is no outlier."""
     if not alone.any():
         return None
     if kept is None:
@@ -134,7 +134,7 @@ def _left(
         if not (wraps_around(_usual_range(known), turn) if wraps is None else wraps):
             return left
         low, high = (usual.low, usual.high) if usual is not None else (middle.min(), middle.max())
-        # What is out of the turn altogether was counted by nobody.
+        # A value far outside the turn is no encoder count.
         within = np.maximum(known, high) - np.minimum(known, low) <= WRAPPED_SPAN * turn
         left = np.where(within, left - turn * np.round(left / turn), left)
     return left
@@ -146,7 +146,7 @@ def _usual_range(known: Array) -> float:
 
 
 def _usual(known: Array, middle: Array, turn: float | None) -> Usual:
-    """Return what is usual of numbers that have this running median.
+    """Return the usual distance for numbers that have this running median.
 
     Of a tail that falls off as a power, P(|x| > k u) = P(|x| > u) / k^TAIL_INDEX, one sample in a million is beyond `least`.
     """
@@ -157,7 +157,7 @@ def _usual(known: Array, middle: Array, turn: float | None) -> Usual:
     times = (MOST_OUTLIERS / FALSE_ALARM_OF_MANY) ** (1.0 / TAIL_INDEX)
     least = max(times * usual, LEAST_SHARE * _usual_range(known))
     far = size > least
-    # Of few samples a sensor's steps make a large part.
+    # With few samples the sensor's steps matter.
     least = max(least, times * _step(known, far)) if far.any() else least
     return Usual(least, float(middle.min()), float(middle.max()))
 
@@ -175,13 +175,13 @@ def _alone(known: Array, left: Array, usual: Usual, turn: float | None) -> Flags
 
 
 def _step(known: Array, far: Flags) -> float:
-    """Return the sensor's step, 0 where it has none: beside a number as large as a wild one all of its levels would be one."""
+    """Return the sensor's step, 0 where it has none: relative to a huge outlier all of its levels would be equal."""
     usual = known[~far]
     return step_of(known if usual.min() == usual.max() else usual) or 0.0
 
 
 def _calm(known: Array, good: NDArray[np.intp], after: int, size: float, turn: float | None) -> bool:
-    """Tell whether the good samples around `good[after]`, before which others stand alone, go on as if nothing were between.
+    """Return whether the good samples around `good[after]`, before which there are outliers, continue smoothly.
 
     A motion by such steps, or twice such, is less far from its running median than those are.
     """

@@ -1,7 +1,7 @@
-"""A role of a joint whose samples are gone through in order, part by part.
+"""A role of a joint whose samples are read in order, part by part.
 
-What is decided from a whole signal (its period, what is usual of it) is decided from what was looked at of it; gaps, an encoder's
-range and which samples stand alone are those of all samples.
+Properties of a whole signal (its period, its usual values) are taken from the part of it that was read first; gaps, an encoder's
+range and outliers are those of all samples.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class Role:
     ----------
     source : where the role comes from
     channel : its samples
-    seen : what was looked at of them
-    motor : whose torque the role is, where it is to be what acts on the rotor
+    seen : the part of them that was read first
+    motor : whose torque the role is, where the torque on the rotor is wanted
     """
 
     def __init__(self, source: Source, channel: Channel, seen: Channel, motor: Motor | None) -> None:
@@ -55,7 +55,7 @@ class Role:
         self._kept: list[tuple[Stamps, Array]] = []
 
     def parts(self) -> Iterator[Bound]:
-        """Yield the role's samples, in SI; at the end the tally is complete, and `look` knows what it returns."""
+        """Yield the role's samples, in SI; at the end the tally is complete, and `look` can be called."""
         source, state, at = self.source.for_parts(), Unwrapping(), 0
         wanted = stretches(len(self.channel.values), ENOUGH)
         for stamps, values, alone, stuck in self._recorded():
@@ -73,7 +73,7 @@ class Role:
             yield bound
 
     def look(self) -> Bound:
-        """Return stretches of the role's samples, spread evenly, which tell its noise and its sensor's least step; once."""
+        """Return stretches of the role's samples, spread evenly, for its noise and its sensor's least step; once."""
         stamps, values = (np.concatenate(kept) for kept in zip(*self._kept, strict=True))
         self._kept.clear()
         look = self._bound(self.source, stamps, values)
@@ -97,7 +97,7 @@ class Role:
         return [*found, (first, last)] if count > 1 else found
 
     def even(self, segments: Segments, period: int) -> list[bool]:
-        """Tell of each segment whether the role's own stamps there are a grid of that period [ns]."""
+        """Return for each segment whether the role's own stamps there are a grid of that period [ns]."""
         firsts, lasts = np.array(segments, dtype=np.int64).T
         least = np.full(len(segments), np.iinfo(np.int64).max)
         greatest = np.full(len(segments), -1)
@@ -123,12 +123,12 @@ class Role:
         return bound if self.motor is None else acting_torque(bound, self.motor)
 
     def _recorded(self) -> Iterator[tuple[Stamps, Array, Flags | None, Flags | None]]:
-        """Yield stamps, values as recorded without those that stand alone or were held, and where these are."""
+        """Yield stamps, values as recorded without outliers and held ones, and where these are."""
         for first, last in parts(self.channel.stamps, self.channel.values):
             if self.outliers is None:
                 yield self.channel.stamps[first:last], self.channel.values[first:last], None, None
                 continue
-            # A hold, and twice as much around it, on either side of a part; its ends tell no outlier of the part.
+            # A hold, and twice as much around it, on either side of a part; an outlier at its ends is in the next part.
             begin, end = max(0, first - 4 * LONGEST_HOLD), min(last + 4 * LONGEST_HOLD, len(self.channel.values))
             stamps, alone = self.channel.stamps[begin:end], self.outliers.among(self.channel.values[begin:end])
             values = less(self.channel.values[begin:end], alone)
@@ -138,7 +138,7 @@ class Role:
             yield stamps[here], less(values[here], stuck), alone, stuck
 
     def _unwraps(self) -> bool:
-        """Tell whether the role is an encoder that wraps after a turn: it jumps, and stays within one."""
+        """Return whether the role is an encoder that wraps after a turn: it jumps, and stays within one."""
         turn = self.source.turn
         if turn is None:
             return False

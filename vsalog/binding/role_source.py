@@ -1,4 +1,4 @@
-"""Where a role of a joint comes from, and what makes the numbers recorded there SI on the joint's side of the gear."""
+"""The source of a role of a joint, and the conversion of its numbers to SI on the joint's side of the gear."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ Stamps = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A role's channel, and what makes its numbers SI on the joint's side of the gear.
+    """A role's channel, and the conversion of its numbers to SI on the joint's side of the gear.
 
     Attributes
     ----------
     channel : its name in the log
     where : the log, the channel and the role, for messages
-    signal : what the rig says of the sensor
-    factor : from what was recorded to SI, the right way round, on the joint's side
-    turn : after which an encoder may wrap, as it is recorded; None for what is no encoder
+    signal : the rig's entry for the sensor
+    factor : from recorded values to SI on the joint's side, with the sign
+    turn : after which an encoder may wrap, as it is recorded; None for other sensors
     joint_turn : whether a turn of the sensor is a turn of the joint
-    may_stand_alone : whether a sample that stands alone is no motion
-    lever : what makes a set-point's angle a length
+    may_stand_alone : whether a single deviating sample is no motion
+    lever : from a set-point's angle to a length
     origin : the log's first stamp [ns]
     """
 
@@ -56,13 +56,13 @@ class Source:
         Parameters
         ----------
         stamps : shape (n,) [ns]
-        recorded : shape (n,), NaN where samples stand alone, without an encoder's jumps
+        recorded : shape (n,), NaN for outliers, without an encoder's jumps
         period : of the channel [ns]
 
         Raises
         ------
         BindingError
-            A number is beyond all measure.
+            A number is too large.
         """
         signal = self.signal
         # A long log's columns are not copied when there is nothing to change.
@@ -83,11 +83,11 @@ class Source:
 
     @property
     def shift(self) -> int:
-        """How much later than its stamp a sample was taken [ns]."""
+        """The delay of a sample after its stamp [ns]."""
         return -round(self.signal.delay * 1e9)
 
     def for_parts(self) -> Source:
-        """Return the same for parts of a channel, of which nobody asks what the sensor's step is."""
+        """Return the same for parts of a channel, without the sensor's step."""
         return replace(self, signal=msgspec.structs.replace(self.signal, resolution=self.signal.resolution or 1.0))
 
 
@@ -97,7 +97,7 @@ def constant_of(recording: Recording, run: Run, role: str, signal: Signal, fixed
     Raises
     ------
     BindingError
-        It should be one, but nobody says which.
+        It should be one, but no value is given.
     """
     constant: float | str | None = signal.constant
     if role == "setpoint":
@@ -118,7 +118,7 @@ def source_of(recording: Recording, run: Run, role: str, signal: Signal, joint: 
     Raises
     ------
     BindingError
-        The channel is not there, is text, is empty or has no clock, or its unit does not fit.
+        The channel is missing, is text, is empty or has no clock, or its unit does not fit.
     """
     assert signal.channel is not None
     channel = recording.channel(signal.channel.replace("{run}", run.name))
@@ -144,7 +144,7 @@ def origin_of(recording: Recording) -> int:
 
 
 def _turn(channel: Channel, signal: Signal, role: str) -> float | None:
-    """Return the turn after which an encoder may wrap, as it is recorded; None for what is no encoder."""
+    """Return the turn after which an encoder may wrap, as it is recorded; None for other sensors."""
     unit = _unit(channel, signal) or "rad"
     if not role.startswith(("motor_position", "link_position")) or not _converts(unit, "rad"):
         return None
@@ -157,17 +157,17 @@ def _check(recording: Recording, channel: Channel, role: str) -> None:
     if stream is not None and stream.time_source == "none":
         if stream.time_finding is not None:
             raise BindingError(
-                f"{where} has no time: {sentence(stream.time_finding)} Put the rows in order, or say how fast they were sampled"
-                " with --rate HZ"
+                f"{where} has no time: {sentence(stream.time_finding)} Put the rows in order, or give their sample rate with"
+                " --rate HZ"
             )
-        raise BindingError(f"{where} has no time column; say how fast it was sampled with --rate HZ")
+        raise BindingError(f"{where} has no time column; give its sample rate with --rate HZ")
     if channel.values.size < 2:
         raise BindingError(
             f"{where} has {'one sample' if channel.values.size else 'no samples'}; at least two are needed"
         )
     finite = np.isfinite(channel.values)
     if not finite.any():
-        raise BindingError(f"{where} holds no finite number at all")
+        raise BindingError(f"{where} contains no finite number")
 
 
 def motor_of(joint: Joint, role: str) -> Motor:
@@ -186,7 +186,7 @@ def _unit(channel: Channel, signal: Signal) -> str | None:
 
 
 def is_angle(channel: Channel, signal: Signal) -> bool:
-    """Tell whether a channel holds an angle, for all that it and the rig say."""
+    """Return whether a channel contains an angle, according to it and the rig."""
     unit = _unit(channel, signal)
     return unit is None or _converts(unit, "rad")
 
@@ -200,7 +200,7 @@ def _converts(unit: str, like: str) -> bool:
 
 
 def _factor(recording: Recording, channel: Channel, role: str, signal: Signal, joint: Joint) -> float:
-    """What a recorded number is multiplied with to be SI, the right way round, on the joint's side of the gear."""
+    """The factor from a recorded number to SI on the joint's side of the gear, with the sign."""
     base, motor, unit = role.removesuffix("_1").removesuffix("_2"), motor_of(joint, role), _unit(channel, signal)
     gear = motor.gear_ratio if signal.side == "rotor" else 1.0
     like = role_units(role)[0]
@@ -213,7 +213,7 @@ def _factor(recording: Recording, channel: Channel, role: str, signal: Signal, j
                     f"{recording.path.name}: channel '{channel.name}' ({role}) is a current [{unit}]: give the motor's"
                     " torque_constant in the rig"
                 )
-            # The torque constant is the rotor's, whichever side the signal is said to be on.
+            # The torque constant is the rotor's, whichever side the rig gives for the signal.
             return float(signal.sign) * si_factor(unit, "A") * motor.torque_constant * motor.gear_ratio
     elif base in ("motor_position", "motor_velocity", "setpoint"):
         factor /= gear

@@ -1,4 +1,4 @@
-"""The roles of one run of a joint, brought onto one grid, block by block."""
+"""The roles of one run of a joint, resampled to one grid, block by block."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class BoundRun:
     log, joint : their names
     roles : by name, or a constant
     origin : the log's first stamp [ns]
-    noise : whether the noise of roles that have to be interpolated is worked out
+    noise : whether the noise of roles that have to be interpolated is computed
     period : of the grid [ns]; that of the fastest channel, `sampled`, when absent
 
     Raises
@@ -83,14 +83,14 @@ class BoundRun:
         return sum((last - first) // self.period + 1 for first, last in self.segments)
 
     def findings(self) -> tuple[Finding, ...]:
-        """Return what a person should know of how the signals came about."""
+        """Return the findings about the binding of the signals."""
         tallies = {name: role.tally for name, role in self.moving.items()}
         turned = [name for name, state in self._turns.items() if state.ever]
         found = binding_findings(self.joint, self.segments, tallies, self.origin)
         return (*found, *_turned_findings(self.joint, turned))
 
     def told(self) -> tuple[dict[str, float], dict[str, Interpolated]]:
-        """Return role → least step of its sensor, and role → noise of those that were interpolated, where it is asked for."""
+        """Return role → least step of its sensor, and role → noise of those that were interpolated, if requested."""
         resolution: dict[str, float] = {}
         interpolated: dict[str, Interpolated] = {}
         for name, role in self.moving.items():

@@ -1,4 +1,4 @@
-"""What a sensor saw, of what it says: the rig's gain, offset, drift and reading errors taken out."""
+"""The true value from a sensor's reading: the rig's gain, offset, drift and reading errors removed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def seen_by(m: Array, signal: Signal, time: Array | None) -> tuple[Array, float | None]:
-    """Return x of what a sensor says, m = gain · x + offset + drift · time + errors(x), and its least step if it is known.
+    """Return x from a sensor's reading m = gain · x + offset + drift · time + errors(x), and its least step if it is known.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def seen_by(m: Array, signal: Signal, time: Array | None) -> tuple[Array, float 
     """
     errors, resolution = signal.errors, signal.resolution
     if resolution is None and (time is not None or errors):
-        # What is taken out here hides the steps.
+        # The correction hides the steps.
         resolution = resolution_of(m)
     m = zeroed(m, time, signal.offset, signal.drift)
     if errors:

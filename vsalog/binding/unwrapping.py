@@ -1,4 +1,4 @@
-"""Encoders that wrap after a turn: their jumps taken out, and two of them brought onto the same turn."""
+"""Encoders that wrap after a turn: their jumps are removed, and two of them are put onto the same turn."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 WRAP_JUMP = 0.9
-"""A jump of more is one to the next turn [turns]: what a joint turns from one sample to the next is less than the rest."""
+"""A larger jump is one to the next turn [turns]: a joint turns less than the rest from one sample to the next."""
 
 WRAPPED_SPAN = 1.01
 """Range that the readings of an encoder that wraps stay in [turns]: one, and its noise."""
@@ -22,21 +22,21 @@ WRAPPED_SPAN = 1.01
 
 @dataclass(frozen=True, slots=True)
 class Unwrapping:
-    """Where the unwrapping of an encoder is: the last number before, and what it was corrected by; NaN before the first."""
+    """The state of unwrapping an encoder: the last number before, and its correction; NaN before the first."""
 
     last: float = np.nan
     correction: float = 0.0
 
 
 def wraps_around(span: float, turn: float) -> bool:
-    """Tell whether an encoder that jumps wraps: only one who stays within a turn does; whoever has counted further jumps for
+    """Return whether an encoder that jumps wraps: only one that stays within a turn does; one with a larger range jumps for
     another reason.
     """
     return span <= WRAPPED_SPAN * turn
 
 
 def unwrapped_on(values: Array, turn: float, before: Unwrapping) -> tuple[Array, Unwrapping]:
-    """Take the jumps out of the next part of an encoder's positions.
+    """Remove the jumps from the next part of an encoder's positions.
 
     Corrections are summed up in the order of the samples, so that it does not matter how a log is cut into parts.
 
@@ -44,7 +44,7 @@ def unwrapped_on(values: Array, turn: float, before: Unwrapping) -> tuple[Array,
     ----------
     values : shape (n,), NaN where missing
     turn : in the unit of the values
-    before : what the part before ended with
+    before : the state after the part before
     """
     filled = np.isfinite(values)
     known = values[filled]
@@ -52,7 +52,7 @@ def unwrapped_on(values: Array, turn: float, before: Unwrapping) -> tuple[Array,
         return values, before
     steps = np.diff(known, prepend=known[0] if np.isnan(before.last) else before.last)
     short = np.mod(steps + 0.5 * turn, turn) - 0.5 * turn
-    # Half a turn may go either way: it goes the way it went.
+    # Half a turn is ambiguous: the previous direction is kept.
     short[(short == -0.5 * turn) & (steps > 0.0)] = 0.5 * turn
     correction = np.where(np.abs(steps) < 0.5 * turn, 0.0, short - steps)
     correction = np.cumsum(np.concatenate(([before.correction], correction)))[1:]
@@ -63,7 +63,7 @@ def unwrapped_on(values: Array, turn: float, before: Unwrapping) -> tuple[Array,
 
 @dataclass(slots=True)
 class SameTurn:
-    """By how much a motor's position is turned in the run in progress, and which deflection the next run begins nearest to.
+    """The shift of a motor's position in the present run, and the deflection that the next run begins nearest to.
 
     Attributes
     ----------
@@ -86,15 +86,15 @@ def turnable(roles: Collection[str], wrapped: Collection[str]) -> list[str]:
 def turned_on(link: Array, theta: Array, starts: Flags, state: SameTurn) -> Array:
     """Return the next part of a motor's position, turned by whole turns for the deflection to begin within half a turn.
 
-    An encoder that wraps does not tell which turn it is on, neither at the beginning nor after a gap: the motor and the
+    An encoder that wraps does not determine its turn, neither at the beginning nor after a gap: the motor and the
     link may begin on different sides of the jump, with most of a turn between them that is no deflection. A later run is
     put onto the turn on which it begins nearest to the one before.
 
     Parameters
     ----------
     link, theta : shape (n,) [rad]
-    starts : shape (n,), where a run begins; a run that goes on from the part before shows its deflection within its first part
-    state : what the part before ended with; becomes what this one ends with
+    starts : shape (n,), where a run begins; a run that continues from the part before shows its deflection within its first part
+    state : that after the part before; updated to that after this one
     """
     turned = theta.copy()
     phi = link - theta

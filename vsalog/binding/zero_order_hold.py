@@ -1,7 +1,7 @@
-"""Readings that stood still amid a motion and then jumped to catch up: a stuck encoder, packets that repeat a value.
+"""Readings that were held during a motion and then jumped to catch up: a stuck encoder, packets that repeat a value.
 
-Nothing in a fit tells such a stretch from a spring that gives way. What a motion can do is left alone: it begins and ends over
-many samples, a coarse encoder goes on by single steps, a slow sensor held between its samples jumps again and again.
+A fit cannot distinguish such a stretch from a spring that deflects. Possible motions are kept: they begin and end over many
+samples, a coarse encoder moves by single steps, a slow sensor held between its samples jumps repeatedly.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 LONGEST_HOLD = 1000
-"""Samples that repeat the one before, at most [1]; more are no hitch but a rest."""
+"""Samples that repeat the one before, at most [1]; more are a rest."""
 
 JUMP_RATIO = 4.0
 """The jump behind a hold over the greatest step around it, at least, and over the way in the same time before and behind it, at
-most [1]: a motion that goes on makes both, over twice the time that the reading was held for on either side."""
+most [1]: a continued motion makes both, over twice the time of the hold on either side."""
 
 
 def held(stamps: NDArray[np.int64], values: Array, period: int, turn: float | None = None) -> Flags | None:
@@ -31,7 +31,7 @@ def held(stamps: NDArray[np.int64], values: Array, period: int, turn: float | No
     stamps : shape (N,) [ns]
     values : shape (N,), as recorded, NaN where missing
     period : of the samples [ns]
-    turn : after which an encoder may wrap, in the unit of the values; None for what is no angle
+    turn : after which an encoder may wrap, in the unit of the values; None for other signals
 
     Returns
     -------
@@ -39,7 +39,7 @@ def held(stamps: NDArray[np.int64], values: Array, period: int, turn: float | No
     """
     kept = np.isfinite(values)
     known, when = (values, stamps) if kept.all() else (values[kept], stamps[kept])
-    # A coarse encoder repeats a few. A reading is the same from one change on up to the sample before the next.
+    # A coarse encoder repeats a few. A reading is constant from one change up to the sample before the next.
     after = np.flatnonzero(known[1:] != known[:-1]) + 1
     first = np.append(0, after)[:-1]
     length = after - 1 - first
@@ -47,7 +47,7 @@ def held(stamps: NDArray[np.int64], values: Array, period: int, turn: float | No
     first, after = first[likely], after[likely]
     jumps, ahead, behind = (_steps(known, at, turn) for at in (after, first, after + 1))
     likely = JUMP_RATIO * np.fmax(np.abs(ahead), np.abs(behind)) <= np.abs(jumps)
-    # Behind lost samples a jump is no wonder.
+    # After lost samples a jump is normal.
     likely &= ~lacks_samples(when[after] - when[after - 1], period)
     pairs = zip(first[likely].tolist(), after[likely].tolist(), strict=True)
     if not (found := [pair for pair in pairs if _caught_up(known, *pair, turn)]):
@@ -59,7 +59,7 @@ def held(stamps: NDArray[np.int64], values: Array, period: int, turn: float | No
 
 
 def _caught_up(x: Array, first: int, after: int, turn: float | None) -> bool:
-    """Tell whether a reading, held from one sample on, goes on in another one where the motion around it would have led it."""
+    """Return whether a reading, held from one sample on, continues at another one as the motion around it predicts."""
     length = after - 1 - first
     jump = float(_steps(x, np.array(after), turn))
     # Nearest first, as far as there are samples.
@@ -68,7 +68,7 @@ def _caught_up(x: Array, first: int, after: int, turn: float | None) -> bool:
     if JUMP_RATIO * max(np.abs(before).max(initial=0.0), np.abs(behind).max(initial=0.0)) > abs(jump):
         return False
     moved = float(before[:length].sum()), float(behind[:length].sum())
-    # At least half as fast on one side, and that way; on the other the motion may turn.
+    # At least half as fast on one side, in the same direction; on the other the motion may turn.
     return JUMP_RATIO * min(map(abs, moved)) >= abs(jump) and 2.0 * max(way / jump for way in moved) >= 1.0
 
 

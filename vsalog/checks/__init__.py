@@ -1,4 +1,4 @@
-"""Checks: what is suspicious about a joint's signals, or about an estimate; each kind in a file of its own.
+"""Checks of a joint's signals and of an estimate; each kind in a file of its own.
 
 A class of a module here that has what a `Check` has is found by itself. Third parties add a check by an entry point in the group
 ``vsalog.checks`` that names an object.
@@ -43,7 +43,7 @@ class Checks:
         }
 
     def of_signals(self) -> list[Finding]:
-        """Return what is known from the signals alone, before there is an estimate."""
+        """Return the findings from the signals alone, before there is an estimate."""
         return [finding for watch in self.watches if isinstance(watch, OfSignals) for finding in watch.findings()]
 
     def add(self, trace: Trace) -> None:

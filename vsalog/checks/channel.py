@@ -1,6 +1,6 @@
-"""A channel by itself, as it was recorded: interpolated between fewer samples, wrapped, in counts.
+"""Checks of a single channel as recorded: interpolated between fewer samples, wrapped, in counts.
 
-What is recorded is not bound yet: on a joint's grid a slower channel is interpolated by vsalog itself.
+They read the recording before binding: on a joint's grid vsalog itself interpolates a slower channel.
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ ANGLES = ("motor_position", "link_position")
 
 
 class Lines(NamedTuple):
-    """What a signal is like that was interpolated between fewer samples.
+    """Criteria for a signal that was interpolated between fewer samples.
 
     Attributes
     ----------
-    longest : samples per sample of a slower sensor that are looked for
-    samples : of each phase that are looked at
-    fewest : bends of a signal of which a share is taken
-    straight : part of a signal's usual bend from sample to sample below which three samples lie on a line
-    at_knots : part of the bends that are at one phase, at least. Those of a measured signal are at any: that 38 of 40 are at one
-        of two has a probability of 2e-9
+    longest : samples per sample of a slower sensor that are searched
+    samples : of each phase that are examined
+    fewest : corners of a signal of which a share is taken
+    straight : part of a signal's usual second difference below which three samples are on a line
+    at_knots : part of the corners that are at one phase, at least. Those of a measured signal are at any: 38 of 40 are at one
+    of two with a probability of 2e-9
     """
 
     longest: int = 64
@@ -64,7 +64,7 @@ LINES = Lines()
 
 
 def channel_findings(recordings: Sequence[Recording], name: str, joint: Joint) -> Iterator[Finding]:
-    """Yield what is wrong with a joint's channels by themselves.
+    """Yield the faults of a joint's single channels.
 
     Parameters
     ----------
@@ -91,23 +91,25 @@ def channel_findings(recordings: Sequence[Recording], name: str, joint: Joint) -
                 turn, counts = _turn(channel), np.array_equal(x, np.round(x)) and float(np.ptp(x)) > math.tau
                 if (times := wraps(x, turn)) > 0:
                     yield about(code="encoder.wrapped", severity="info", value=float(times), evidence={"turn": turn})
-                # Whole radians are no encoder's; without a unit the guess says so.
+                # No encoder reads whole radians; without a unit the guess reports it.
                 if channel.unit and counts and turn <= math.tau:
                     yield about(code="encoder.counts", value=float(np.ptp(x)), limit=math.tau, unit="rad")
 
 
 def samples_per_knot(x: Array) -> int:
-    """Return how many samples lie from one bend of a signal to the next, where it is straight in between; 0 for no number.
+    """Return the samples from one corner of a signal to the next, if it is straight in between; 0 for none.
 
-    Those that are interpolated twofold or more have one phase at which the signal bends and others at which it does not; a
-    reading that is repeated, or an encoder's step, bends twice. Of a measured channel this is found with less than
-    `FALSE_ALARM_OF_MANY`: see `Lines.at_knots`, for each number that is tried.
+    An interpolated signal has corners at one phase and none at the others; a repeated reading, or an encoder's step, has two
+    corners. A measured channel is reported with a probability below `FALSE_ALARM_OF_MANY`: see `Lines.at_knots`, for each
+    number that is tried.
     """
     x = x[: 8 * LINES.longest * LINES.samples]
-    bend = np.abs(np.diff(x, 2))
-    if not bend.size or float(bend.max()) == 0.0:
+    curvature = np.abs(np.diff(x, 2))
+    if not curvature.size or float(curvature.max()) == 0.0:
         return 0
-    knots = np.flatnonzero(bend > LINES.straight * float(np.median(bend[bend > ROUNDING * bend.max()])))
+    knots = np.flatnonzero(
+        curvature > LINES.straight * float(np.median(curvature[curvature > ROUNDING * curvature.max()]))
+    )
     if knots.size < LINES.fewest:
         return 0
     at_one = (n for n in range(2, LINES.longest + 1) if np.bincount(knots % n).max() >= LINES.at_knots * knots.size)
@@ -138,15 +140,15 @@ def _turn(channel: Channel) -> float:
 
 TEXTS = {
     "signal.interpolated": Text(
-        "{part} bends at every {value:.0f}th sample only and is straight in between: it was interpolated between fewer samples.",
-        "Record the samples as they are: interpolated ones are late, and repeat the noise of those around them.",
+        "{part} has corners at every {value:.0f}th sample only and is straight in between: it was interpolated.",
+        "Record the samples as they are: interpolated ones are late, and repeat the noise of their neighbours.",
         FALSE_ALARM_OF_MANY,
     ),
     "encoder.wrapped": Text(
         "{part} jumps by a turn ({turn:.6g}) {value:n time}: its encoder wraps.", "The jumps are taken out."
     ),
     "encoder.counts": Text(
-        "{part} is in whole numbers over a range of {value:.6g}, and is said to be in radians: it is in encoder counts.",
+        "{part} is in whole numbers over a range of {value:.6g}, but its unit is radian: it is in encoder counts.",
         "Give the unit in the rig, such as unit = \"0.001534 rad\" for 4096 counts a turn.",
     ),
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""What a check is: it looks at a joint's signals and at the trace of an estimate, and returns findings."""
+"""The interface of a check, which reads a joint's signals and the trace of an estimate, and returns findings."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from vsalog.rig.schema import Joint
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What checks may look at.
+    """The input of checks.
 
     Attributes
     ----------
     recordings, setpoints : as they were bound; a fixed set-point per recording [SI], None for none
     device, joint : of the rig
     estimator, read : name of the estimator, and the roles that it reads
-    signals, look : bound, the whole log; and what is looked at of it where it is too long for memory, all of it otherwise
+    signals, look : bound, the whole log; and the part that is read where it is too long for memory, all of it otherwise
     fold : the estimator
     """
 
@@ -55,24 +55,24 @@ class Check(Protocol):
     Attributes
     ----------
     name : one noun, unique
-    supersedes : code of a finding → codes that say the same in other words, or follow from it
+    supersedes : code of a finding → codes with the same meaning, or that follow from it
     """
 
     name: str
     supersedes: Mapping[str, Sequence[str]]
 
     def start(self, context: Context) -> Watch | None:
-        """Begin with a log; None where there is nothing to look at."""
+        """Begin with a log; None where there is nothing to check."""
 
 
 @dataclass(frozen=True, slots=True)
 class OfSignals:
-    """A check that looks at signals alone, and has looked."""
+    """A check that reads signals alone, and is complete."""
 
     found: Sequence[Finding]
 
     def add(self, trace: Trace) -> None:
-        """Take no notice."""
+        """Ignore the block."""
 
     def findings(self) -> Sequence[Finding]:
         """Return what was found."""

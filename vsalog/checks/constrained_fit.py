@@ -17,9 +17,9 @@ Flags = NDArray[np.bool_]
 
 
 def residual_of(y: Array, free: Array, positive: Array) -> tuple[Array, Array]:
-    """Return what a fit leaves of y, shape (R,), and the coefficients that may not be negative, shape (k,).
+    """Return the residual of a fit of y, shape (R,), and the coefficients that may not be negative, shape (k,).
 
-    Columns that say nothing of their own have a coefficient of 0.
+    Linearly dependent columns have a coefficient of 0.
 
     Parameters
     ----------
@@ -45,10 +45,10 @@ def _basis(columns: Array) -> Array:
 
 
 def _not_negative(gram: Array, moments: Array) -> Array:
-    """Return x ≥ 0 that makes ½ xᵀ G x − cᵀ x least."""
+    """Return x ≥ 0 that minimises ½ xᵀ G x − cᵀ x."""
     tolerance = np.sqrt(ROUNDING) * max(float(np.abs(moments).max(initial=0.0)), ROUNDING)
     free = moments > 0.0
-    # It seldom takes more than four steps, and may go round in circles.
+    # It seldom takes more than four steps, and may cycle.
     for _ in range(moments.size + 1):
         x = _solved(gram, moments, free)
         wrong = np.where(free, x < 0.0, moments - gram @ x > tolerance)
@@ -59,7 +59,7 @@ def _not_negative(gram: Array, moments: Array) -> Array:
 
 
 def _solved(gram: Array, moments: Array, free: Flags) -> Array:
-    """Return what makes ½ xᵀ G x − cᵀ x least where all but the free ones are 0."""
+    """Return the minimiser of ½ xᵀ G x − cᵀ x where all but the free ones are 0."""
     x = np.zeros(moments.size)
     if free.any():
         x[free] = np.linalg.lstsq(gram[np.ix_(free, free)], moments[free], rcond=ROUNDING)[0]
@@ -68,7 +68,7 @@ def _solved(gram: Array, moments: Array, free: Flags) -> Array:
 
 def _one_by_one(gram: Array, moments: Array, tolerance: float) -> Array:
     x, free = np.zeros(moments.size), np.zeros(moments.size, dtype=np.bool_)
-    # Lawson and Hanson prove that it ends; rounding may say otherwise.
+    # Lawson and Hanson prove that it ends; with rounding it may not.
     for _ in range(3 * moments.size):
         slope = np.where(free, -np.inf, moments - gram @ x)
         if float(slope.max(initial=-np.inf)) <= tolerance:

@@ -1,10 +1,10 @@
 """Cross-checks an estimate's torque and angle against references that the estimator does not read.
 
-A motor's torque whose scale is off makes a stiffness that is off by as much, and nothing in that motor's log shows it; a torque
-sensor on the joint does. The other way round, what `residual-rls` makes of the motor's side is a reference for what a sensor
-taught. Both torques are averaged over windows, and the reference's is fitted over the estimate's: the slope is by how much it
-changes where the estimate changes by one. Noise in either bends a slope, and the slope the other way round to the other side;
-they agree where one lies between the two.
+A wrong scale of a motor's torque makes the stiffness wrong by the same factor, and nothing in that motor's log shows it; a
+torque sensor on the joint does. Conversely, the estimate of `residual-rls` from the motor's side is a reference for one from a
+sensor. Both torques are averaged over windows, and the reference's is regressed on the estimate's: the slope is its change where
+the estimate changes by one. Noise in either biases this slope, and that of the reverse regression in the other direction; the
+torques agree where 1 is between the two.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ Flags = NDArray[np.bool_]
 # quick changes are shorter.
 AVERAGED_TIME = 0.05
 ANGLE = "link_position"
-# What is no sensor, but made of the motor's torque and motion.
+# The reference that is no sensor, but estimated from the motor's torque and motion.
 MOTOR = "the motor's side by residual-rls"
-# What may be off instead of the stiffness where a sensor's torque differs, and where that of the motor's side does.
+# What may be wrong instead of the stiffness where a sensor's torque differs, and where that of the motor's side does.
 SENSOR_CAUSE, MOTOR_CAUSE = "the sensor's scale", "the motor's torque, its inertia or friction in the rig"
 
 
@@ -71,7 +71,7 @@ class Sensed:
         self.time, self.values, self.apart = (stamps[known] - self.first) * 1e-9, values[known], LONGEST_GAP * period
 
     def at(self, stamps: NDArray[np.int64]) -> Array:
-        """Return it at other stamps, in order, shape (n,), NaN where it has no sample near."""
+        """Return the values at other stamps, in order, shape (n,), NaN where no sample is near."""
         if self.time.size < 2:
             return np.full(stamps.shape, np.nan)
         ours = (stamps - self.first) * 1e-9
@@ -83,14 +83,14 @@ class Sensed:
 
 @dataclass(slots=True)
 class _Compared:
-    """Averages of what was estimated and of the reference, and the deviations that were claimed, each in squares."""
+    """Averages of the estimate and of the reference, and the estimate's standard deviations, each in squares."""
 
     estimated: list[Array] = field(default_factory=list)
     sensed: list[Array] = field(default_factory=list)
     claimed: list[Array] = field(default_factory=list)
 
     def add(self, estimated: Array, sensed: Array, claimed: Array, box: int) -> None:
-        """Average what belongs together, so many samples at a time."""
+        """Average matching samples, so many at a time."""
         columns = np.column_stack((estimated, sensed, claimed**2))
         whole = columns[: len(columns) // box * box].reshape(-1, box, 3)
         known = whole[np.isfinite(whole).all(axis=(1, 2))].mean(axis=1)
@@ -98,7 +98,7 @@ class _Compared:
             kept.append(values)
 
     def all(self) -> tuple[Array, Array, float]:
-        """Return both, and the deviation that was claimed."""
+        """Return both, and the estimate's standard deviation."""
         claimed = np.concatenate(self.claimed)
         return (
             np.concatenate(self.estimated),
@@ -162,13 +162,13 @@ class CrossCheck:
                 self._take_motor(signals)
 
     def _take_motor(self, signals: JointSignals) -> None:
-        """Take what residual-rls learns for a sensor."""
+        """Use the estimate of residual-rls as a sensor."""
         trace = motor_trace(self.device, signals)
         if trace is None:
             return
         for name, columns in trace.transmissions.items():
             role, (_, std, sure) = f"{MOTOR} {name}", _torque(columns)
-            # Not what it fits, which would show where its basis ends; noise is averaged out anyway.
+            # Not its fit, which would show the limits of its basis; noise is averaged out anyway.
             torque = np.asarray(columns["flexibility_torque"], float)
             self.sensors[role] = sensed_by_run(trace.stamps, trace.run, torque, signals.period)
             self.moves[role], self.claimed[role] = 0.0, float(np.median(std[sure])) if sure.any() else 0.0
@@ -192,7 +192,7 @@ class CrossCheck:
                 self._compare(name, ANGLE, angle, std, trace)
 
     def _take_link(self, trace: Trace) -> None:
-        """Take the link's inertia as it was found last, and its deviation."""
+        """Take the last estimate of the link's inertia, and its standard deviation."""
         columns = trace.transmissions["total"]
         if "link_inertia" in columns:
             found = np.asarray(columns["link_inertia"], float)
@@ -208,7 +208,7 @@ class CrossCheck:
                 compared.add(estimated[rows], sensor.at(trace.stamps[rows]), claimed[rows], self.box)
 
     def findings(self) -> list[Finding]:
-        """Return which references differ from the estimate, or of muscles that there is none."""
+        """Return which references differ from the estimate, or, for muscles, that there is none."""
         joint, estimator, found = self.device.joint, self.estimator, list[Finding]()
         if self.device.pneumatic is not None and not self.sensors:
             found.append(Finding(code="cross_check.none", joint=joint, evidence={"estimator": estimator}))
@@ -257,7 +257,7 @@ def _is_sensor(role: str) -> bool:
 def sensed_by_run(
     stamps: NDArray[np.int64], runs: NDArray[np.int32], values: Array, period: float
 ) -> dict[int, Sensed]:
-    """Tell the runs apart: each log has a clock of its own."""
+    """Separate the runs: each log has a clock of its own."""
     return {int(run): Sensed(stamps[runs == run], values[runs == run], period) for run in np.unique(runs)}
 
 
@@ -299,7 +299,7 @@ def _of_torques(
 
 
 def _lasts(estimated: Array, sensed: Array, slope: float) -> bool:
-    """Tell whether a slope is there in longer averages too: what a filter makes of quick changes is not."""
+    """Return whether a slope persists in longer averages: a filter's effect on quick changes does not."""
     (xx, xy), (_, yy) = np.cov(_long(estimated), _long(sensed))
     if not min(xx, xy, yy) > 0.0:
         return True
@@ -307,14 +307,14 @@ def _lasts(estimated: Array, sensed: Array, slope: float) -> bool:
 
 
 def _too_noisy(estimated: Array, sensed: Array) -> bool:
-    """Tell whether what an encoder makes, differentiated twice, is most of a torque, and averages out."""
+    """Return whether an encoder's noise, differentiated twice, is most of a torque, and averages out."""
     (xx, xy), (_, yy) = np.cov(estimated, sensed)
     own = sensed - xy / xx * estimated if xx > 0.0 else sensed
     return bool(own.var() > MOST_NOISE * yy and not lasts(float(_long(own).var()), float(own.var())))
 
 
 def _is_noise(averages: Array) -> bool:
-    """Tell whether averages differ from the next one as from any, and go out when averaged again: nothing moves there."""
+    """Return whether averages differ from the next one as from any, and average out: nothing moves there."""
     variance, changes = float(averages.var()), float(np.diff(averages).var()) / 2.0
     return changes > MOST_NOISE * variance and not lasts(float(_long(averages).var()), variance)
 
@@ -342,7 +342,7 @@ def _without_transients(estimated: Array, sensed: Array) -> Array:
 def _of_angles(
     joint: str, part: str, estimated: Array, sensed: Array, claimed: float, evidence: Evidence
 ) -> list[Finding]:
-    """Return how far an angle is off; nothing where that is little."""
+    """Return the error of an angle; nothing where it is small."""
     off, span = float(np.sqrt(np.mean((estimated - sensed) ** 2))), float(np.ptp(sensed))
     limit = max(REPORTED_MISFIT * span, INTERVAL * claimed)
     if off <= limit:
@@ -361,9 +361,9 @@ def _of_angles(
 
 
 def _torque(columns: Mapping[str, Any]) -> tuple[Array, Array, Flags]:
-    """Return an estimate's torque, the deviation of its changes as a part of them, and where it is sure of it.
+    """Return an estimate's torque, the standard deviation of its changes relative to them, and where it is excited.
 
-    A fit has learnt it; where none was made the torque is known beside the stiffness, or observed as a whole.
+    It is that of the fit; without a fit the torque is known along with the stiffness, or observed as a whole.
     """
     excited = np.asarray(columns["excited"], dtype=bool)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -381,7 +381,7 @@ def _bound(
     roles: Sequence[str],
     setpoints: Sequence[float | None],
 ) -> JointSignals | None:
-    """Bind roles, what is looked at of them where a log is too long for memory; None where that is not possible."""
+    """Bind roles, only parts of them where a log is too long for memory; None where that is not possible."""
     try:
         return of_signals(bind(recordings, name, joint, roles, setpoints))
     except VsalogError:
@@ -391,29 +391,29 @@ def _bound(
 TEXTS = {
     "link.inertia_differs": Text(
         "the link's inertia is estimated as {inertia:.3g} kg·m², {ratio:.3g} times the rig's {rig:.3g}.",
-        "The torque sensor's scale or unit, or the angles' unit, would explain it, and the stiffness would be as far off; or"
-        " the rig has another link's inertia.",
+        "The torque sensor's scale or unit, or the angles' unit, would explain it, and the stiffness would be wrong by the same"
+        " factor; or the link's inertia in the rig is wrong.",
     ),
     "cross_check.torque_scale": Text(
-        "{reference}, which {estimator} does not read, differs: where the estimated torque of {of} changes by 1 N·m, that"
-        " changes by {value:.3g} N·m. The stiffness may be off by as much, or {other_cause}.",
+        "{reference}, which {estimator} does not read, differs: where the estimated torque of {of} changes by 1 N·m, the"
+        " reference changes by {value:.3g} N·m. The stiffness may be wrong by the same factor, or {other_cause}.",
         "'vsalog compare' runs the other estimators on this log.",
     ),
     "cross_check.torque_unrelated": Text(
-        "{reference}, which {estimator} does not read, differs: of the power of its torque {value:.0%} is in the estimated"
+        "{reference}, which {estimator} does not read, differs: only {value:.0%} of its torque's power is in the estimated"
         " torque of {of} too.",
-        "Check the signs, the units and the channels of both in the rig: one of them may be another one than the rig says.",
+        "Check the signs, the units and the channels of both in the rig: one of them may be wrong there.",
     ),
     "cross_check.angle": Text(
         "{reference}, which {estimator} does not read, differs: the estimated angle of {of} is {value:.2g} {unit} off,"
-        " {share_of_range:.0%} of its range, where {claimed:.1g} {unit} are claimed.",
-        "The stiffness may be off too.",
+        " {share_of_range:.0%} of its range, but its standard deviation is {claimed:.1g} {unit}.",
+        "The stiffness may be wrong too.",
     ),
     "cross_check.none": Text(
-        "neither the joint's angle nor its torque is in the log, so there is no reference for what {estimator} makes of the"
-        " pressures: a pressure that is not absolute, a sensor's wrong gain, or muscles that are not the rig's would make a"
-        " stiffness as plausible, off by 5 to 20 % and more, which its standard deviation does not include.",
-        "Record one of them once, link_position or torque_sensor.",
+        "neither the joint's angle nor its torque is in the log, so there is no reference for the estimate of {estimator} from"
+        " the pressures: a pressure that is not absolute, a sensor's wrong gain, or other muscles than the rig's would give an"
+        " equally plausible stiffness, wrong by 5 to 20 % and more, which its standard deviation does not include.",
+        "Record link_position or torque_sensor once.",
     ),
 }
 add_texts(TEXTS)

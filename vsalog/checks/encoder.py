@@ -1,7 +1,7 @@
-"""Encoders: a zero that is off, a wrong sign or unit, one that is stuck.
+"""Encoders: a wrong zero, sign or unit, one that is stuck.
 
-Each of these gives a stiffness with a small standard deviation that is wrong. Bounds are wide: what a joint may really do is
-not reported.
+Each of these gives a wrong stiffness with a small standard deviation. Bounds are wide: motions that a joint can really make
+are not reported.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 CANCELLED_SHARE = 0.5
-"""Part of either position's motion that their sum has at most where one of them counts the other way round."""
+"""Part of either position's motion that their sum has at most where one of them has the wrong sign."""
 LARGEST_SPAN = 100.0
-"""Radians that no joint goes to and fro: sixteen turns."""
+"""A range that no joint moves over [rad]: sixteen turns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Standstill:
     role, other : positions
     within, stamps : first and last time [s] and stamp [ns]
     moved, enough : how far the other one moves, and how far it has to at least [rad]
-    spring : how far it has to where nothing else is known: more than the spring gives way elsewhere [rad]
+    spring : how far it has to where nothing else is known: more than the spring deflects elsewhere [rad]
     """
 
     role: str
@@ -58,11 +58,11 @@ class Standstill:
     spring: float
 
     def holds(self, stamps: NDArray[np.int64], farther: int = 0) -> Flags:
-        """Return which stamps [ns] lie in it, or in one that reaches farther [ns] at both ends."""
+        """Return which stamps [ns] are in it, or in one that is longer [ns] at both ends."""
         return (stamps >= self.stamps[0] - farther) & (stamps <= self.stamps[1] + farther)
 
     def finding(self, joint: str, limit: float) -> Finding:
-        """Return the finding that the encoder was stuck, as the other one moves farther than so many rad."""
+        """Return the finding that the encoder was stuck, since the other one moves farther than so many rad."""
         begin, end = self.within
         return Finding(
             code="encoder.stuck",
@@ -76,7 +76,7 @@ class Standstill:
 
 
 def findings(device: Device, signals: JointSignals) -> Iterator[Finding]:
-    """Yield what is possible of encoders and not plausible."""
+    """Yield implausible readings of encoders."""
     yield from _off_centre(device, signals)
     for view in with_both_positions(device, signals):
         yield from _opposed(signals, view)
@@ -84,20 +84,20 @@ def findings(device: Device, signals: JointSignals) -> Iterator[Finding]:
 
 
 def passing(device: Device, signals: JointSignals) -> Iterator[Finding]:
-    """Yield encoders that stand still while the spring would have to give way more than elsewhere."""
+    """Yield encoders that stand still while the spring would have to deflect more than elsewhere."""
     for view in with_both_positions(device, signals):
-        told = set[str]()
+        reported = set[str]()
         for s in standstills(signals, view):
-            if s.moved > s.spring and s.role not in told:
-                told.add(s.role)
+            if s.moved > s.spring and s.role not in reported:
+                reported.add(s.role)
                 yield s.finding(signals.joint, max(s.enough, s.spring))
 
 
 def _off_centre(device: Device, signals: JointSignals) -> Iterator[Finding]:
-    """Yield a deflection further from zero than its torque accounts for.
+    """Yield a deflection farther from zero than its torque explains.
 
-    A spring under a centred torque passes zero. The more one-sided the torque, the less a curved spring need: where the torque's
-    middle is half its range from zero, up to three times as far as it moves; beyond, everything is possible.
+    A spring under a centred torque passes zero. Under a one-sided torque a curved spring need not: where the torque's middle is
+    half its range from zero, the deflection may be up to three times its range from zero; beyond, everything is possible.
     """
     views = [view for view in device.transmissions if has_deflection(signals.roles, view)]
     if not views or len(views) < len(device.transmissions):
@@ -119,7 +119,7 @@ def _off_centre(device: Device, signals: JointSignals) -> Iterator[Finding]:
 
 
 def _middle(parts: Sequence[Array]) -> tuple[float, float]:
-    """Return around what value signals lie on average, and half the widest range of them.
+    """Return the average middle of signals, and half the widest range of them.
 
     Two springs that pull against each other are stretched both; the middle between them is not.
     """
@@ -139,7 +139,7 @@ def _torques(device: Device, signals: JointSignals) -> list[Array]:
 
 
 def _opposed(signals: JointSignals, view: TransmissionView) -> Iterator[Finding]:
-    """Yield positions of which one counts the other way round: turned, hardly anything is left of their difference."""
+    """Yield positions of which one has the wrong sign: with it reversed, their difference almost vanishes."""
     q, theta = signals.roles["link_position"], signals.roles[view.motor_position]
     both = np.isfinite(q) & np.isfinite(theta)
     if np.count_nonzero(both) < FEWEST_LEVELS:
@@ -211,27 +211,27 @@ def _standstills(signals: JointSignals, role: str, other: str) -> Iterator[Stand
 
 TEXTS = {
     "encoder.zero": Text(
-        "the deflection ({part}) lies around {value:.4g} rad and moves by ±{half_range:.3g} rad only: is an encoder's zero off?",
-        "Give it as 'offset' of one of these roles in the rig; the stiffness over the deflection is wrong if so.",
+        "the deflection ({part}) is around {value:.4g} rad and moves by ±{half_range:.3g} rad only: is an encoder's zero wrong?",
+        "If so, set 'offset' of one of these roles in the rig; otherwise the stiffness over the deflection is wrong.",
     ),
     "encoder.sign": Text(
-        "{part} move against one another (correlation {value:.2f}, by {first_span:.3g} and {second_span:.3g} rad): does one of"
-        " them count the other way round?",
-        "Say 'sign = -1' of it in the rig; the deflection is their sum instead of their difference if so.",
+        "{part} move in opposite directions (correlation {value:.2f}, by {first_span:.3g} and {second_span:.3g} rad): is the sign"
+        " of one of them wrong?",
+        "If so, set 'sign = -1' of it in the rig; otherwise the deflection is their sum instead of their difference.",
     ),
     "encoder.deflection_unit": Text(
         "the deflection ({part}) spans {value:.4g} rad, more than a turn: is one of these roles in degrees, or on the motor's"
         " side of the gear?",
-        "Say 'unit = \"deg\"' of it in the rig, or 'side = \"rotor\"' with the motor's gear_ratio.",
+        "Set 'unit = \"deg\"' of it in the rig, or 'side = \"rotor\"' with the motor's gear_ratio.",
     ),
     "encoder.unit": Text(
         "{part} spans {value:.4g} rad, {turns:.0f} turns of the joint: is it in degrees, or on the motor's side of the gear?",
-        "Say 'unit = \"deg\"' of it in the rig, or of a motor's position 'side = \"rotor\"' with the motor's gear_ratio.",
+        "Set 'unit = \"deg\"' of it in the rig, or of a motor's position 'side = \"rotor\"' with the motor's gear_ratio.",
     ),
     "encoder.stuck": Text(
         "{part} does not change by a single step from {begin:.4g} s to {end:.4g} s, while {other} moves by {value:.3g} rad;"
-        " the spring that the rest of the log shows does not allow it: its encoder was stuck.",
-        "Leave that stretch out (--start, --end); so also where a brake or a stop held the joint.",
+        " the spring, as the rest of the log shows it, does not allow this: its encoder was stuck.",
+        "Leave that stretch out (--start, --end), also if a brake or a stop held the joint.",
     ),
 }
 add_texts(TEXTS)

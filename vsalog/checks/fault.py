@@ -1,4 +1,4 @@
-"""A fault of a recording: what was done to channels between a sensor and the log, and when it is reported."""
+"""A fault of a recording: what changed channels between a sensor and the log, and when it is reported."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ Kind = Literal["sign", "unit", "scale", "late", "drift", "exchanged", "unsigned"
 
 
 class Rule(NamedTuple):
-    """When a fault is reported, and what of it is looked for.
+    """When a fault is reported, and the range of the search.
 
     Attributes
     ----------
-    left : part of its squares that an equation still leaves at most, once the fault is undone: it was most of what was wrong
-    holds : part of its target's squares that this equation leaves at most then: one that does not hold tells nothing
+    left : largest ratio of an equation's squared residual with the fault undone to that as recorded: it was most of the error
+    holds : largest ratio of this equation's squared residual then to its target's squares: one that does not hold shows nothing
     blocks : of time, whose likelihoods are compared: the widest filter reaches into the next by a twentieth
-    quiet : part of a mean block's squares below which a block says nothing
+    quiet : part of a mean block's squares below which a block is ignored
     gain : of log-likelihood per independent sample below which a delay or a factor is not refined: it would not be reported
-    most : faults of one joint that are looked for, one after another
-    longest_delay : that is looked for [s]: a few packets of the slowest bus; what is later than that is on another clock
+    most : faults of one joint that are searched, one after another
+    longest_delay : that is searched [s]: a few packets of the slowest bus; a later channel is on another clock
     fastest : rate of a clock against another, at most [s/s]: an oscillator without a crystal is right to a hundredth
-    delays : steps of the grid on either side of 0 on which delays are looked for
+    delays : steps of the grid on either side of 0 on which delays are searched
     scale : factor beyond which one torque is out of proportion to another: gears lose less than half of a torque
-    drive_delay : by which a drive acts later than it is told, at most [s]: two cycles of commands at 20 Hz
+    drive_delay : of a drive behind its command, at most [s]: two cycles of commands at 20 Hz
     drive_delays : steps of these that are tried
-    kept : part of a joint's samples that its commands and velocities cover at least, to be held against the others
-    unit_tolerance : part by which a factor differs from a unit's at most, as filters and encoders' steps make it
+    kept : part of a joint's samples that its commands and velocities cover at least, to be compared with the others
+    unit_tolerance : largest relative difference of a factor from a unit's, as filters and quantisation make it
     """
 
     left: float = 0.5
@@ -55,12 +55,12 @@ RULE = Rule()
 
 @dataclass(frozen=True)
 class Fault:
-    """What was done to channels of a joint.
+    """A fault of a joint's channels.
 
     Attributes
     ----------
-    kind : a channel turned, in another unit or scale, late, later and later, two exchanged, a magnitude, gravity taken out
-    roles : that it was done to
+    kind : a wrong sign, unit or scale, a delay, a drifting clock, two channels exchanged, a magnitude, gravity taken out
+    roles : of the affected channels
     factor : of recorded over true values
     delay : of the recorded values in the middle of the log [s]
     rate : seconds per second by which they become later
@@ -82,7 +82,7 @@ class Found:
     fault : what is likeliest
     instead : other faults that would explain the channels as well
     p_value : probability that a sound recording is explained so much better by any of the faults
-    left : part of its squares that the equation leaves which it explains best
+    left : ratio of the squared residuals with the fault undone and as recorded, of the equation that it explains best
     """
 
     fault: Fault

@@ -1,18 +1,18 @@
 """Which fault of a recording explains a joint's channels best, if any does.
 
-A fault is something that was done to a channel, and can be undone: a sign, a factor, a delay, a clock that drifts, two channels
-exchanged, a magnitude taken, gravity taken out. The joint's equations are fitted to the channels as recorded and with each fault
-undone; log(squares left as recorded / squares left with the fault undone), summed over the equations, is the fault's profile
+A fault is a change of a channel that can be undone: a sign, a factor, a delay, a clock that drifts, two channels exchanged, a
+magnitude taken, gravity taken out. The joint's equations are fitted to the channels as recorded and with each fault undone;
+log(squared residual as recorded / squared residual with the fault undone), summed over the equations, is the fault's profile
 log-likelihood ratio per independent sample. The likeliest fault is reported where
 
-- some equation leaves more than its sensors' noise and steps make of it;
+- the residual of some equation exceeds its noise floor, which includes quantisation;
 - the ratio is above zero in blocks of time, by Student's t-test or the sign test over the blocks' own ratios, at `FALSE_ALARM`
   for all faults of a joint together (Bonferroni); blocks need not have equal variances (Ibragimov and Müller 2010), and samples
   within a block may depend on one another as they like;
-- it explains most of what is wrong (`Rule.left`), and the equation holds then (`Rule.holds`).
+- it explains most of the error (`Rule.left`), and the equation holds then (`Rule.holds`).
 
-Of faults that the blocks do not tell from the likeliest the simplest is named. What is found is undone, and the search begins
-again, for a second fault.
+Of faults that the blocks do not separate from the likeliest the simplest is named. It is undone, and the search starts again,
+for a second fault.
 
 Ibragimov, Müller, "t-statistic based correlation and heterogeneity robust inference", J. Bus. Econ. Stat. 28, 2010.
 """
@@ -57,7 +57,7 @@ def faults_of(signals: JointSignals, unknown_scale: Collection[str] = ()) -> lis
 
 
 def exchanged_between(joints: Joints) -> tuple[tuple[str, str], Found] | None:
-    """Return the two joints of which channels of one role were taken for one another; None for none.
+    """Return the two joints whose channels of one role were exchanged; None for none.
 
     Of one sound log in a thousand (`FALSE_ALARM`) there are two by chance.
 
@@ -67,7 +67,7 @@ def exchanged_between(joints: Joints) -> tuple[tuple[str, str], Found] | None:
     """
     alone = {name: channels for name, its in joints.items() if (channels := _channels(its)) is not None}
     wrong = [name for name, channels in alone.items() if _wrong(channels, ())]
-    # What is exchanged has to have passed through one filter.
+    # Exchanged channels must have passed through one filter.
     width = max((alone[name].motion.width for name in wrong), default=None)
     known = {name: its for name in wrong if (its := _channels(joints[name], (), width)) is not None}
     tried = [one for pair in combinations(known, 2) for one in _exchanged(joints, known, pair)]
@@ -81,7 +81,7 @@ def exchanged_between(joints: Joints) -> tuple[tuple[str, str], Found] | None:
 
 
 def with_exchanged(joints: Joints, a: str, b: str, role: str) -> dict[str, JointSignals]:
-    """Return joints of which two have each other's channel of a role."""
+    """Return joints with the channels of a role exchanged between two of them."""
     one, other = joints[a], joints[b]
     return {
         **joints,
@@ -123,7 +123,7 @@ def _channels(
 
 
 def _wrong(channels: Channels, undone: Faults) -> set[str]:
-    """Return the equations that leave more than noise."""
+    """Return the equations whose residual exceeds their noise floor."""
     now = channels.trial(undone)
     return {e for e in channels.equations if now.left(e) > channels.noise(e, undone)}
 
@@ -140,17 +140,17 @@ class _Tried:
 
 
 def _likeliest(channels: Channels, undone: Faults) -> Found | None:
-    """Return the likeliest fault beyond those that are undone; None where none is."""
+    """Return the likeliest fault in addition to those that are undone; None where none is."""
     now, wrong = channels.trial(undone), _wrong(channels, undone)
     candidates = list(_candidates(channels, undone, wrong)) if wrong else []
     explaining = [one for fault in candidates if (one := _tried(channels, undone, fault, now, len(candidates)))]
     if not explaining:
         return None
-    # A torque that is never negative is a magnitude before it is anything else: its delay or scale means nothing yet.
+    # A torque that is never negative is tested as a magnitude first: its delay or scale has no meaning yet.
     magnitudes = [one for one in explaining if one.fault.kind == "unsigned"]
     best = max(magnitudes or explaining, key=lambda one: one.ratio)
     alike = [one for one in explaining if one is best or not _is_better(channels, undone, best.fault, one.fault)]
-    # Of faults that are as likely, the one that is about the fewest equations, and has the fewest numbers to be fitted.
+    # Of equally likely faults, the one with the fewest equations and fitted numbers.
     chosen = min(alike, key=lambda one: (len(one.trial.squares), FREE.get(one.fault.kind, 0), -one.ratio))
     same = (one.fault for one in alike if one is not chosen and one.trial.squares.keys() == chosen.trial.squares.keys())
     return Found(chosen.fault, tuple(dict.fromkeys(same)), chosen.p, chosen.left)
@@ -165,19 +165,19 @@ def _tried(channels: Channels, undone: Faults, fault: Fault, now: Trial, many: i
 
 
 def _is_better(channels: Channels, undone: Faults, one: Fault, other: Fault) -> bool:
-    """Tell whether a fault explains channels better than another."""
+    """Return whether a fault explains channels better than another."""
     about = channels.touched(one, undone) | channels.touched(other, undone)
     return channels.trial((*undone, one), about).is_better(channels.trial((*undone, other), about))
 
 
 def _part_left(now: Trial, then: Trial) -> float:
-    """Return the part of its squares that an equation still leaves, of the one that is explained best and holds."""
+    """Return the ratio of squared residuals of the equation that is explained best and holds."""
     held = (e for e in then.squares if then.holds[e] <= RULE.holds and now.left(e) > 0.0)
     return min((then.left(e) / now.left(e) for e in held), default=1.0)
 
 
 def _candidates(channels: Channels, undone: Faults, wrong: set[str]) -> Iterator[Fault]:
-    """Yield the faults that equations which are wrong tell of."""
+    """Yield the faults that equations with large residuals can show."""
     for fault in _all(channels, undone, wrong):
         if channels.touched(fault, undone) & wrong:
             yield fault
@@ -201,7 +201,7 @@ def _all(channels: Channels, undone: Faults, wrong: set[str]) -> Iterator[Fault]
 
 
 def _measured_together(channels: Channels, role: str) -> Iterator[tuple[str, ...]]:
-    """Yield a role, and a position with what a drive says of it in the same unit and on the same side: velocity, command."""
+    """Yield a role, and a position with its velocity and command in the same unit and on the same side."""
     yield (role,)
     others = [
         r for r in channels.roles if r in ("commanded_position", role.replace("_position", "_velocity")) and r != role

@@ -1,17 +1,17 @@
-"""What a joint's channels have to do with one another by physics, whatever its parameters are.
+"""The physical relations between a joint's channels, for any values of its parameters.
 
 With q the link's position, θ the motor's, φ = q − θ, τ_e the flexibility torque and τ_m the motor's:
 
 - spring: τ_e rises with φ, plus damping, d φ̇ with d ≥ 0 (De Luca and Book, "Robots with flexible elements", 2016, §11.1);
-- motor: τ_m + τ_e = B θ̈ + D θ̇ + C sign(θ̇) with B, D, C ≥ 0, and where τ_e is not recorded the spring stands for it;
+- motor: τ_m + τ_e = B θ̈ + D θ̇ + C sign(θ̇) with B, D, C ≥ 0, and where τ_e is not recorded the spring replaces it;
 - body: a rigid joint's torque is M q̈ + D q̇ + C sign(q̇) + a gravity torque, a sine and a cosine of q, with M, D, C ≥ 0;
 - pair: θ is q but for a deflection that is small next to both;
 - rate: a velocity v is the derivative of its position, and at most behind it by a filter's lag: v = q̇ − T v̇ with T ≥ 0;
 - drive: a commanded position q_c is ahead of the position by what moves inertia against damping and friction with the stiffness
   of the drive, less what is fed forward: q_c − q = a q̈ + b q̇ + c sign(q̇) with c ≥ 0. A drive may act late, never early.
 
-Coefficients are unknown; their signs are not, nor is the torque sensor's coefficient in the motor's equation. These tell a wrong
-sign, a wrong unit, a delay, a magnitude and an exchanged channel.
+Coefficients are unknown; their signs are known, and so is the torque sensor's coefficient in the motor's equation. This shows a
+wrong sign, a wrong unit, a delay, a magnitude and an exchanged channel.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Equation:
     name : ``spring``, ``motor`` or ``pair`` with the transmission's suffix, ``body``, ``rate`` or ``drive`` with the target
     target : the role that y is made of
     roles : that it reads
-    y, scale : shape (R,); and the target as it stands in y, whose spread is the measure of what is left
+    y, scale : shape (R,); and the target's term in y, whose standard deviation scales the residual
     free, positive : shape (R, m), (R, k)
     knots : of the spring in it
     """

@@ -1,4 +1,4 @@
-"""By how much a channel is late, and how fast it becomes later, as the joint's equations have it."""
+"""The delay of a channel and its rate of change, from the joint's equations."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from vsalog.checks.undone_channels import Channels, Faults
 
 
 def late(channels: Channels, undone: Faults, role: str) -> Iterator[Fault]:
-    """Yield that a role is late, and that it becomes later, where the equations leave less then."""
+    """Yield that a role is late, and that it becomes later, if this reduces the equations' residuals."""
     one = Fault("late", (role,))
     touched = channels.touched(one, undone)
     now = channels.trial(undone, touched)
     period = channels.signals.period
     longest, half = (channels.motion.reach - 1) * period, float(channels.time[-1])
     step, fine = RULE.longest_delay / RULE.delays, period / 4.0
-    # A drive may be as slow as it likes, and never acts before it is told.
+    # A drive may be slow, but never acts before its command.
     earliest = 0.0 if role == COMMAND else -longest
 
     def left(delay: float, rate: float) -> float:
@@ -52,7 +52,7 @@ def late(channels: Channels, undone: Faults, role: str) -> Iterator[Fault]:
 def _apart(channels: Channels, undone: Faults, role: str) -> tuple[float, float]:
     """Return by how much a position is later than the other one in the middle of the log [s], and how fast that grows.
 
-    Where a deflection is small a delay makes much more of a difference than it, and only near the right one less.
+    Where a deflection is small the difference that a delay makes is much larger, except near the right delay.
     """
     other = {"link_position": "motor_position", "motor_position": "link_position"}.get(role)
     if other is None or other not in channels.motion.values:
@@ -64,7 +64,7 @@ def _apart(channels: Channels, undone: Faults, role: str) -> tuple[float, float]
 
 
 def least(f: Callable[[float], float], longest: float, step: float, finest: float, seed: float = 0.0) -> float | None:
-    """Return where a function is least between −longest and longest: on a grid, near a seed, then by halving the step.
+    """Return the minimiser of a function between −longest and longest: on a grid, near a seed, then by halving the step.
 
     None where it is nowhere below its value at 0 by more than `Rule.gain`.
     """

@@ -1,4 +1,4 @@
-"""What the motor's torque and motion say of a joint, by `residual-rls`, where another estimator is to be held against it."""
+"""The estimate of `residual-rls` from the motor's torque and motion, as a reference for another estimator."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vsalog.rig.schema import Joint
 
 
 def motor_roles(device: Device, joint: Joint, read: Sequence[str]) -> tuple[str, ...]:
-    """Return the roles by which the motor's side is a reference; none where its torque is read anyway, or not there."""
+    """Return the roles by which the motor's side is a reference; none where its torque is read anyway, or missing."""
     views, offered = device.transmissions, offered_roles(joint)
     if not views or any(
         v.motor_torque in read or v.motor_torque not in offered or v.motor.inertia is None for v in views
@@ -30,7 +30,7 @@ def motor_roles(device: Device, joint: Joint, read: Sequence[str]) -> tuple[str,
 
 
 def motor_trace(device: Device, signals: JointSignals) -> Trace | None:
-    """Return what residual-rls makes of a joint's signals; None where it cannot."""
+    """Return the estimate of residual-rls from a joint's signals; None where it cannot."""
     try:
         residual_rls.roles(device, signals.roles, residual_rls.TUNING())
         fold = residual_rls.build(device, signals, residual_rls.TUNING())

@@ -20,7 +20,7 @@ from vsalog.uncertainty.errors_in_variables import MOST_NOISE
 
 Array = NDArray[np.float64]
 
-# A scale that is wrong by ten is nearer than a spring that is off by this factor, on a logarithmic scale.
+# Beyond this factor, on a logarithmic scale, a wrong decimal prefix is nearer than a wrong spring.
 LARGEST_RATIO = 10.0**0.5
 
 
@@ -105,7 +105,7 @@ class _Ratios:
         """Yield the transmissions whose stiffness or torque is another order of magnitude than the rig's.
 
         Samples that are not excited count where none is. Of two torques the changes are compared, since an offset is no scale.
-        Noise of one biases its slope over the other; both slopes have to say it.
+        Noise of one biases its slope over the other; both slopes have to agree.
         """
         for view in self.views:
             if view.name not in self.moments or not (count := self.moments[view.name][0, 0]) > 1.0:
@@ -141,7 +141,7 @@ class _Ratios:
 
 TEXTS = {
     "motor_torque.scale": Text(
-        "{part}: its changes are {value:.3g} times those of the torque that the rig's inertia and spring need for this motion.",
+        "{part}: its changes are {value:.3g} times those that the rig's inertia and spring need for this motion.",
         "Its unit or scale is wrong, or a gear ratio, or inertia and spring in the rig: check the units under"
         " [joint.{joint}.signals].",
     ),

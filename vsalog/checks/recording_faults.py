@@ -1,7 +1,7 @@
-"""Faults of a recording: what was done to channels between a sensor and the log, as findings.
+"""Faults of a recording: what changed channels between a sensor and the log, as findings.
 
-`fault_search.py` looks for them in what channels of a joint have to do with one another. Of a sound recording one joint in a
-thousand (`FALSE_ALARM`) has a finding by chance.
+`fault_search.py` searches them in the relations between a joint's channels. Of a sound recording one joint in a thousand
+(`FALSE_ALARM`) has a finding by chance.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ CODES: Mapping[Kind, str] = {
 }
 
 
-# A magnitude rests at 0, and is no less one for that.
+# A magnitude may rest at 0.
 FOLLOWING = tuple(code for code in CODES.values() if code != "torque.unsigned")
 
 
 class RecordingFaults:
-    """Holds a joint's channels against one another; one sound joint in a thousand has a finding (`FALSE_ALARM`)."""
+    """Compares a joint's channels with one another; one sound joint in a thousand has a finding (`FALSE_ALARM`)."""
 
     name = "recording_faults"
     supersedes: Mapping[str, Sequence[str]] = {
@@ -58,7 +58,7 @@ class RecordingFaults:
         "signal.unit": ("encoder.deflection_unit", "encoder.unit", "encoder.zero"),
         "signal.scale": ("encoder.deflection_unit", "encoder.unit", "encoder.zero"),
         "signal.interpolated": ("sensor.clipped", "sensor.frozen"),
-        # Channels that were cut off or stood still for a while fit others less well, whatever is undone.
+        # Channels that were clipped or stuck for a while fit others less well, whatever is undone.
         **dict.fromkeys(
             ("sensor.clipped", "sensor.frozen", "sensor.saturated", "sensor.stuck", "encoder.stuck", "torque.stuck"),
             FOLLOWING,
@@ -66,7 +66,7 @@ class RecordingFaults:
     }
 
     def start(self, context: Context) -> OfSignals:
-        """Look, at roles that the estimator does not read too where they are recorded."""
+        """Check the roles, also those that the estimator does not read if they are recorded."""
         look = context.look if context.signals.in_file else None
         return OfSignals(log_findings(context.recordings, context.look.joint, context.joint, context.setpoints, look))
 
@@ -85,7 +85,7 @@ def log_findings(
     recordings : with those of the joint's channels that were read
     name, joint : of the rig
     setpoints : as for `bind`
-    look : signals to look at instead of all of a log that is too long for memory
+    look : signals to check instead of all of a log that is too long for memory
     """
     found = list(channel_findings(recordings, name, joint))
     if look is not None and len(recordings) == 1:
@@ -96,10 +96,10 @@ def log_findings(
         for name_of_run, (begin, end) in zip(look.run_names, pairwise(_edges(look)), strict=False):
             found += of_log(name_of_run, findings_of(look[begin:end]))
     else:
-        # A fault is one recording's, and so are the spring, the load and the set-point that the equations presume.
+        # A fault belongs to one recording, and so do the spring, the load and the set-point that the equations presume.
         for i, one in enumerate(recordings):
             found += of_log(one.path.name, _together(one, name, joint, setpoints[i : i + 1]))
-    # How fast a clock runs against another `inspect` tells, of all of a log: a stretch of one is no measure.
+    # `inspect` reports clock rates, from all of a log: a stretch is too short to measure one.
     return [finding for finding in found if finding.code != CODES["drift"]]
 
 
@@ -111,7 +111,7 @@ def _edges(look: JointSignals) -> list[int]:
 def _together(recording: Recording, name: str, joint: Joint, setpoints: Sequence[float | None]) -> Iterable[Finding]:
     """Return the faults that channels of one recording show together."""
     roles, signals = [role for role in offered_roles(joint) if _recorded([recording], joint, role)], None
-    # What cannot be bound is said by those who need it.
+    # Callers that need a role report if it cannot be bound.
     with suppress(VsalogError):
         if read := read_roles(roles):
             signals = bind([recording], name, joint, read, setpoints)
@@ -120,7 +120,7 @@ def _together(recording: Recording, name: str, joint: Joint, setpoints: Sequence
 
 
 def _recorded(recordings: Sequence[Recording], joint: Joint, role: str) -> bool:
-    """Tell whether recordings have numbers for a role."""
+    """Return whether recordings have numbers for a role."""
     names = {(one.path, channel) for one in recordings for channel in wanted_channels(joint, one.path.name, [role])}
     found = {(one.path, channel.name) for one in recordings for channel in one.channels.values()}
     return names <= found
@@ -204,7 +204,7 @@ def _finding(signals: JointSignals, found: Found) -> Finding:
 
 
 def _measured(signals: JointSignals, fault: Fault) -> tuple[float | None, float | None, str]:
-    """Return what a fault is measured by, what it has to exceed at least, and the unit of both; None for the part left."""
+    """Return a fault's size, its least reported value, and their unit; None for a ratio of squared residuals."""
     if fault.kind == "late":
         return fault.delay, signals.period, "s"
     if fault.kind == "drift":
@@ -212,7 +212,7 @@ def _measured(signals: JointSignals, fault: Fault) -> tuple[float | None, float 
     return None, None, ""
 
 
-# What an estimate looks like of channels that do not fit together.
+# Symptoms of an estimate from inconsistent channels.
 SYMPTOMS = (
     "estimate.partly_excited", "filter.noisy_rate", "motor.inertia_differs", "residual.follows_motion", "residual.not_noise",
     "sampling.too_slow", "sampling.too_slow_for_total", "spring.loop", "spring.not_polynomial",
@@ -222,53 +222,56 @@ SYMPTOMS = (
 
 TEXTS = {
     "signal.sign": Text(
-        "{part} counts the other way round: turned, the joint's equations leave {left:.1%} of what they leave now.",
-        "Say 'sign = -1' of it in the rig.",
+        "{part} has the wrong sign: with it reversed, the squared residual of the joint's equations is {left:.1%} of the"
+        " present one.",
+        "Set 'sign = -1' of it in the rig.",
         FALSE_ALARM,
         SYMPTOMS,
     ),
     "signal.unit": Text(
-        "{part} is {factor:.4g} times what the other channels say, as in another unit: so divided, the joint's equations leave"
-        " {left:.1%} of what they leave now.",
+        "{part} is {factor:.4g} times what the other channels require, as in another unit: divided by it, the squared residual of"
+        " the joint's equations is {left:.1%} of the present one.",
         "Give its unit in the rig: \"deg\" instead of \"rad\", \"N*mm\" instead of \"N*m\".",
         FALSE_ALARM,
         SYMPTOMS,
     ),
     "signal.scale": Text(
-        "{part} is {factor:.4g} times what the other channels say: so divided, the joint's equations leave {left:.1%} of what"
-        " they leave now. A position is before the gear then, or in encoder counts; a torque is before the gear, or a current.",
-        "Say 'side = \"rotor\"' of it in the rig with the motor's gear_ratio, or 'unit = \"A\"' with its torque_constant.",
+        "{part} is {factor:.4g} times what the other channels require: divided by it, the squared residual of the joint's"
+        " equations is {left:.1%} of the present one. A position is then on the rotor's side of the gear, or in encoder counts;"
+        " a torque on the rotor's side, or a current.",
+        "Set 'side = \"rotor\"' of it in the rig with the motor's gear_ratio, or 'unit = \"A\"' with its torque_constant.",
         FALSE_ALARM,
         SYMPTOMS,
     ),
     "signal.late": Text(
-        "{part} is {value:.3g} s later than the other channels (below 0: earlier): moved, the joint's equations leave {left:.1%}"
-        " of what they leave now.",
-        "Give it as 'delay' of the role in the rig, or stamp samples where they are taken.",
+        "{part} is {value:.3g} s later than the other channels (below 0: earlier): with it shifted, the squared residual of the"
+        " joint's equations is {left:.1%} of the present one.",
+        "Set 'delay' of the role in the rig, or stamp samples where they are taken.",
         FALSE_ALARM,
         SYMPTOMS,
     ),
     "signal.clock_rate": Text(
-        "{part} becomes later by {value:.4g} µs a second: it is on another clock than the other channels.",
+        "{part} becomes later by {value:.4g} µs per second: it is on another clock than the other channels.",
         "Stamp all channels with one clock; --time log may do.",
         FALSE_ALARM,
     ),
     "signal.exchanged": Text(
-        "{part} are exchanged: taken for one another, the joint's equations leave {left:.1%} of what they leave now.",
+        "{part} are exchanged: with them swapped, the squared residual of the joint's equations is {left:.1%} of the present"
+        " one.",
         "Exchange their channels in the rig.",
         FALSE_ALARM,
         SYMPTOMS,
     ),
     "signal.joints_exchanged": Text(
-        "{part} of {first} and of {second} are exchanged: taken for one another, the joints' equations leave {left:.1%} of what"
-        " they leave now.",
+        "{part} of {first} and of {second} are exchanged: with them swapped, the squared residual of the joints' equations"
+        " is {left:.1%} of the present one.",
         "Exchange their channels in the rig.",
         FALSE_ALARM,
     ),
     "torque.unsigned": Text(
-        "{part} is a magnitude: it is never negative, and with the sign that motion and load give it the joint's equations leave"
-        " {left:.1%} of what they leave now. What an estimate makes of it is wrong wherever the torque reverses.",
-        "Record the signed value; leave the channel out of the rig where there is none.",
+        "{part} is a magnitude: it is never negative, and with the sign from motion and load the squared residual of the joint's"
+        " equations is {left:.1%} of the present one. An estimate from it is wrong wherever the torque reverses.",
+        "Record the signed value, or leave the channel out of the rig.",
         FALSE_ALARM,
         SYMPTOMS,
     ),

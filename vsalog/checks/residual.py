@@ -1,11 +1,10 @@
 """Whether a fit's residual has a shape over the deflection or over a position.
 
-Backlash, a stop or a spring that stiffens suddenly are smoothed by a basis of a few terms: the residual is small, and the
-stiffness, which is the torque's slope, is off by a lot. An encoder whose disc is off its centre, or that errs several times a
-turn, makes of the deflection one that is off by a function of a position; so do cogging, a cable and gravity of a torque. The
-residual goes with no speed or acceleration, but at the same place it is the same again: piecewise linear functions of a
-deflection or a position, learnt from some blocks of the log, predict it in others (`core/dependence.py`), beyond what the basis
-can follow.
+Backlash, a stop or a spring that stiffens suddenly are smoothed by a basis of a few terms: the residual is small, but the
+stiffness, which is the torque's slope, is wrong by much. An eccentric encoder disc, or one with several errors per turn, adds
+a function of a position to the deflection; cogging, a cable and gravity add one to the torque. The residual depends on no speed
+or acceleration, but repeats at the same place: piecewise linear functions of a deflection or a position, fitted to some blocks
+of the log, predict it in others (`core/dependence.py`), beyond what the basis can follow.
 """
 
 from __future__ import annotations
@@ -36,10 +35,10 @@ from vsalog.estimators.row_moments import RowMoments, row_moments_block, row_mom
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Knots of a function of any shape [1]: more tell a narrower gap, but those of one block of the log are in no other then, and what
-# is learnt there predicts nothing.
+# Knots of a function of any shape [1]: more resolve a narrower gap, but then those of one block of the log are in no other, and
+# a fit there predicts nothing.
 KNOTS = 31
-# The encoders' steps between two knots, at least [1]: a gap as wide as that shows in two.
+# The encoders' steps between two knots, at least [1]: a gap of that width shows in two.
 STEPS_PER_KNOT = 2.0
 DEFLECTION = "deflection"
 
@@ -48,11 +47,11 @@ SHAPES = ("residual.shape_over_deflection", "deflection.hides_shape", "residual.
 
 
 class ShapeOfResidual:
-    """Looks for a shape of the residual over the deflection, and over positions where an estimator fits torques."""
+    """Searches a shape of the residual over the deflection, and over positions where an estimator fits torques."""
 
     name = "residual_shape"
-    # What follows the motor's motion has a shape over the deflection, too, where both go together; and that over positions. A
-    # spring that changes leaves shapes over whatever changes along with it.
+    # A residual that follows the motor's motion also has a shape over a correlated deflection, and that one over positions. A
+    # spring that changes gives shapes over whatever changes along with it.
     supersedes: Mapping[str, Sequence[str]] = {
         "residual.follows_motion": SHAPES,
         "stiffness.drifts": SHAPES,
@@ -68,7 +67,7 @@ class ShapeOfResidual:
 
 @dataclass(slots=True)
 class _Rows:
-    """The moments of a transmission's residual, and sums of what sizes are held against.
+    """The moments of a transmission's residual, and sums that its size is compared with.
 
     Attributes
     ----------
@@ -100,7 +99,7 @@ class ResidualShapes:
     ----------
     device : of the joint
     look : as much of the signals as is in memory: ranges are taken from it, and the positions at a trace's rows
-    fits_torque : whether the estimator fits torques; of others no shape over a position is found
+    fits_torque : whether the estimator fits torques; for others no shape over a position is found
     """
 
     def __init__(self, device: Device, look: JointSignals, fits_torque: bool) -> None:
@@ -168,7 +167,7 @@ class ResidualShapes:
     def findings(self) -> list[Finding]:
         """Return over what the residuals of which transmissions have a shape.
 
-        Of a method that knows no torque but what it fits, the residual of the motor's side shows what the basis cannot follow.
+        For a method without a measured torque, the residual of the motor's side shows what the basis cannot follow.
         """
         if self.rows and not self.knows_torque and (trace := motor_trace(self.device, self.look)) is not None:
             self.add(trace)
@@ -199,13 +198,13 @@ class ResidualShapes:
         return found if found is not None and found.p_value * tried <= FALSE_ALARM else None
 
     def _lacks(self, name: str, rows: _Rows) -> Finding | None:
-        """Return what a stiffness lacks."""
+        """Return the stiffness that the fit lacks."""
         if DEFLECTION not in rows.knots or self._depends(rows, DEFLECTION) is None:
             return None
         knots, blocks, own = rows.knots[DEFLECTION], rows.moments.blocks, rows.columns(DEFLECTION)
         count, stiffness = rows.over[1:-1].T
         with np.errstate(divide="ignore", invalid="ignore"):
-            # What both halves have in common is no noise.
+            # Noise is independent in the two halves.
             one, other = (
                 (f[2:] - f[:-2]) / (knots[2:] - knots[:-2]) / (stiffness / count)
                 for f in (least_squares(blocks[half::2].sum(axis=0), own) for half in range(2))
@@ -278,23 +277,23 @@ def _knots(values: Array, step: float) -> Array | None:
 
 TEXTS = {
     "deflection.hides_shape": Text(
-        "transmission {part}: the deflection spans only {value:.0f} of its encoders' steps: nothing shows whether the spring"
-        " has backlash, a stop or a knee within two of them, and the stiffness would then be off by more than its standard"
-        " deviation says.",
-        "Move the joint more, or take encoders of finer resolution.",
+        "transmission {part}: the deflection spans only {value:.0f} of its encoders' steps: the log cannot show whether the"
+        " spring has backlash, a stop or a knee within two of them, and the stiffness would then be wrong by more than its"
+        " standard deviation.",
+        "Move the joint more, or use encoders of finer resolution.",
     ),
     "residual.shape_over_deflection": Text(
-        "transmission {part}: the residual has a shape over the deflection: the stiffness is at least {value:.0%} off on"
+        "transmission {part}: the residual depends on the deflection: the stiffness is wrong by at least {value:.0%} on"
         " average, at {deflection:.3g} rad the spring's differs by {stiffness_change:+.0%} from the estimate. The basis"
-        " cannot follow the spring, as where there is backlash, a stop or a term too few.",
-        "[joint.{joint}.basis] in the rig takes more terms, 'vsalog diagnose' finds which it is.",
+        " cannot follow the spring, as with backlash, a stop or too few terms.",
+        "Add terms to [joint.{joint}.basis] in the rig; 'vsalog diagnose' finds the cause.",
     ),
     "residual.shape_over_position": Text(
-        "transmission {part}: the residual has a shape over {position}, {value:.1%} of the torque: an encoder that reads"
-        " nonlinearly over its turn (off its centre, or several times a turn), or a torque that goes with the position"
-        " (cogging, gravity, a cable). The stiffness may be off by several times as much, and by more than its standard"
+        "transmission {part}: the residual depends on {position}, {value:.1%} of the torque: an encoder that is nonlinear"
+        " over its turn (eccentric, or with several errors per turn), or a torque that depends on the position"
+        " (cogging, gravity, a cable). The stiffness may be wrong by several times as much, and by more than its standard"
         " deviation says.",
-        "'vsalog diagnose' finds more.",
+        "'vsalog diagnose' finds the cause.",
     ),
 }
 add_texts(TEXTS)

@@ -1,4 +1,4 @@
-"""What the families of checks ask of a signal's samples: its span, its levels, whether it is noisy, and where it rests."""
+"""Properties of a signal's samples that several checks need: its span, its levels, its noise, and where it rests."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 FEWEST_LEVELS = 20
-"""Samples, or levels, of which a distribution shows nothing when they are fewer."""
+"""Fewest samples, or levels, for a distribution."""
 NOISY_SHARE = 0.25
 """Part of its steps at which a noisy signal turns back at least, and stays at most; white noise turns back at two thirds."""
 SAME_MOTION = 0.9
-"""Correlation from which on two signals are the same motion; and the part of a signal's changes that all of them nearly are."""
+"""Correlation from which on two signals are the same motion; and the share of a signal's changes taken for all of them."""
 STUCK_TIME = 0.5
-"""Seconds that a sensor stands still, and is not merely late by a packet or two."""
+"""Seconds after which a sensor stands still, and is not merely late by a packet or two."""
 MOVED_SHARE = 0.2
 """Part of its range that a signal moves where it can be seen that another one does not."""
 
@@ -49,7 +49,7 @@ def levels(x: Array) -> Array:
 
 
 def is_fine(signals: JointSignals, role: str) -> bool:
-    """Tell whether a signal's steps are small next to its range: what is coarse rests, and is zero, by rounding."""
+    """Return whether a signal's steps are small next to its range: a coarse signal rests, and is zero, by rounding."""
     taken = levels(signals.roles[role])
     if taken.size < 2:
         return False
@@ -59,7 +59,7 @@ def is_fine(signals: JointSignals, role: str) -> bool:
 
 
 def is_noisy(x: Array, among: Flags) -> bool:
-    """Tell whether a signal moves to and fro from sample to sample where `among` is set."""
+    """Return whether a signal alternates from sample to sample where `among` is set."""
     steps = np.diff(x)[among[1:] & among[:-1]]
     steps = steps[np.isfinite(steps)]
     if steps.size < FEWEST_LEVELS or float(np.mean(steps == 0.0)) > NOISY_SHARE:
@@ -94,7 +94,7 @@ def moved(found: list[slice], y: Array, enough: float) -> Iterator[tuple[slice, 
 
 
 def unlikely_run(share: float, count: int) -> int:
-    """Return how many samples in a row are no chance where each is so with probability `share` and there are `count`.
+    """Return the run length that is no chance among `count` samples, each in it with probability `share`.
 
     A run of n begins at one of N samples with probability N pⁿ at most.
     """
@@ -103,7 +103,7 @@ def unlikely_run(share: float, count: int) -> int:
 
 
 def beyond_noise(x: Array) -> float:
-    """Return what the steps of a signal from sample to sample do not exceed by chance: normal, of their median's size."""
+    """Return the bound that the changes of a signal do not exceed by chance: normal, of their median's size."""
     steps = np.abs(np.diff(x))
     steps = steps[np.isfinite(steps)]
     if steps.size == 0:
@@ -113,7 +113,7 @@ def beyond_noise(x: Array) -> float:
 
 
 def go_together(x: Array, y: Array) -> bool:
-    """Tell whether two signals are the same motion."""
+    """Return whether two signals are the same motion."""
     if not (float(np.ptp(x)) > 0.0 and float(np.ptp(y)) > 0.0):
         return False
     return float(np.corrcoef(x, y)[0, 1]) > SAME_MOTION

@@ -1,4 +1,4 @@
-"""By what factor a channel is out of proportion to the others, where an equation tells it."""
+"""The factor by which a channel is out of proportion to the others, where an equation determines it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 def scaled(channels: Channels, undone: Faults, roles: tuple[str, ...]) -> Iterator[Fault]:
-    """Yield that roles are in another unit or out of proportion by one factor, where an equation tells of the first."""
+    """Yield that roles are in another unit or out of proportion by one factor, where an equation contains the first."""
     role = roles[0]
     if role in channels.unknown_scale:
         return
@@ -33,7 +33,7 @@ def scaled(channels: Channels, undone: Faults, roles: tuple[str, ...]) -> Iterat
 
 
 def _is_told(channels: Channels, undone: Faults, unit: Fault) -> bool:
-    """Tell whether half and twice a unit's factor explain channels worse: of a torque next to nothing no factor is told."""
+    """Return whether half and twice a unit's factor explain channels worse: a torque near zero determines no factor."""
     touched = channels.touched(unit, undone)
     by_unit = channels.trial((*undone, unit), touched)
     others = (replace(unit, factor=by * unit.factor) for by in (0.5, 2.0))
@@ -67,15 +67,15 @@ def _slope(channels: Channels, eq: Equation, undone: Faults, role: str) -> float
         columns = np.column_stack((np.ones(q.shape[1]), q[0], theta[0], q[1], theta[1]))
         _, of_q, of_theta, *_ = np.linalg.lstsq(columns, eq.y, rcond=None)[0].tolist()
         over, under = (of_q, of_theta) if role == motor else (of_theta, of_q)
-        # With both positions of one joint, the other one's factor says the same.
+        # With both positions of one joint, the other one's factor is equivalent.
         return 0.0 if under == 0.0 or (role != motor and "pair " in channels.equations) else -float(over / under)
     return 0.0
 
 
 def _by_grid(channels: Channels, undone: Faults, role: str) -> float:
-    """Return the least power of two, up or down, that leaves no more than noise; else the one that explains the channels best.
+    """Return the least power of two, up or down, with a residual of noise alone; else the one that explains the channels best.
 
-    Of what is next to nothing many leave no more. Gears make less of a difference.
+    For a torque near zero many powers do. The losses of gears are smaller.
     """
     one = Fault("scale", (role,))
     touched, now = channels.touched(one, undone), channels.trial(undone)

@@ -24,12 +24,12 @@ SAMPLES_PER_VALUE = 3
 
 
 class Cut(NamedTuple):
-    """What a signal without noise is like that was cut off at an end of its range.
+    """Criteria for a signal without noise that was clipped at an end of its range.
 
     Attributes
     ----------
-    kink : way in the farther half of a stretch next to that end over that in the nearer half, at most: one of an even speed,
-        three of an even deceleration, and in between the middle of their logarithms
+    kink : way in the farther half of a stretch next to that end over that in the nearer half, at most: one for a constant
+        speed, three for a constant deceleration, and in between the middle of their logarithms
     steps : of the sensor over which a speed shows
     stays : samples that it is at that end, at least: between two of a fast motion nothing shows how it turns
     nearest : samples of a stretch's half, at least
@@ -50,7 +50,7 @@ MEASURED = ("torque_sensor", "link_position", "motor_position", "deflection")
 
 
 def passing(signals: JointSignals) -> Iterator[Finding]:
-    """Yield what may befall a sensor for a while."""
+    """Yield temporary faults of a sensor."""
     for role in signals.roles:
         if role.startswith((*MEASURED, "pressure", "motor_torque")) and is_fine(signals, role):
             yield from list(_saturated(signals, role)) or _clipped(signals, role)
@@ -61,7 +61,7 @@ def passing(signals: JointSignals) -> Iterator[Finding]:
 
 
 def _saturated(signals: JointSignals, role: str) -> Iterator[Finding]:
-    """Yield an end of the range at which a noisy signal rests for longer than chance lets it, or which it reaches too often."""
+    """Yield an end of the range at which a noisy signal rests for longer than by chance, or which it reaches too often."""
     x = signals.roles[role]
     finite = x[np.isfinite(x)]
     for end, extreme in (("highest", float(finite.max())), ("lowest", float(finite.min()))):
@@ -85,7 +85,7 @@ def _saturated(signals: JointSignals, role: str) -> Iterator[Finding]:
 
 
 def _piled_up(x: NDArray[np.float64], there: NDArray[np.bool_], times: int) -> bool:
-    """Tell whether a noisy signal comes to an end of its range more often than a range has its last level reached.
+    """Return whether a noisy signal comes to an end of its range more often than an unclipped one to its last level.
 
     What turns there as a sine does comes to its last level 1.4 times as often as to the last but one, and noise makes it less:
     twice is too often. At zero a magnitude turns, and a current rests.
@@ -96,15 +96,15 @@ def _piled_up(x: NDArray[np.float64], there: NDArray[np.bool_], times: int) -> b
     others = levels(x[~there])
     step = max(step_of(x) or 0.0, float(np.diff(others).min(initial=np.inf)))
     next_to = np.abs(x - extreme) < 1.5 * step
-    beside = len(runs(next_to & ~there)[0])
-    return float(special.bdtrc(times - 1, times + beside, 2.0 / 3.0)) <= FALSE_ALARM_OF_MANY
+    neighbours = len(runs(next_to & ~there)[0])
+    return float(special.bdtrc(times - 1, times + neighbours, 2.0 / 3.0)) <= FALSE_ALARM_OF_MANY
 
 
 def _clipped(signals: JointSignals, role: str) -> Iterator[Finding]:
     """Yield the ends of the range that a signal without noise reaches at full speed, and more than once.
 
-    What turns or comes to rest gets slower before; what is cut off does not. A joint that sticks where it turns does so at other
-    values, too.
+    A signal that turns or comes to rest slows down before; a clipped one does not. A joint that sticks where it turns does so at
+    other values, too.
     """
     x = signals.roles[role]
     finite = x[np.isfinite(x)]
@@ -133,7 +133,7 @@ def _clipped(signals: JointSignals, role: str) -> Iterator[Finding]:
 
 
 def _turns(x: NDArray[np.float64], begin: int, over: int) -> bool:
-    """Tell whether a signal leaves a rest to the side that it came from."""
+    """Return whether a signal leaves a rest to the side that it came from."""
     return begin > 0 and over < x.size and (x[begin - 1] - x[begin]) * (x[over] - x[begin]) > 0.0
 
 
@@ -158,7 +158,7 @@ def _frozen(signals: JointSignals, role: str) -> Iterator[Finding]:
     others[ends] = np.nan
     if not ends.size or not np.isfinite(others).any():
         return
-    # An encoder that rests goes on by a step of its own.
+    # An encoder that rests continues by a step of its own.
     usual, jump = (
         max(float(np.nanmax(others)), float(np.diff(levels(x)).min())),
         float(np.nanmax(steps[ends], initial=0.0)),
@@ -172,7 +172,7 @@ def _frozen(signals: JointSignals, role: str) -> Iterator[Finding]:
 
 
 def _kinked(side: NDArray[np.float64], enough: float, length: int) -> bool:
-    """Tell whether a signal leaves an end of its range, or comes there, without getting slower.
+    """Return whether a signal leaves an end of its range, or comes there, without slowing down.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def _kinked(side: NDArray[np.float64], enough: float, length: int) -> bool:
     if 2 * half >= side.size or not np.isfinite(side[: 2 * half + 1]).all():
         return False
     near, beyond = side[half] - side[0], side[2 * half] - side[half]
-    # What sticks and slips was never at an even speed: it stays longer at a value than that speed takes to the next.
+    # Stick-slip has no constant speed: it stays longer at a value than that speed takes to the next.
     values = side[: 2 * half + 1]
     first, after = runs(np.diff(values) == 0.0)
     stays = int((after - first).max(initial=0)) + 1
@@ -197,7 +197,7 @@ def _kinked(side: NDArray[np.float64], enough: float, length: int) -> bool:
 
 
 def _repeated(signals: JointSignals, role: str) -> Iterator[Finding]:
-    """Yield a signal that changes at every so manyth sample only, and not by single steps as a coarse one at an even speed."""
+    """Yield a signal that changes at every n-th sample only, and not by single steps as a coarse one at a constant speed."""
     x, taken = signals.roles[role], levels(signals.roles[role])
     changes = np.abs(np.diff(x))
     at = np.flatnonzero(changes > 0.0)
@@ -222,7 +222,7 @@ TEXTS = {
     "sensor.saturated": Text(
         "{part} rests at its {end} value {at:.6g} for {value:.1%} of the samples (first at {begin:.4g} s) and moves noisily"
         " elsewhere: it is saturated.",
-        "The stiffness is wrong wherever it is; choose a larger range, or leave these stretches out (--start, --end).",
+        "The stiffness is wrong there; choose a larger range, or leave these stretches out (--start, --end).",
         FALSE_ALARM_OF_MANY,
     ),
     "sensor.clipped": Text(
@@ -231,14 +231,14 @@ TEXTS = {
         "Leave these stretches out (--start, --end), or choose a larger range.",
     ),
     "sensor.frozen": Text(
-        "{part} does not change from {begin:.4g} s to {end:.4g} s and then jumps by {value:.3g} rad, where no other step is"
-        " farther than a tenth of that: it was stuck.",
+        "{part} does not change from {begin:.4g} s to {end:.4g} s and then jumps by {value:.3g} rad, while no other step is"
+        " larger than a tenth of that: it was stuck.",
         "Leave that stretch out (--start, --end).",
     ),
     "sensor.repeated": Text(
-        "{part} changes at every {value:.0f}th sample only, {rate:.4g} times a second: where it is a slower sensor's, repeated,"
-        " and no command that a drive holds so long, it is late by half of that on average, which biases the stiffness.",
-        "Record the others as slowly, or leave the repeats empty.",
+        "{part} changes at every {value:.0f}th sample only, {rate:.4g} times a second: if it is a slower sensor's, repeated, and"
+        " not a command that a drive holds, it is late by half of that on average, which biases the stiffness.",
+        "Record the others at the same rate, or leave the repeats empty.",
     ),
 }
 add_texts(TEXTS)

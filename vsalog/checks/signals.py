@@ -1,4 +1,4 @@
-"""What is suspicious about a joint's signals."""
+"""Checks of a joint's signals."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class DeadSensorError(EstimatorError):
 
     Attributes
     ----------
-    role, value : of it, and what it says all along [N·m]
+    role, value : of it, and its constant reading [N·m]
     """
 
     def __init__(self, message: str, role: str, value: float) -> None:
@@ -35,7 +35,7 @@ class DeadSensorError(EstimatorError):
 
 
 def refuse_dead_sensors(estimator: str, signals: JointSignals) -> None:
-    """Refuse a torque or a pressure that never changes: a dead sensor, of which every method would make a stiffness of nothing.
+    """Refuse a torque or a pressure that never changes: from a dead sensor every method would estimate a meaningless stiffness.
 
     Parameters
     ----------
@@ -52,18 +52,18 @@ def refuse_dead_sensors(estimator: str, signals: JointSignals) -> None:
     for role, values in signals.roles.items():
         if role.startswith("torque_sensor") and _still(values):
             raise DeadSensorError(
-                f"joint '{signals.joint}': {role} is {_first(values):.6g} N·m from beginning to end, as a sensor says that is off"
-                f" or not connected, and {estimator} takes the torque from it. Take an estimator that needs no torque sensor"
-                " (residual-rls, qr-rls), or put the right channel into the rig ('vsalog inspect' shows what each says)",
+                f"joint '{signals.joint}': {role} is {_first(values):.6g} N·m from beginning to end, as of a sensor that is off"
+                f" or not connected, and {estimator} takes the torque from it. Use an estimator that needs no torque sensor"
+                " (residual-rls, qr-rls), or put the right channel into the rig ('vsalog inspect' shows their values)",
                 role,
                 _first(values),
             )
         valve = signals.roles.get(role.replace("pressure", "valve"))
         if role.startswith("pressure") and _still(values) and valve is not None and not _still(valve):
             raise EstimatorError(
-                f"joint '{signals.joint}': {role} is {_first(values):.6g} Pa from beginning to end while its valve moves, as a"
-                f" sensor says that is off or not connected, and {estimator} takes the joint's state from it. Put the right"
-                " channel into the rig ('vsalog inspect' shows what each says)"
+                f"joint '{signals.joint}': {role} is {_first(values):.6g} Pa from beginning to end while its valve moves, as of a"
+                f" sensor that is off or not connected, and {estimator} takes the joint's state from it. Put the right"
+                " channel into the rig ('vsalog inspect' shows their values)"
             )
 
 
@@ -77,13 +77,13 @@ def _first(values: Array) -> float:
 
 
 class Signals:
-    """Looks at the signals as they were bound."""
+    """Checks the bound signals."""
 
     name = "signals"
     supersedes: Mapping[str, Sequence[str]] = {}
 
     def start(self, context: Context) -> OfSignals:
-        """Look; of a long log at stretches, and everywhere for what befell a sensor for a while."""
+        """Check stretches of a long log, and all of it for temporary faults of a sensor."""
         found, signals = signal_findings(context.device, context.look), context.signals
         if signals.in_file:
             found = first_of_each((*found, *passing_findings(context.device, signals)))
@@ -91,7 +91,7 @@ class Signals:
 
 
 def signal_findings(device: Device, signals: JointSignals) -> tuple[Finding, ...]:
-    """Return what is suspicious about a joint's bound signals, loudest first."""
+    """Return the findings about a joint's bound signals, the most severe first."""
     found: list[Finding] = []
     for view in device.transmissions:
         sensor = view.torque_sensor if view.torque_sensor in signals.roles else "torque_sensor"
@@ -113,22 +113,24 @@ def signal_findings(device: Device, signals: JointSignals) -> tuple[Finding, ...
 
 
 def implausible(device: Device, signals: JointSignals) -> Iterator[Finding]:
-    """Yield what is possible and not plausible."""
+    """Yield implausible readings."""
     yield from encoder.findings(device, signals)
     yield from passing(device, signals)
 
 
 def passing(device: Device, signals: JointSignals) -> Iterator[Finding]:
-    """Yield what may befall a sensor for a while, and is found in that while."""
+    """Yield temporary faults of a sensor, each found where it occurs."""
     stuck = list(encoder.passing(device, signals))
     yield from stuck
     yield from torque.passing(device, signals)
-    told = {finding.part for finding in stuck}
-    yield from (found for found in sensor.passing(signals) if found.code != "sensor.frozen" or found.part not in told)
+    reported = {finding.part for finding in stuck}
+    yield from (
+        found for found in sensor.passing(signals) if found.code != "sensor.frozen" or found.part not in reported
+    )
 
 
 def passing_findings(device: Device, signals: JointSignals) -> Iterator[Finding]:
-    """Yield what befell a sensor at any time of a log of which only stretches were looked at."""
+    """Yield temporary faults at any time of a log of which only stretches were checked."""
     return (finding for block in signals.blocks(ENOUGH) for finding in passing(device, block))
 
 

@@ -1,7 +1,7 @@
 """A joint's roles through one filter: value, rate and acceleration of each at the same instants.
 
-A linear equation with constant coefficients that holds for channels holds for channels that passed through one filter: the
-filter's width is no part of what is compared.
+A linear equation with constant coefficients that holds for channels also holds after one common filter: the filter's width
+does not affect the comparison.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ class Filter(NamedTuple):
 
     Attributes
     ----------
-    rows : instants at which equations are held against channels: a fit to them takes a millisecond
+    rows : instants at which equations are compared with channels: a fit to them takes a millisecond
     widest : standard deviation of the widest filter as part of the log: hundreds of independent rows are left
     narrowest : standard deviation of the narrowest [samples]: its derivatives are those of a Gaussian still
     noise_share : part of an acceleration's mean square that an encoder's noise makes at most, if a filter is wide enough
-    reach : standard deviations beyond which a Gaussian is cut off: 6e-5 of it are left
+    reach : standard deviations beyond which a Gaussian is truncated: 6e-5 of it are beyond
     """
 
     rows: int = 1500
@@ -55,8 +55,8 @@ class Motion:
     width : standard deviation of the filter [samples]
     values : role → value, rate and acceleration, shape (3, N); what the filter reached across a gap is not `known`
     known : role → shape (N,)
-    noise : role → what the filter makes of as much noise and of such steps as its sensor has, shape (3, N)
-    rows : instants at which equations are formed, shape (R,), ascending; they lie inside by more than they may be moved
+    noise : role → its sensor's noise and quantisation through the filter, shape (3, N)
+    rows : instants at which equations are formed, shape (R,), ascending; farther inside than they may be moved
     reach : samples by which they may be moved
     """
 
@@ -123,22 +123,24 @@ def _width(signals: JointSignals, moving: Mapping[str, Array], gap: Flags, wides
 
 
 def _is_noisy(x: Array, gap: Flags, noise: float, width: float) -> bool:
-    """Tell whether noise makes more than a small part of a filtered signal's second differences; a gap's jump is no motion."""
+    """Return whether noise is more than a small part of a filtered signal's second differences; a gap's jump is no motion."""
     if noise == 0.0:
         return False
     kernel = _kernels(width)[2]
     filled, touched = _filled(x, gap, kernel.size)
     inner = slice(kernel.size, -kernel.size)
-    bent = _convolved(filled, kernel)[inner][~touched[inner]]
-    return bent.size == 0 or noise**2 * float(kernel @ kernel) > FILTER.noise_share * float(np.mean(bent**2))
+    acceleration = _convolved(filled, kernel)[inner][~touched[inner]]
+    return acceleration.size == 0 or noise**2 * float(kernel @ kernel) > FILTER.noise_share * float(
+        np.mean(acceleration**2)
+    )
 
 
 def _read_again(recorded: Array, smooth: Array, step: float) -> Array:
     """Return what a sensor of the same step and noise would read of the smooth signal, its steps at other places."""
-    # Any noise does; always the same makes findings repeatable.
+    # A fixed seed makes findings repeatable.
     draw = np.random.default_rng(0)
     if step_of(recorded) is None:
-        # What has no steps is given those of its noise: it is white, as theirs is not.
+        # A signal without steps gets those of its noise, which is white.
         return np.asarray(smooth + sensor_noise(recorded, step, ROUNDING) * draw.standard_normal(smooth.size))
     total = sensor_noise(recorded, 0.0, ROUNDING)
     white = float(np.sqrt(max(total**2 - (step * ROUNDED) ** 2, 0.0))) if step else total

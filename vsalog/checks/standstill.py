@@ -1,10 +1,10 @@
-"""Whether an encoder that stands still for a while, as the other one moves, was stuck: what the torque says of it.
+"""Whether an encoder that stands still for a while, as the other one moves, was stuck, judged by the torque.
 
-A motor that is held stands still, too, and then the spring gives way. What the rest of the log shows of the spring tells both
-apart: where the deflection is true, it predicts the torque. Where it predicts the torque of that stretch worse than a constant
-does, and the error is larger than that of the rest of the log makes likely for one more stretch, the deflection is not true. What
-happens once is no mean of blocks; it is held against the law of the others (a prediction interval; of logarithms, as noise is
-louder at times).
+A motor that is held stands still, too, and then the spring deflects. The spring as the rest of the log shows it separates both
+cases: where the deflection is true, it predicts the torque. Where it predicts the torque of that stretch worse than a constant
+does, and the error is larger than the rest of the log makes likely for one more stretch, the deflection is not true. A single
+event is no mean of blocks; it is compared with the distribution of the others (a prediction interval; of logarithms, since the
+noise is non-stationary).
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ Array = NDArray[np.float64]
 
 
 class StandstillOfEncoder:
-    """Looks at stretches in which one encoder of a spring stands still and the other one moves."""
+    """Checks stretches in which one encoder of a spring stands still and the other one moves."""
 
     name = "standstill"
     supersedes: Mapping[str, Sequence[str]] = {}
 
     def start(self, context: Context) -> Standstills | None:
-        """Look for the stretch of each spring in which the other encoder moves farthest; None where none stands still."""
+        """Find the stretch of each spring in which the other encoder moves farthest; None where none stands still."""
         signals, found = context.signals, dict[str, Standstill]()
         for block in signals.blocks(ENOUGH):
             for view in with_both_positions(context.device, block):
@@ -62,7 +62,7 @@ class _Stretch:
     Attributes
     ----------
     standstill : what is known of it
-    known : between what deflections the spring is learnt elsewhere [rad]; what is beyond does not count
+    known : range of deflections in which the spring is fitted elsewhere [rad]; others do not count
     within, elsewhere : moments
     """
 
@@ -110,7 +110,7 @@ class Standstills:
 
 
 def _untrue(stretch: _Stretch) -> float:
-    """Return the probability that chance makes the spring that the rest of the log shows predict so badly."""
+    """Return the probability that the spring of the rest of the log predicts so badly by chance."""
     if stretch.within is None or stretch.elsewhere is None:
         return 1.0
     within, elsewhere = stretch.within.blocks, stretch.elsewhere.blocks
@@ -122,7 +122,7 @@ def _untrue(stretch: _Stretch) -> float:
     spring[:-1] = -least_squares(elsewhere.sum(axis=0), range(len(whole) - 1))
     usual = _squares(elsewhere, spring) / stretch.elsewhere.sizes
     for error in (constant, spring):
-        # What of both does not change over the stretch is left out.
+        # The means over the stretch are left out.
         error[0] -= error @ whole[:, 0] / whole[0, 0]
     squares = _squares(within, spring)
     if squares.sum() <= _squares(within, constant).sum():

@@ -27,7 +27,7 @@ from vsalog.estimators.device import Device, deflection_of, has_deflection
 
 
 def passing(device: Device, signals: JointSignals) -> Iterator[Finding]:
-    """Yield what may befall a torque for a while."""
+    """Yield temporary faults of a torque."""
     yield from _stuck_while_moving(device, signals)
     yield from stuck(signals)
     for role in signals.roles:
@@ -76,7 +76,7 @@ def _stuck(signals: JointSignals, role: str) -> Iterator[Finding]:
 
 
 def _stuck_while_moving(device: Device, signals: JointSignals) -> Iterator[Finding]:
-    """Yield a torque sensor without noise that stands still while its spring gives way, as it does not elsewhere."""
+    """Yield a torque sensor without noise that stands still while its spring deflects, as it does not elsewhere."""
     for view in device.transmissions:
         role = view.torque_sensor if view.torque_sensor in signals.roles else "torque_sensor"
         alone = role != "torque_sensor" or len(device.transmissions) == 1
@@ -105,7 +105,7 @@ def _stuck_while_moving(device: Device, signals: JointSignals) -> Iterator[Findi
 
 
 def _dropouts(signals: JointSignals, role: str) -> Iterator[Finding]:
-    """Yield zeros amid values that go on undisturbed, further away than noise and than a step of a coarse sensor."""
+    """Yield zeros between undisturbed values, farther away than noise and than a step of a coarse sensor."""
     x = signals.roles[role]
     first, after = runs(x == 0.0)
     inside = (first > 0) & (after < x.size)
@@ -143,9 +143,9 @@ TEXTS = {
         "Choose a smaller range, or record it before it is rounded.",
     ),
     "torque.dropouts": Text(
-        "{part} reads exactly 0 at {value:.0f} samples here and there (first at {begin:.4g} s) amid values that go on"
-        " undisturbed: lost packets, or a driver that left out a value.",
-        "They bias the fit; have them left empty in the log.",
+        "{part} reads exactly 0 at {value:.0f} isolated samples (first at {begin:.4g} s) between undisturbed values: lost"
+        " packets, or a driver that left out a value.",
+        "They bias the fit; leave them empty in the log.",
     ),
 }
 add_texts(TEXTS)

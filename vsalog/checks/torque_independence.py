@@ -17,18 +17,18 @@ from vsalog.core.resolution import spread_over
 Array = NDArray[np.float64]
 
 COMPUTED_RESIDUAL = 1e-5
-"""Share of a torque's spread that a function of another signal leaves of it: what float32 rounds to is a hundredth of this, a
-sensor's noise a hundred times as much."""
+"""Residual of a torque as a function of another signal, relative to its standard deviation: float32 rounding is a hundredth
+of this, a sensor's noise a hundred times as much."""
 LAGS = 12
-"""Samples before and after from which a torque that was delayed or averaged follows."""
+"""Samples before and after that determine a delayed or averaged torque."""
 JUDGED_SAMPLES = 2**13
-"""Consecutive samples of which a torque's dependence on another signal is judged: some swings, at whose ends a loop jumps."""
+"""Consecutive samples for the test of a torque's dependence on another signal: some swings, at whose ends a loop jumps."""
 POWERS = 5
 """Highest power of these samples: springs harden by the third, and the lever arms of a mechanism add one or two."""
 
 
 def stuck(torque: Array, predicted: Array, step: float) -> NDArray[np.bool_]:
-    """Tell where a torque sensor stays at one value though the torque that is predicted moves on.
+    """Return where a torque sensor stays at one value though the predicted torque changes.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def stuck(torque: Array, predicted: Array, step: float) -> NDArray[np.bool_]:
 
 
 def computed_from(torque: Array, joint: str, name: str, x: Array, what: str) -> Finding | None:
-    """Find that a torque channel is a function of another signal; None where nothing speaks for it.
+    """Find that a torque channel is a function of another signal; None without evidence for it.
 
     Parameters
     ----------
@@ -78,14 +78,14 @@ def computed_from(torque: Array, joint: str, name: str, x: Array, what: str) -> 
 
 
 class Multiple(NamedTuple):
-    """What a signal is multiplied with to be a torque, and what that leaves, as a share of the torque's spread."""
+    """The factor from a signal to a torque, and the residual relative to the torque's standard deviation."""
 
     factor: float
     left: float
 
 
 def multiple_of(torque: Array, x: Array) -> Multiple | None:
-    """Tell whether a torque is another signal times a number, and a constant; shape (N,) each. None where it is not."""
+    """Return the fit of a torque by another signal times a number, and a constant; shape (N,) each. None if it is none."""
     y, known = _both(torque, x)
     if not _vary(y, known):
         return None
@@ -106,7 +106,7 @@ def _vary(y: Array, x: Array) -> bool:
 
 
 def _is_function(y: Array, x: Array) -> bool:
-    """Tell whether equal x always have equal y, or each value follows from the neighbours in order of x."""
+    """Return whether equal x always have equal y, or each value follows from the neighbours in order of x."""
     order = np.argsort(x, kind="stable")
     xs, ys = x[order], y[order]
     # Equal x must have equal y; one of each is kept for what follows.
@@ -128,16 +128,16 @@ def _is_function(y: Array, x: Array) -> bool:
 
 
 def _follows(torque: Array, x: Array) -> bool:
-    """Tell whether a torque is a smooth function of another signal's samples around it, and of its own value before."""
+    """Return whether a torque is a smooth function of another signal's samples around it, and of its own value before."""
     before, here, after = (np.roll(torque, shift)[LAGS:-LAGS] for shift in (1, 0, -1))
-    # Not where it is held or interpolated: only fresh values tell, those of a slower topic where its lines meet.
+    # Not where it is held or interpolated: only fresh values count, those of a slower topic where its lines meet.
     on_a_line = np.abs(before - 2.0 * here + after) <= ROUNDING * float(np.nanmax(torque) - np.nanmin(torque))
     rows = LAGS + np.flatnonzero(np.isfinite(here) & (here != before) & ~on_a_line)
     first = max(0, (rows.size - JUDGED_SAMPLES) // 2)
     F, y, last = _columns(torque, x, rows[first : first + JUDGED_SAMPLES])
     if _is_told(F, y, SAME_MOTION):
         return True
-    # Behind a lag its own last value counts too. That tells a loop as well, except where it jumps: no value may be off.
+    # Behind a lag its own last value counts too. That shows a loop as well, except where it jumps: no value may deviate.
     return bool(np.isfinite(last).all()) and _is_told(np.column_stack((F, last)), y, 1.0)
 
 
@@ -154,9 +154,9 @@ def _columns(torque: Array, x: Array, rows: NDArray[np.int64]) -> tuple[Array, A
 
 
 def _is_told(F: Array, y: Array, share: float) -> bool:
-    """Tell whether columns tell that share of a signal's values to next to nothing; one half judges what the other has learnt.
+    """Return whether columns predict that share of a signal's values almost exactly; one half tests the fit to the other.
 
-    Of the half that learns the rest may be wild: trimmed least squares, whose sum of the smallest squares falls with every fit to
+    In the fitted half the rest may be outliers: trimmed least squares, whose sum of the smallest squares falls with every fit to
     those samples (Rousseeuw, Van Driessen, "Computing LTS regression for large data sets", Data Min. Knowl. Discov. 12, 2006).
     """
     learn, judge = F[::2], F[1::2]

@@ -1,4 +1,4 @@
-"""A joint's channels with faults undone, and what its equations leave of them."""
+"""A joint's channels with faults undone, and the residuals of its equations."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from vsalog.core.significance import FALSE_ALARM
 Array = NDArray[np.float64]
 Faults = Sequence[Fault]
 
-# Equations that hold at every instant; a link is late behind its motor by its inertia, and a motor behind its command.
+# Equations that hold at every instant; a link lags behind its motor by its inertia, and a motor behind its command.
 TIMED = ("spring", "motor", "body", "rate")
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What equations leave once some faults are undone.
+    """The residuals of equations with some faults undone.
 
     Attributes
     ----------
@@ -43,11 +43,11 @@ class Trial:
         return sum(math.log(_above_0(other.left(e)) / _above_0(self.left(e))) for e in self.squares)
 
     def is_better(self, other: Trial) -> bool:
-        """Tell whether this explains the equations better than another, by more than chance does once in a thousand."""
+        """Return whether this explains the equations better than another, by more than chance does once in a thousand."""
         return self.better(other) > 0.0 and above_zero(self.block_ratios(other)) <= FALSE_ALARM
 
     def block_ratios(self, other: Trial) -> Array:
-        """Return the log-likelihood ratio in each block; one in which next to nothing is left says next to nothing."""
+        """Return the log-likelihood ratio in each block; a block with almost no residual contributes almost nothing."""
         ratios = np.zeros(RULE.blocks)
         for e, own in self.squares.items():
             rest = _above_0(RULE.quiet * float(other.squares[e].mean()))
@@ -55,7 +55,7 @@ class Trial:
         return ratios
 
     def left(self, name: str) -> float:
-        """Return what an equation leaves, over its target's squares."""
+        """Return an equation's squared residual, over its target's squares."""
         return float(self.squares[name].sum())
 
 
@@ -102,9 +102,9 @@ class Channels:
         return sorted(frozenset[str]().union(*self.read.values()) - {"setpoint"})
 
     def touched(self, fault: Fault, undone: Faults) -> set[str]:
-        """Return the equations that tell of a fault beyond others that are undone.
+        """Return the equations that can show a fault in addition to others that are undone.
 
-        Of time a drive's tells that a command comes after the motion, only. Of what may be a magnitude nothing else is told.
+        A drive's equation shows only that a command comes after the motion. A possible magnitude is tested for nothing else.
         """
         timed = fault.kind in ("late", "drift", "unsigned", "gravity") and fault.roles != (COMMAND,)
         signed = {role for one in undone if one.kind == "unsigned" for role in one.roles}
@@ -116,7 +116,7 @@ class Channels:
         }
 
     def trial(self, faults: Faults, equations: Collection[str] | None = None) -> Trial:
-        """Return what equations leave with faults undone; all equations where none are named."""
+        """Return the residuals of equations with faults undone; all equations where none are named."""
         squares, holds = dict[str, Array](), dict[str, float]()
         for e in self.equations if equations is None else equations:
             about = [fault for fault in faults if set(fault.roles) & self.read[e]]
@@ -181,7 +181,7 @@ class Channels:
         return values if signs is None else values * signs
 
     def noise(self, name: str, faults: Faults) -> float:
-        """Return what sensors' noise and steps make of what an equation leaves, over its target's squares."""
+        """Return the noise floor of an equation's squared residual, over its target's squares."""
         faults = self._acting(name, faults)
         eq = self._equation(name, faults)
         left, x = residual_of(eq.y, eq.free, eq.positive)
@@ -192,17 +192,17 @@ class Channels:
         return float(np.sum((more - more.mean()) ** 2)) / self._spread(eq.target, faults)
 
     def _moved(self, role: str, delay: float, rate: float) -> Array:
-        """Return a role so much later than it was recorded as it was recorded late."""
+        """Return a role shifted by its delay."""
         shift = np.round((delay + rate * self.time) / self.signals.period).astype(np.int64)
         return self.motion.values[role][:, self.rows + np.clip(shift, -self.motion.reach, self.motion.reach)]
 
     def _error(self, role: str, faults: Faults) -> Array:
-        """Return another error that a role's sensor could make, shape (3, R)."""
+        """Return a realisation of a role's sensor error, shape (3, R)."""
         factor = math.prod(fault.factor for fault in faults if role in fault.roles)
         return self.motion.noise[role][:, self.rows] / factor
 
     def _spread(self, role: str, faults: Faults) -> float:
-        """Return the squares of a role as it stands in the log, about its mean, in the unit that undoing faults gives it."""
+        """Return the squares of a role as recorded, about its mean, in the unit that undoing faults gives it."""
         recorded = self.values(role, [fault for fault in faults if fault.kind != "unsigned"])[0]
         return _above_0(_squares(recorded))
 

@@ -1,6 +1,6 @@
-"""Whether a torque is a magnitude, and what signs it lost: those that its equation gives it.
+"""Whether a torque is a magnitude, and the signs that it lost, from its equation.
 
-Signs and coefficients are found in turn, from several beginnings: alternating projections, as for phases that were lost
+Signs and coefficients are found in turn, from several starts: alternating projections, as for lost phases
 (Gerchberg and Saxton, "A practical algorithm for the determination of phase from image and diffraction plane pictures", Optik 35,
 1972).
 """
@@ -42,7 +42,7 @@ def unsigned(channels: Channels, undone: Faults, role: str) -> Fault | None:
 
 
 def _settled(eq: Equation, signs: Array) -> tuple[float, Array]:
-    """Return what the equation leaves with the signs that it comes to from some, and these."""
+    """Return the residual of the equation with the signs that it converges to from some, and these."""
     size, rest = np.abs(eq.scale), eq.y - eq.scale
     least = math.inf
     while True:
@@ -55,7 +55,7 @@ def _settled(eq: Equation, signs: Array) -> tuple[float, Array]:
 
 
 def _beginnings(channels: Channels, undone: Faults, eq: Equation) -> Iterator[Array]:
-    """Yield signs to begin with: those of what a torque may be made of, negative for a third, half and two thirds of the time."""
+    """Yield initial signs: those of possible terms of a torque, negative for a third, half and two thirds of the time."""
     parts = [eq.y - eq.scale, *eq.positive.T[-3:]]
     parts += [channels.values(role, undone)[0] for role in sorted(eq.roles - {eq.target})]
     if "link_position" in eq.roles:

@@ -66,11 +66,11 @@ def main() -> NoReturn:
     """
     # The matrices are small: threads of linear algebra would only wait for one another, at a third of a command's processor time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # A polite request to end cleans up as an interrupt does, so that no temporary file stays behind.
+    # A request to end (SIGTERM) cleans up as an interrupt does, so that no temporary file stays behind.
     for name in ("SIGTERM", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), lambda number, _: sys.exit(128 + number))
-    # Where nobody listens, as with ">&-", Python has no stream at all.
+    # With a closed stream, as with ">&-", Python has no stream object.
     sys.stdout = sys.stdout or os.fdopen(os.open(os.devnull, os.O_WRONLY), "w")
     sys.stderr = sys.stderr or os.fdopen(os.open(os.devnull, os.O_WRONLY), "w")
     for stream in (sys.stdout, sys.stderr):
@@ -99,7 +99,7 @@ def _run() -> int:
         click.echo("vsalog: interrupted; no file is half written", err=True)
         return 130
     except BrokenPipeError:
-        return 0  # whoever read our output has had enough of it
+        return 0  # the reader of our output closed the pipe
     except Exception as error:
         if debugging():
             traceback.print_exc()

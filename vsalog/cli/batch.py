@@ -36,7 +36,7 @@ def parse_size(text: str) -> int:
     Raises
     ------
     BatchError
-        It is none, or too small for a single worker.
+        It is no size, or too small for a single worker.
     """
     from vsalog.batch.memory import BASE
     from vsalog.core.errors import BatchError
@@ -59,12 +59,12 @@ def parse_size(text: str) -> int:
 def settings_of(
     do: str, rig: str | None, model: Path | None, report: bool = False, fail_on_cause: bool = False, **options: Any
 ) -> Settings:
-    """Return the settings, with rig and model read: whoever does the work need not have the files.
+    """Return the settings, with rig and model read, so that workers need no access to these files.
 
     Parameters
     ----------
     do : the command that is run
-    rig : file or preset; None where each log's own is looked for
+    rig : file or preset; None where each log's own is searched for
     model : of `validate`
     report, fail_on_cause : as in `Settings`
     options : of the command
@@ -87,7 +87,7 @@ def settings_of(
         rig_name="" if loaded is None else loaded.where,
         model=text,
         model_name="" if model is None else model.name.encode("utf-8", "replace").decode(),
-        # What is as it is anyway makes no other batch.
+        # Options at their defaults do not make it a different batch.
         options={name: value for name, value in options.items() if value not in (None, (), {}, "auto")},
         report=report,
         fail_on_cause=fail_on_cause,
@@ -110,14 +110,14 @@ def settings_of(
     type=click.Choice(["estimate", "validate", "diagnose"]),
     default="estimate",
     show_default=True,
-    help="What is done to each log.",
+    help="The command to run on each log.",
 )
 @rig_options("Use", "The rig of all logs; else each log's own: in it, LOG.rig.toml or rig.toml next to it.")
 @click.option(
     "-e",
     "--estimator",
     metavar="NAME",
-    help="estimate: the estimator, as for 'vsalog estimate'; auto when absent.",
+    help="estimate: the estimator, as for 'vsalog estimate'; default: auto.",
     shell_complete=complete.names(complete.estimators),
 )
 @click.option("--preset-tuning", type=click.Choice(["paper"]), help="estimate: begin with the values of the paper.")
@@ -129,20 +129,20 @@ def settings_of(
 @click.option("--max-msrep", type=Percent(min=0.0), metavar="%", help="validate: exit with 3 when a log's is larger.")
 @click.option("--fail-on-cause", is_flag=True, help="diagnose: exit with 3 when a log is not consistent with its rig.")
 @reading_options
-@click.option("--resume", is_flag=True, help="Go on with the batch that is there: finished logs are not done again.")
-@click.option("-j", "--jobs", type=click.IntRange(min=1), metavar="N", help="Processes; the cores when absent.")
+@click.option("--resume", is_flag=True, help="Continue the batch in the folder: finished logs are not processed again.")
+@click.option("-j", "--jobs", type=click.IntRange(min=1), metavar="N", help="Processes; default: the cores.")
 @click.option(
-    "--memory", metavar="SIZE", help="Memory for all of them together, e.g. 8GB; most of what is free when absent."
+    "--memory", metavar="SIZE", help="Memory for all of them together, e.g. 8GB; default: most of the free memory."
 )
 @click.option(
     "--timeout",
     type=click.FloatRange(min=0.0, min_open=True),
     metavar="SECONDS",
-    help="Give up on a log after this time.",
+    help="Stop working on a log after this time; it counts as failed.",
 )
 @click.option("--scheduler", metavar="tcp://…", help="Run on the Dask cluster of this scheduler; needs vsalog[dask].")
 @click.option("--shard", callback=shard, metavar="i/n", help="Do the i-th of n shares only, e.g. in a job array.")
-@click.option("--json", "as_json", is_flag=True, help="Print what came of it as one JSON document on stdout.")
+@click.option("--json", "as_json", is_flag=True, help="Print the outcome as one JSON document on stdout.")
 @click.pass_context
 def batch(
     context: click.Context,
@@ -173,12 +173,12 @@ def batch(
     shard: tuple[int, int] | None,
     as_json: bool,
 ) -> None:
-    """Run estimate, validate or diagnose over many LOGS, and leave one data set.
+    """Run estimate, validate or diagnose over many LOGS, and write one data set.
 
     LOGS are files, folders, patterns in quotes ('logs/**/*.mcap'), s3://… addresses, @FILE for a list of these, or - for a list
-    on stdin. Writes DIR/traces (Parquet, partitioned by device, date and log), DIR/models, DIR/reports, and in the end
+    on stdin. Writes DIR/traces (Parquet, partitioned by device, date and log), DIR/models, DIR/reports, and at the end
     DIR/summary.parquet (a row per log and joint) and DIR/index.html. A log that fails is recorded with the reason, the others
-    go on, and the exit code is 2. A run that was killed goes on with --resume.
+    continue, and the exit code is 2. A run that was killed continues with --resume.
     """
     from vsalog.batch.run import Asked, run_batch
     from vsalog.core.printable import plural
@@ -204,7 +204,7 @@ def batch(
         raise click.UsageError("--do validate needs --model MODEL, a LOG.model.toml that 'vsalog estimate' wrote")
     if scheduler is not None and (jobs or memory or timeout):
         raise click.UsageError(
-            "--jobs, --memory and --timeout are of this machine; the cluster of --scheduler has its own"
+            "--jobs, --memory and --timeout apply to this machine; the cluster of --scheduler sets its own"
         )
     preset = {} if preset_tuning is None else {"preset": preset_tuning}
     own: dict[str, dict[str, Any]] = {
@@ -231,10 +231,10 @@ def batch(
             if not shown.begun:
                 raise
             shown.say(
-                f"vsalog: interrupted; {plural(shown.done, 'log')} finished, and the same command with --resume goes on"
+                f"vsalog: interrupted; {plural(shown.done, 'log')} finished; continue with the same command and --resume"
             )
             context.exit(130)
-        # Of a batch that is refused nothing but the reason is told.
+        # For a batch that is refused, only the reason is printed.
         shown.note(f"rig: {asked.settings.rig_name}" if rig else "rig: each log's own")
     found = outcome.document()
     print_out(outcome_document(found), as_json)

@@ -17,9 +17,9 @@ from vsalog.cli.options import LogPath, force_option, reading_options, rig_optio
     "--estimators",
     multiple=True,
     metavar="NAME,NAME…",
-    help="Which; each may be tuned, e.g. residual-rls:modality=SENSOR,qr-rls:forgetting=0.98, or qr-rls:preset=paper for the"
-    " values that its paper prints. Those that the log does not allow are left out, with the reason. All that it allows when"
-    " absent.",
+    help="The estimators; each may be tuned, e.g. residual-rls:modality=SENSOR,qr-rls:forgetting=0.98, or qr-rls:preset=paper"
+    " for the values of its paper. Those that the log does not allow are left out, with the reason. Default: all that it"
+    " allows.",
     shell_complete=complete.names(complete.estimators, listed=True),
 )
 @rig_options("Compare")
@@ -43,8 +43,8 @@ def compare(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Run several estimators on the same LOG and print what each finds: stiffness, uncertainty, the residual, and
-    how far it agrees with the first; where the log holds a simulator's truth, how far from that.
+    """Run several estimators on the same LOG and print the stiffness, uncertainty and residual of each, its agreement with
+    the first and, where the log contains a simulator's truth, its error.
     """
     from vsalog.cli.faults import bug, debugging
     from vsalog.comparison.run import compare as run

@@ -21,7 +21,7 @@ def names(known: Callable[[], Iterable[str]], or_file: bool = False, listed: boo
     Parameters
     ----------
     known : returns all of them
-    or_file : a file may stand there as well
+    or_file : a file is accepted as well
     listed : several with commas between
     """
 
@@ -34,7 +34,7 @@ def names(known: Callable[[], Iterable[str]], or_file: bool = False, listed: boo
 
 
 def joints(context: click.Context, parameter: click.Parameter, incomplete: str) -> Completed:
-    """Complete the joints of the rig that the line names, or that lies in or next to a log that it names."""
+    """Complete the joints of the rig that the line names, or that is in or next to a log that it names."""
     # While the value of an option is missing click has not parsed the arguments.
     words = split_arg_string(os.environ.get("COMP_WORDS", ""))[2:]
     after_rig = [value for option, value in pairwise(words) if option == "--rig"]
@@ -45,7 +45,7 @@ def joints(context: click.Context, parameter: click.Parameter, incomplete: str) 
 
 
 def _joints_by(word: str) -> Iterable[str]:
-    """Return the joints that a word of the command line tells of: a preset, a rig file or a log; none where it is neither."""
+    """Return the joints of a word of the command line: a preset, a rig file or a log; none for other words."""
     from vsalog.core.errors import VsalogError
     from vsalog.readers import open_reader
     from vsalog.rig.find import find_rig

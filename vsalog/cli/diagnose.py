@@ -1,4 +1,4 @@
-"""`vsalog diagnose`: what the simulation gets wrong, why, the extended rig, the gain."""
+"""`vsalog diagnose`: the simulation's errors, their causes, the extended rig, the gain."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from vsalog.cli import complete
 from vsalog.cli.options import LogPath, force_option, page_option, reading_options, rig_options
 
 
-@click.command(short_help="What the rig's simulation gets wrong, why, the extended rig, and what it is worth.")
+@click.command(short_help="Find the causes of the simulation's errors, extend the rig, and measure the gain.")
 @click.argument("logs", nargs=-1, required=True, type=LogPath(), metavar="LOG...")
 @click.option(
     "--holdout",
@@ -18,13 +18,13 @@ from vsalog.cli.options import LogPath, force_option, page_option, reading_optio
     multiple=True,
     type=LogPath(),
     metavar="LOG",
-    help="Another log of the same machine: the gain is measured on it; may be given again. Windows of LOG itself when absent.",
+    help="Another log of the same machine: the gain is measured on it; may be repeated. Default: windows of LOG itself.",
 )
 @click.option(
     "--differs",
     multiple=True,
     metavar="CAUSE",
-    help="Of several logs: this cause, such as link.payload, may have a value of its own in each; may be given again. Others have"
+    help="Of several logs: this cause, such as link.payload, may have its own value in each; may be repeated. Others have"
     " one value in all of them.",
     shell_complete=complete.names(complete.causes),
 )
@@ -38,19 +38,19 @@ from vsalog.cli.options import LogPath, force_option, page_option, reading_optio
 @click.option(
     "--fail-on-unchecked",
     is_flag=True,
-    help="Exit with 3 when nothing is wrong but not everything could be checked: the verdict 'consistent as far as checked'.",
+    help="Exit with 3 when no error was found but not everything could be checked: verdict 'consistent as far as checked'.",
 )
 @click.option(
     "--suggest",
     is_flag=True,
-    help="Propose the experiment that would tell most, as next.scenario.toml: a scenario for 'vsalog simulate'.",
+    help="Propose the most informative experiment, as next.scenario.toml: a scenario for 'vsalog simulate'.",
 )
 @click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Folder for diagnosis.json, diagnosis.html and extended.rig.toml; the current one when absent.",
+    help="Folder for diagnosis.json, diagnosis.html and extended.rig.toml; default: the current one.",
 )
 @page_option
 @force_option
@@ -76,13 +76,13 @@ def diagnose(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Hold the rig's simulation against LOG, name the causes of what it gets wrong, extend the rig, and measure the gain.
+    """Compare the rig's simulation with LOG, name the causes of its errors, extend the rig, and measure the gain.
 
-    Several logs of one machine are explained together: a cause has one value in all of them, but for those named by --differs,
-    as a payload or a friction that grows over months.
+    Several logs of one machine are explained together: a cause has one value in all of them, except those named by --differs,
+    such as a payload or a friction that grows over months.
 
-    Writes diagnosis.json, diagnosis.html and, where causes are believed, extended.rig.toml: an ordinary rig to simulate, estimate
-    and validate with. With --suggest also next.scenario.toml, which 'vsalog simulate RIG --scenario' plays.
+    Writes diagnosis.json, diagnosis.html and, where causes were found, extended.rig.toml: an ordinary rig to simulate, estimate
+    and validate with. With --suggest also next.scenario.toml, which 'vsalog simulate RIG --scenario' runs.
     """
     from vsalog.diagnosis.run import Options
     from vsalog.report.diagnose import diagnosis_document, extra_paths, write_diagnosis

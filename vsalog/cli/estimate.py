@@ -31,7 +31,7 @@ from vsalog.estimators.registry import methods
 @click.option(
     "--preset-tuning",
     type=click.Choice(["paper"]),
-    help="Begin with the values that the estimator's paper prints instead of such derived from the log; --tune goes on top.",
+    help="Use the tuning values of the estimator's paper instead of those derived from the log; --tune overrides them.",
 )
 @click.option(
     "--tune", multiple=True, callback=pairs, metavar="NAME=VALUE", help="Tune the estimator, e.g. window=0.1."
@@ -53,7 +53,7 @@ from vsalog.estimators.registry import methods
     "--mcap",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Write the trace as an MCAP log too, for Foxglove or PlotJuggler; not of logs that are too long for memory.",
+    help="Write the trace as an MCAP log too, for Foxglove or PlotJuggler; not for logs that are too long for memory.",
 )
 @click.option(
     "--report",
@@ -74,7 +74,7 @@ from vsalog.estimators.registry import methods
     "source",
     type=click.Path(path_type=Path),
     metavar="PARQUET",
-    help="Repeat the run that wrote this trace: its rig, its settings, and its logs, which have to be what they were.",
+    help="Repeat the run that wrote this trace: its rig, its settings, and its logs, which must be unchanged.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON document on stdout.")
 def estimate(
@@ -101,9 +101,9 @@ def estimate(
     """Estimate the stiffness of every joint of a log, over time, with its uncertainty.
 
     Writes LOG.stiffness.parquet (one row per sample and transmission) and LOG.model.toml (the fitted model) to the current
-    folder. Several logs make one model and one trace, whose column `run` says which log a row is from.
+    folder. Several logs make one model and one trace, whose column `run` names the log of each row.
 
-    Earlier results of the same logs are replaced; other files are written over with --force only.
+    Earlier results of the same logs are replaced; other files are overwritten with --force only.
     """
     from vsalog.estimation.job import Options, prepare
     from vsalog.estimation.joint import tuning

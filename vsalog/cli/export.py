@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     type=click.Choice(["refuse", "comment"]),
     default="refuse",
     show_default=True,
-    help="What to do about keys of the rig that the format has nothing like: end with their names, or leave them out and say"
-    " so in the file and on stderr.",
+    help="What to do about keys of the rig that the format does not support: fail and name them, or leave them out and list"
+    " them in the file and on stderr.",
 )
 @click.option(
     "--set",
@@ -45,7 +45,7 @@ def export(
 ) -> None:
     """Write RIG, a rig file or a preset, as a model of another simulator.
 
-    Motor and link are joints, inertias armatures, springs tendons with the spring's law, and so on for every effect; a motor's
+    Motor and link become joints, inertias armatures, springs tendons with the spring's law, and so on for every effect; a motor's
     control is its torque on the joint's side of the gear, in N·m. `vsalog export sea --to mjcf -o sea.xml` is ready for
     MuJoCo; `vsalog export rig.toml --to urdf --unsupported comment -o robot.urdf` leaves out what URDF lacks, such as springs.
     """

@@ -1,4 +1,4 @@
-"""What the command line says of faults of ours."""
+"""Messages about bugs in vsalog."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from vsalog.core.printable import printable
 
 
 def debugging() -> bool:
-    """Tell whether a traceback is asked for."""
+    """Return whether a traceback is requested."""
     return "--debug" in sys.argv
 
 
 def bug(words: str) -> str:
-    """Return the message of a fault of ours."""
+    """Return the message about a bug in vsalog."""
     return (
         f"vsalog: this is a bug in vsalog, not in your log: {printable(words)}\n"
         "Please report it with what 'vsalog --debug …' prints."

@@ -1,4 +1,4 @@
-"""What helps with commands besides their own texts: groups of options, and examples."""
+"""Help in addition to the commands' own texts: groups of options, and examples."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ GROUPS: Mapping[str, Sequence[str]] = {
 }
 """Groups of the options that commands share; what is a command's own comes first."""
 
-# One use each, as short as a terminal is wide, with what it is for.
+# One use each with its purpose, no longer than a terminal's line.
 EXAMPLES: Mapping[str, Sequence[str]] = {
     "": (
         "vsalog simulate sea -o exp1.mcap  # a log to begin with",
@@ -24,7 +24,7 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
     ),
     "batch": (
         "vsalog batch 'logs/**/*.mcap' -o out/  # a data set of all logs",
-        "vsalog batch logs/ -o out/ --resume  # go on with one that was stopped",
+        "vsalog batch logs/ -o out/ --resume  # continue one that was stopped",
         "vsalog batch logs/ -o out/ --do validate --model exp1.model.toml",
     ),
     "compare": (
@@ -60,9 +60,9 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
         "vsalog inspect broken.mcap --repair sound.mcap",
     ),
     "plan": (
-        "vsalog plan rig.toml  # which causes its sensors tell apart",
+        "vsalog plan rig.toml  # which causes its sensors separate",
         "vsalog plan sea --max-speed '90 deg/s' -o next.toml",
-        "vsalog simulate sea --scenario next.toml  # play what was proposed",
+        "vsalog simulate sea --scenario next.toml  # run the proposed motion",
     ),
     "plot": (
         "vsalog plot exp1.mcap -o stiffness.pdf  # estimate, then draw",

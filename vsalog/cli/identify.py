@@ -1,4 +1,4 @@
-"""`vsalog identify`: the rig's own numbers, fitted to a log."""
+"""`vsalog identify`: the rig's parameters, fitted to a log."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import rich_click as click
 from vsalog.cli.options import LogPath, force_option, reading_options, rig_options
 
 
-@click.command(short_help="Fit the rig's own numbers to a log, with intervals, and say which of them it tells.")
+@click.command(short_help="Fit the rig's parameters to a log, with intervals, and report which of them it determines.")
 @click.argument("log", type=LogPath(), metavar="LOG")
 @click.option(
     "-o",
@@ -17,7 +17,7 @@ from vsalog.cli.options import LogPath, force_option, reading_options, rig_optio
     type=click.Path(path_type=Path, dir_okay=False),
     default=Path("identified.rig.toml"),
     show_default=True,
-    help="The rig with what was identified.",
+    help="File for the rig with the identified parameters.",
 )
 @force_option
 @click.option(
@@ -26,22 +26,22 @@ from vsalog.cli.options import LogPath, force_option, reading_options, rig_optio
     multiple=True,
     type=LogPath(),
     metavar="LOG",
-    help="Another log of the same machine, to judge the fit by; may be given again. The last third of LOG when absent, by a fit"
-    " to the rest.",
+    help="Another log of the same machine, to judge the fit by; may be repeated. Default: the last third of LOG, with a fit to"
+    " the rest.",
 )
 @click.option(
     "--free",
     multiple=True,
     metavar="KEY",
-    help="Fit this number too, though the rig leaves it at its default: a key below the joint, as link.gravity_torque, or a"
-    " pattern as 'motor.friction.*'; may be given again.",
+    help="Fit this parameter too, though the rig leaves it at its default: a key below the joint, as link.gravity_torque, or a"
+    " pattern as 'motor.friction.*'; may be repeated.",
 )
 @click.option(
     "--fix",
     "fixed",
     multiple=True,
     metavar="KEY",
-    help="Leave this number, or what fits this pattern, as the rig has it.",
+    help="Keep the rig's value of this parameter, or of those that match this pattern.",
 )
 @rig_options("Identify")
 @reading_options
@@ -71,12 +71,12 @@ def identify(
     figures: Path | None,
     as_json: bool,
 ) -> None:
-    """Fit the rig's own numbers, such as inertias, damping, friction, springs and a drive's gains, to LOG by simulation.
+    """Fit the rig's parameters, such as inertias, damping, friction, springs and a drive's gains, to LOG by simulation.
 
-    Prints each with its 95 % interval and whether the log tells it alone, only in combination with others, or not at all, and
-    how far the simulation is from data that were not fitted. A number that the rig states with a tolerance stays near it; others
-    may be off by ten times what is usual for their kind. Writes the rig with what was identified: after `vsalog identify
-    exp1.mcap`, `vsalog diagnose exp2.mcap --rig identified.rig.toml` asks for causes.
+    Prints each with its 95 % interval and whether the log determines it alone, only in combination with others, or not at all,
+    and the simulation's error on data that were not fitted. A parameter that the rig states with a tolerance stays near it;
+    others may be off by ten times what is usual for their kind. Writes the rig with the fitted values: after `vsalog identify
+    exp1.mcap`, `vsalog diagnose exp2.mcap --rig identified.rig.toml` searches for causes.
     """
     from vsalog.figures.paper import check_matplotlib, write_figures
     from vsalog.identification.run import Options

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 @click.option(
     "--ask",
     is_flag=True,
-    help="Ask on the terminal for what no log tells: counts per turn, gear ratio, torque constant.",
+    help="Ask on the terminal for what no log contains: counts per turn, gear ratio, torque constant.",
 )
 @click.option(
     "--preset",
@@ -49,9 +49,9 @@ def init(
 ) -> None:
     """Guess a rig file for LOG: which joints it holds and which channel plays which role.
 
-    Each guess stands with its confidence and why; what the log does not tell stands as a comment to fill in, or is asked for
-    with --ask. The result loads as it is, and init names the command that can use it: `vsalog init exp1.mcap > rig.toml`, look
-    it over, then `vsalog estimate exp1.mcap`. Encoders in counts are refused until it is known how many make a turn.
+    Each guess comes with its confidence and reason; what the log does not contain becomes a comment to fill in, or a question
+    with --ask. The result loads as it is, and init names the command that can use it: `vsalog init exp1.mcap > rig.toml`, check
+    it, then `vsalog estimate exp1.mcap`. Encoders in counts are refused until the counts per turn are known.
     """
     from vsalog.core.errors import RigError
     from vsalog.readers import read
@@ -67,13 +67,13 @@ def init(
         raise click.UsageError("--ask fills the gaps of a guess, and a preset has none: leave one of them out")
     if ask and not sys.stdin.isatty():
         raise click.UsageError(
-            "--ask asks on a terminal, and stdin is none: leave it out, and fill the gaps in the rig file"
+            "--ask needs a terminal, and stdin is none: leave it out, and fill the gaps in the rig file"
         )
     require_new(output, force)
     if output is not None:
         keep_inputs([output], [log, *(log.iterdir() if log.is_dir() else ())])
     if preset is not None:
-        preset_text(preset)  # a name mistyped is reported before a long log is read
+        preset_text(preset)  # a mistyped name is reported before a long log is read
     recording = read(log, None, time, rate, start, end)
     guess = guess_roles(recording)
     if preset is None and not guess.joints:
@@ -92,7 +92,7 @@ def init(
 
 
 def _answers(guess: Guess) -> dict[str, dict[str, str]]:
-    """Ask for what a guess lacks; per joint and key, what was answered, as TOML writes it."""
+    """Ask for what a guess lacks; return per joint and key the answer as TOML writes it."""
     from vsalog.core.printable import printable
     from vsalog.report.inspect import question_of
     from vsalog.rig.guess_gaps import gaps_of
@@ -135,5 +135,5 @@ def _value(gap: Gap, text: str) -> str:
         written = toml_string(text)
     least = 1.0 if gap.key.endswith("counts_per_turn") else sys.float_info.min
     if not least <= value < math.inf:
-        raise click.UsageError("a positive number is wanted, or nothing where it is not known")
+        raise click.UsageError("enter a positive number, or nothing if it is not known")
     return written

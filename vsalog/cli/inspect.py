@@ -1,4 +1,4 @@
-"""`vsalog inspect`: what is in a log."""
+"""`vsalog inspect`: the contents of a log."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import rich_click as click
 from vsalog.cli.options import LogPath, force_option, reading_options
 
 
-@click.command(short_help="Show what is in a log, what is wrong with it, and which signal is probably what.")
+@click.command(short_help="Show the contents of a log, its faults, and the probable role of each signal.")
 @click.argument("logs", nargs=-1, required=True, type=LogPath(), metavar="LOG...")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
 @click.option(
@@ -19,7 +19,7 @@ from vsalog.cli.options import LogPath, force_option, reading_options
     metavar="N",
     help="Show the first N samples of each stream too.",
 )
-@click.option("--full", is_flag=True, help="Read all of a large log; a sample of it when absent.")
+@click.option("--full", is_flag=True, help="Read all of a large log; default: a sample of it.")
 @click.option(
     "--repair",
     "repaired",
@@ -45,9 +45,9 @@ def inspect(
     """Show what is in each LOG: streams and their clocks, channels with unit, range, step and noise, and probable roles.
 
     Step is the least significant step of a channel, noise the standard deviation of its white noise. Roles are guesses
-    from names, units and the numbers; `vsalog init` turns them into a rig file. What was damaged or odd stands in notes.
+    from names, units and the numbers; `vsalog init` turns them into a rig file. Notes list what was damaged or odd.
 
-    Of logs above 64 MB a sample is read: stretches from the begin to the end, some 32 MB. --full reads all; so do
+    Of logs above 64 MB a sample is read: stretches from beginning to end, some 32 MB. --full reads all; so do
     --start and --end, since a part may be too short for a sample.
 
     Of several logs, one that cannot be read is reported on stderr, in JSON under "unreadable"; the others are shown, and
@@ -70,7 +70,7 @@ def inspect(
     if repaired is not None:
         keep_inputs([repaired], inputs_of(logs))
     replaced = require_new(repaired, force)
-    # All logs are read before anything is printed: an unreadable one takes no place between the others.
+    # All logs are read before anything is printed, so that no error appears between the others.
     with Progress(replaced) as progress:
         found = run(logs, Options(head, full, rate, time, start, end), progress.say)
         if repaired is not None:

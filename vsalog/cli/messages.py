@@ -1,4 +1,4 @@
-"""Options of every command, before or after its name: how much is said on stderr."""
+"""Options of every command, before or after its name: how much is printed on stderr."""
 
 from __future__ import annotations
 
@@ -15,16 +15,19 @@ def _asked(context: click.Context, parameter: click.Parameter, value: bool) -> N
 
 
 def message_options() -> list[click.RichOption]:
-    """Return --quiet, --verbose and --debug, which hand on nothing to a command."""
-    said: dict[str, Any] = {"is_flag": True, "expose_value": False}
+    """Return --quiet, --verbose and --debug, which pass nothing to a command."""
+    flags: dict[str, Any] = {"is_flag": True, "expose_value": False}
     return [
         click.RichOption(
-            ["-q", "--quiet"], callback=_asked, help="No progress and no notes: warnings and errors only.", **said
+            ["-q", "--quiet"], callback=_asked, help="No progress and no notes: warnings and errors only.", **flags
         ),
         click.RichOption(
-            ["-v", "--verbose"], callback=_asked, help="Say what takes how long, and where the rig was found.", **said
+            ["-v", "--verbose"],
+            callback=_asked,
+            help="Print how long each step takes, and where the rig was found.",
+            **flags,
         ),
-        click.RichOption(["--debug"], help="Show a traceback instead of one line when something goes wrong.", **said),
+        click.RichOption(["--debug"], help="Show a traceback instead of one line when something goes wrong.", **flags),
     ]
 
 

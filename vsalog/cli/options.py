@@ -14,7 +14,7 @@ from vsalog.cli.pairs import pairs
 
 
 class LogPath(click.Path):
-    """The path of a log; of a ``file://`` address, as file managers and browsers hand over, the path in it."""
+    """The path of a log; of a ``file://`` address, as file managers and browsers give it, the path in it."""
 
     def __init__(self) -> None:
         super().__init__(path_type=Path)
@@ -33,7 +33,7 @@ SET = "Change the rig for this run, e.g. joint.elbow.motor.inertia='7.3 kg*m*mm'
 
 
 def rig_options(verb: str, rig: str = RIG, settings: str = SET) -> Callable[[Command], Command]:
-    """Return a decorator that adds --rig, --joint and --set, handed on as `rig`, `joints` and `settings`.
+    """Return a decorator that adds --rig, --joint and --set, passed as `rig`, `joints` and `settings`.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def rig_options(verb: str, rig: str = RIG, settings: str = SET) -> Callable[[Com
                 "joints",
                 multiple=True,
                 metavar="NAME",
-                help=f"{verb} this joint only; may be given again.",
+                help=f"{verb} this joint only; may be repeated.",
                 shell_complete=complete.joints,
             ),
             click.option(
@@ -66,23 +66,23 @@ def rig_options(verb: str, rig: str = RIG, settings: str = SET) -> Callable[[Com
 
 
 def page_option(command: Command) -> Command:
-    """Add --report to a command that writes a page anyway, handed on as `page`."""
+    """Add --report to a command that writes a page anyway, passed as `page`."""
     return click.option(
         "--report",
         "page",
         type=click.Path(path_type=Path),
         metavar="FILE.html",
-        help="Write the page to this file; into the folder of --output when absent.",
+        help="Write the page to this file; default: into the folder of --output.",
     )(command)
 
 
 def force_option(command: Command) -> Command:
-    """Add --force, handed on as `force`."""
-    return click.option("--force", is_flag=True, help="Write over files that are there, whatever they hold.")(command)
+    """Add --force, passed as `force`."""
+    return click.option("--force", is_flag=True, help="Overwrite existing files, whatever they contain.")(command)
 
 
 def reading_options(command: Command) -> Command:
-    """Add --rate, --time, --start and --end, handed on under these names."""
+    """Add --rate, --time, --start and --end, passed under these names."""
     for option in (
         click.option("--end", metavar="TIME", help="Use the log up to this time only; as --start."),
         click.option(

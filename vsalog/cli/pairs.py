@@ -1,4 +1,4 @@
-"""Options of the form NAME=VALUE that may be given again."""
+"""Options of the form NAME=VALUE that may be repeated."""
 
 from __future__ import annotations
 

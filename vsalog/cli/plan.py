@@ -1,4 +1,4 @@
-"""`vsalog plan`: which causes a rig's sensors can tell apart, and the sensor and the motion that tell more."""
+"""`vsalog plan`: which causes a rig's sensors can separate, and the sensor and the motion that separate more."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ def _sensors(context: click.Context, parameter: click.Parameter, values: tuple[s
     }
 
 
-@click.command(short_help="Which causes a rig's sensors tell apart, and which sensor or motion tells more.")
+@click.command(short_help="Predict which causes a rig's sensors separate, and which sensor or motion separates more.")
 @click.argument("rig", metavar="RIG|PRESET", shell_complete=complete.names(complete.presets, or_file=True))
 @click.option(
-    "--joint", "joints", multiple=True, metavar="NAME", help="Plan for this joint only; may be given again.",
+    "--joint", "joints", multiple=True, metavar="NAME", help="Plan for this joint only; may be repeated.",
     shell_complete=complete.joints,
 )  # fmt: skip
 @click.option(
     "--scenario",
     metavar="NAME|FILE",
-    help="The motion to judge: a scenario's name or a TOML file. As for 'vsalog simulate' when absent.",
+    help="The motion to judge: a scenario's name or a TOML file. Default: as for 'vsalog simulate'.",
     shell_complete=complete.names(complete.scenarios, or_file=True),
 )
 @click.option(
@@ -38,15 +38,15 @@ def _sensors(context: click.Context, parameter: click.Parameter, values: tuple[s
     multiple=True,
     callback=_sensors,
     metavar="ROLE[=NOISE]",
-    help="A role that could be measured in addition, the cheapest first; may be given again. NOISE is its standard deviation, as"
-    " link_acceleration='0.5 rad/s^2'; that of the rig's best sensor of the same unit when absent. When no --sensor is given:"
-    " all roles that the joint's type knows.",
+    help="A role that could be measured in addition, the cheapest first; may be repeated. NOISE is its standard deviation, as"
+    " link_acceleration='0.5 rad/s^2'; default: that of the rig's best sensor of the same unit. Without --sensor: all roles of"
+    " the joint's type.",
 )
 @click.option(
     "--max-torque",
     callback=positive("N*m", "a torque above zero"),
     metavar="TORQUE",
-    help="Largest torque of a motor, on the joint's side, for the proposed motion. When absent that of the rig's drive, else what"
+    help="Largest torque of a motor, on the joint's side, for the proposed motion. Default: that of the rig's drive, else what"
     " the judged motion takes.",
 )
 @click.option(
@@ -59,7 +59,7 @@ def _sensors(context: click.Context, parameter: click.Parameter, values: tuple[s
     "--max-angle",
     callback=positive("rad", "an angle above zero"),
     metavar="ANGLE",
-    help="Largest angle of motors and link to either side of zero; what the judged motion takes when absent.",
+    help="Largest angle of motors and link to either side of zero; default: what the judged motion takes.",
 )
 @click.option(
     "--set", "settings", multiple=True, callback=pairs, metavar="KEY=VALUE", help="Change the rig for this run."
@@ -90,10 +90,10 @@ def plan(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Say which causes of a simulation's error the sensors of RIG can tell apart, before any experiment.
+    """Predict which causes of a simulation's error the sensors of RIG can separate, before any experiment.
 
     Each cause of the catalogue is assumed to be as large as the rig's tolerance of it, on a motion that is simulated. For causes
-    that would be confused the plan names the cheapest further sensor that tells them apart, and proposes one motion within
+    that would be confused the plan names the cheapest further sensor that separates them, and proposes one motion within
     the limits, no longer than needed.
     """
     from vsalog.diagnosis.plan import Options, sensors_in_si

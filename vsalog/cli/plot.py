@@ -30,8 +30,8 @@ ESTIMATE = ("estimator", "preset_tuning", "tune", "causal")
     "--output",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="Write the figure to this file; the ending tells the format: .pdf, .svg or .png. Of several figures each has what tells"
-    " it apart in its name: FILE_stiffness.pdf. On the screen when absent.",
+    help="Write the figure to this file; the suffix sets the format: .pdf, .svg or .png. Several figures get their kind in"
+    " their names: FILE_stiffness.pdf. Default: on the screen.",
 )
 @click.option(
     "--kind",
@@ -41,24 +41,24 @@ ESTIMATE = ("estimator", "preset_tuning", "tune", "causal")
     metavar="KIND",
     default=KINDS[:1],
     show_default=True,
-    help="What is drawn; may be given again. stiffness: over time, with its band; torque-over-deflection: data and"
+    help="What is drawn; may be repeated. stiffness: over time, with its band; torque-over-deflection: data and"
     " characteristic; stiffness-surface: over deflection and set-point, where there is one; as on the page of"
     f" 'estimate --report': {', '.join(KINDS[3:])}.",
 )
 @click.option(
     "--style",
     type=click.Choice(["column", "page", "screen"]),
-    help="How large: a column of a paper, 3.5 in wide with text of 8 pt; its page, 7.16 in with 9 pt; a screen. A column in files"
-    " when absent.",
+    help="Size: a paper's column, 3.5 in wide with text of 8 pt; its page, 7.16 in with 9 pt; a screen. Default: a column in"
+    " files.",
 )
 @click.option(
     "--transmission",
     "transmissions",
     multiple=True,
     metavar="NAME",
-    help="Draw this one only: 1, 2 or total; may be given again. The device's when absent, or of what it has none each one's.",
+    help="Draw this one only: 1, 2 or total; may be repeated. Default: the device's figure, or one per transmission.",
 )
-@click.option("--force", is_flag=True, help="Overwrite files that are there.")
+@click.option("--force", is_flag=True, help="Overwrite existing files.")
 @rig_options("Plot")
 @reading_options
 @click.option("--json", "as_json", is_flag=True, help="Print what was drawn as one JSON document on stdout.")
@@ -84,10 +84,10 @@ def plot(
     causal: bool,
     as_json: bool,
 ) -> None:
-    """Plot what 'vsalog estimate' finds: of a TRACE, the LOG.stiffness.parquet it wrote, or of a LOG, which is estimated first.
+    """Plot the results of 'vsalog estimate': of a TRACE, its LOG.stiffness.parquet, or of a LOG, which is estimated first.
 
-    The fitted curve and its band are those of LOG.model.toml next to the TRACE, where it is of the same run. Nothing is written
-    but the figures.
+    The fitted curve and its band are those of LOG.model.toml next to the TRACE, if it is of the same run. Only the figures are
+    written.
     """
     from vsalog.estimation.job import Options
     from vsalog.estimation.joint import tuning

@@ -13,7 +13,7 @@ def positive(unit: str, kind: str) -> Callable[[click.Context, click.Parameter, 
     Parameters
     ----------
     unit : SI unit of a bare number
-    kind : what it has to be in words, such as "a time longer than zero"
+    kind : what it has to be, such as "a time longer than zero"
     """
 
     def read(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:

@@ -12,7 +12,7 @@ from vsalog.cli.options import force_option
 
 @click.command(short_help="Print the papers' numbers next to ours.")
 @click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=complete.names(complete.reproducible))
-@click.option("--list", "listing", is_flag=True, help="List what there is to reproduce.")
+@click.option("--list", "listing", is_flag=True, help="List what can be reproduced.")
 @click.option(
     "--report",
     type=click.Path(path_type=Path),
@@ -32,9 +32,9 @@ def reproduce(
 ) -> None:
     """Simulate what the papers simulate, estimate as they do, and print their numbers next to ours.
 
-    NAME is an item of --list, or a paper's name for all of its items; everything when absent. Ours are medians over several
-    noise seeds. Each row says under which conditions, what the paper leaves open and was chosen, and why ours is worse where
-    it is; docs/performance/papers explains them.
+    NAME is an item of --list, or a paper's name for all of its items; default: everything. Ours are medians over several noise
+    seeds. Each row states the conditions, what was chosen where the paper leaves it open, and the reason where ours is worse;
+    docs/performance/papers explains them.
     """
     from vsalog.figures.paper import prepare_folder, write_reproduced
     from vsalog.report.html import page_of

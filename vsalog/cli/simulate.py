@@ -1,4 +1,4 @@
-"""`vsalog simulate`: a rig, played, as a log of any format."""
+"""`vsalog simulate`: simulate a rig and write a log of any format."""
 
 from __future__ import annotations
 
@@ -16,69 +16,69 @@ from vsalog.cli.quantity import positive
 _seconds = positive("s", "a time longer than zero")
 
 
-@click.command(short_help="Play a rig and write what its sensors record, as a log of any format.")
+@click.command(short_help="Simulate a rig and write what its sensors record, as a log of any format.")
 @click.argument(
     "rig", required=False, metavar="RIG|PRESET", shell_complete=complete.names(complete.presets, or_file=True)
 )
 @click.option(
     "--scenario",
     metavar="NAME|FILE",
-    help="What drives the joints: a scenario's name or a TOML file (docs/reference/scenarios.md). When absent, the preset's first"
+    help="What drives the joints: a scenario's name or a TOML file (docs/reference/scenarios.md). Default: the preset's first"
     " experiment, or sines that suit the rig.",
     shell_complete=complete.names(complete.scenarios, or_file=True),
 )
 @click.option("--list", "listing", is_flag=True, help="List the scenarios and presets that come with vsalog.")
 @click.option(
-    "--duration", callback=_seconds, metavar="T", help="How long, in seconds or with a unit; else the scenario's."
+    "--duration", callback=_seconds, metavar="T", help="Duration, in seconds or with a unit; default: the scenario's."
 )
 @click.option(
     "--rate",
     type=click.FloatRange(min=0.0, min_open=True),
     metavar="HZ",
-    help="Samples per second; else the scenario's.",
+    help="Samples per second; default: the scenario's.",
 )
 @click.option(
     "--seed",
     type=click.IntRange(min=0),
     default=0,
     show_default=True,
-    help="Of all noise: equal seeds make equal files.",
+    help="Seed of all noise: equal seeds make equal files.",
 )
 @click.option(
     "--replay",
     metavar="LOG",
-    help="Drive the rig with what LOG says of its inputs, and write what the simulation makes of them along with what was"
-    " measured. RIG may then be left out: LOG's own rig is taken. --rate is that of a table without a time column.",
+    help="Drive the rig with the inputs that LOG recorded, and write the simulated signals along with the measured ones. RIG may"
+    " then be left out: LOG's own rig is used. --rate is that of a table without a time column.",
 )
 @click.option(
     "--window",
     callback=_seconds,
     metavar="T",
-    help="With --replay: begin again from the measured state every T, in seconds or with a unit.",
+    help="With --replay: restart from the measured state every T, in seconds or with a unit.",
 )
-@click.option("--ideal", is_flag=True, help="Sensors without noise, steps, jitter and dropped samples.")
+@click.option("--ideal", is_flag=True, help="Sensors without noise, quantisation, jitter and dropped samples.")
 @click.option(
     "--set",
     "settings",
     multiple=True,
     callback=pairs,
     metavar="KEY=VALUE",
-    help="Change the rig, the machine and what the log says of it, e.g. joint.elbow.motor.friction.coulomb='20 N·mm'.",
+    help="Change the simulated machine and the rig in the log, e.g. joint.elbow.motor.friction.coulomb='20 N·mm'.",
 )
 @click.option(
     "--actual",
     multiple=True,
     callback=pairs,
     metavar="KEY=VALUE",
-    help="Change the machine only: the rig in the log does not tell, as where a model has it wrong.",
+    help="Change the simulated machine only, not the rig in the log, as where a model is wrong.",
 )
 @click.option("--truth", is_flag=True, help="Record the true motion, torques and stiffness too, under /truth.")
 @click.option(
     "-o",
     "--output",
     metavar="PATH",
-    help="Ending in .mcap (ROS 2 messages), .bag (ROS 1), .csv or .parquet; without an ending, or with a slash at the end,"
-    " the folder of a ROS 2 bag. Else NAME.mcap in the current folder.",
+    help="File with suffix .mcap (ROS 2 messages), .bag (ROS 1), .csv or .parquet; without a suffix, or with a slash at the"
+    " end, the folder of a ROS 2 bag. Default: NAME.mcap in the current folder.",
 )
 @force_option
 @click.option("--json", "as_json", is_flag=True, help="Print what was written as one JSON document on stdout.")
@@ -99,7 +99,7 @@ def simulate(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Play RIG, a rig file or a preset, and write what its sensors record.
+    """Simulate RIG, a rig file or a preset, and write what its sensors record.
 
     The log carries its rig: MCAP and Parquet inside, the other formats as LOG.rig.toml next to it, where 'vsalog estimate
     LOG' finds it. With --replay it has topics /measured/ROLE and /simulated/ROLE, in SI.

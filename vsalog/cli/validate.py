@@ -1,4 +1,4 @@
-"""`vsalog validate`: a frozen model against a second experiment."""
+"""`vsalog validate`: test a frozen model on a second experiment."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Percent(click.FloatRange):
         """Return the number, or fail."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
-            self.fail(f"{value} is no threshold: a number of per cent is needed", param, ctx)
+            self.fail(f"{value} is no threshold: give a number in per cent", param, ctx)
         return number
 
 
@@ -37,19 +37,19 @@ def _in_order(model: Path, logs: tuple[Path, ...]) -> tuple[Path, tuple[Path, ..
     return there[0], (model, *(path for path in logs if path is not there[0])), True
 
 
-@click.command(short_help="Hold a fitted model against other experiments: does it hold there?")
+@click.command(short_help="Test a fitted model on other experiments.")
 @click.argument("model", type=click.Path(path_type=Path), metavar="MODEL")
 @click.argument("logs", nargs=-1, required=True, type=LogPath(), metavar="LOG...")
 @rig_options(
     "Judge",
-    "The rig; else the log's own, else the one in the model file.",
+    "The rig; default: the log's own, else the one in the model file.",
     "Change the rig for this run, e.g. joint.elbow.signals.torque_sensor.offset='1.2 N·m'.",
 )
 @reading_options
 @click.option(
     "--modalities/--no-modalities",
     default=None,
-    help="Estimate the logs by MODEL, SENSOR and RESIDUAL too, side by side; for logs of up to 300 000 samples when not said.",
+    help="Estimate the logs by MODEL, SENSOR and RESIDUAL too, side by side; default: for logs of up to 300 000 samples.",
 )
 @click.option(
     "--max-nrmse",
@@ -68,9 +68,11 @@ def _in_order(model: Path, logs: tuple[Path, ...]) -> tuple[Path, tuple[Path, ..
     "--output",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Folder for report.json and report.html; the current one when absent.",
+    help="Folder for report.json and report.html; default: the current one.",
 )
-@click.option("--figures", type=click.Path(path_type=Path), metavar="DIR", help="The figures as SVG, PNG and PDF too.")
+@click.option(
+    "--figures", type=click.Path(path_type=Path), metavar="DIR", help="Write the figures as SVG, PNG and PDF too."
+)
 @page_option
 @force_option
 @click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON document on stdout.")
@@ -95,11 +97,11 @@ def validate(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Judge MODEL, a LOG.model.toml that 'vsalog estimate' wrote, by other experiments: the LOGs.
+    """Test MODEL, a LOG.model.toml that 'vsalog estimate' wrote, on other experiments: the LOGs.
 
-    The model is frozen. Its flexibility torque is held against the torque sensor; where there is none, against the residual of
-    the motor equation. Its stiffness is held against a simulator's truth in the log, else against the rig's nominal one. What
-    lies outside the region the model was fitted in is judged apart. Writes report.json and report.html.
+    The model is frozen. Its flexibility torque is compared with the torque sensor; where there is none, with the residual of
+    the motor equation. Its stiffness is compared with a simulator's truth in the log, else with the rig's nominal one. Samples
+    outside the region that the model was fitted in are judged separately. Writes report.json and report.html.
     """
     from vsalog.figures.paper import check_matplotlib
     from vsalog.report.outputs import inputs_of, keep_inputs, report_paths, require_new
@@ -117,7 +119,7 @@ def validate(
     replaced = require_new([*written, figures], force, logs)
     with Progress(replaced) as progress, progress.saying_when_compiling():
         if swapped:
-            progress.note(f"{model} is the model, and is judged by {', '.join(map(str, logs))}")
+            progress.note(f"{model} is the model, and is tested on {', '.join(map(str, logs))}")
         report, files = write_validation(model, logs, options, output, figures, progress.say, page)
     print_out(report_document(report, files), as_json)
     if any(not threshold.met for threshold in report.thresholds):

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from vsalog.report.outputs import Outputs
 
 COMMANDS = ("simulate", "estimate", "validate", "diagnose", "compare")
-"""Commands that have loops of their own; a log and a model of it come from the first two."""
+"""Commands with their own loops; the first two provide a log and a model of it."""
 
 # Joints with springs of any kind have the same loops; muscles have more.
 RIGS = {"sea": COMMANDS, "pam": ("simulate", "estimate", "compare")}
@@ -24,7 +24,7 @@ RIGS = {"sea": COMMANDS, "pam": ("simulate", "estimate", "compare")}
     "presets",
     multiple=True,
     type=click.Choice(list(RIGS)),
-    help="Compile what joints like this preset's need: with springs, or with pneumatic muscles; may be given again. Both when"
+    help="Compile what joints like this preset's need: with springs, or with pneumatic muscles; may be repeated. Both when"
     " absent.",
 )
 def warm(commands: tuple[str, ...], presets: tuple[str, ...]) -> None:
@@ -44,7 +44,7 @@ def warm(commands: tuple[str, ...], presets: tuple[str, ...]) -> None:
     for command in commands:
         if not any(command in own for own in rigs.values()):
             raise click.UsageError(f"nothing is compiled ahead for '{command}' of joints like {', '.join(rigs)}")
-    # What comes after needs a log, and what it is validated with a model.
+    # The later commands need a log, and validate a model.
     needed = {"simulate": ("simulate",), "validate": COMMANDS[:2]}
     asked = {name for command in commands or COMMANDS for name in (command, *needed.get(command, COMMANDS[:1]))}
     with (
@@ -58,10 +58,10 @@ def warm(commands: tuple[str, ...], presets: tuple[str, ...]) -> None:
             progress.say(f"{name}: a short log of the preset {rig}")
             getattr(runs[rig], name)()
     loops, kept = progress.loops, f"kept in {where_loops_are()}"
-    said = (
+    summary = (
         "every loop was compiled already" if loops is None else f"compiled {loops.count} loops in {loops.seconds:.0f} s"
     )
-    console_for("stderr").print(f"{said}, {kept}", soft_wrap=True)
+    console_for("stderr").print(f"{summary}, {kept}", soft_wrap=True)
 
 
 class _Runs:
@@ -99,7 +99,7 @@ class _Runs:
     def diagnose(self) -> None:
         from vsalog.diagnosis.run import Options, diagnose
 
-        # With nothing wrong no cause would be fitted.
+        # Without an error no cause would be fitted.
         diagnose([self.log], None, Options(set={f"joint.{self.rig}.link.inertia": "1 kg*m^2"}))
 
     def compare(self) -> None:

@@ -1,4 +1,4 @@
-"""What estimates can be held against: a simulator's truth, and a joint's torque sensors."""
+"""References for estimates: a simulator's truth, and a joint's torque sensors."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class References:
-    """What one log has of them.
+    """The references in one log.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class References:
         return true_stiffness(self.truth.channels, joint, suffix, rows)
 
     def torque(self, joint: str, transmission: str, trace: Trace) -> Array | None:
-        """Return what sensors say of a transmission's torque at the rows of a trace, shape (N,) [N·m]; None where none does."""
+        """Return the measured torque of a transmission at the rows of a trace, shape (N,) [N·m]; None where there is none."""
         signals = self.sensors.get(joint)
         if signals is None:
             return None
@@ -66,7 +66,7 @@ class References:
 
 
 def references_of(log: Path, options: Options, joints: Mapping[str, Joint]) -> References:
-    """Look for what estimates of a log's joints can be held against; what cannot be read is none.
+    """Find references for the estimates of a log's joints; unreadable ones are left out.
 
     Parameters
     ----------

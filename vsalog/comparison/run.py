@@ -25,7 +25,7 @@ from vsalog.validation.scores import score
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-# What is tried when nobody names estimators; which of them a log allows, its roles decide.
+# The estimators to try by default; a log's roles decide which are possible.
 USUAL = (
     "residual-rls",
     "residual-rls:modality=SENSOR",
@@ -73,7 +73,7 @@ class Contender:
         return cls(text.strip(), name.strip(), tune)
 
     def check(self, tune: Mapping[str, str]) -> None:
-        """Refuse a name or a tuning that there is not, whatever the log allows; `tune` is that of all contenders.
+        """Refuse an unknown name or tuning, whatever the log allows; `tune` is that of all contenders.
 
         Raises
         ------
@@ -89,7 +89,7 @@ class Contender:
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
-    """One estimator on one transmission of one joint; null where the log cannot tell.
+    """One estimator on one transmission of one joint; null where the log does not determine it.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     joint, transmission : names
     stiffness_low, stiffness_high : 1 % and 99 % quantile over the excited rows [N·m/rad]
     relative_std : root mean square of stiffness_std / stiffness
-    torque_left : root mean square of what the fit leaves of the torque it was fitted to [N·m]
+    torque_left : RMS residual of the fit [N·m]
     off_sensor : root mean square of the fitted torque less the torque sensor's, over the excited rows [N·m]
     excited_share : share of the rows at which the estimate is excited
     agrees_share : share of the rows excited for both at which it agrees with the first estimator within two standard deviations
@@ -127,7 +127,7 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True):
     logs : names
     rows : all of them
     left_out : estimators that cannot run on the logs, with the reason
-    failed : estimators that a fault of ours ended, with its words
+    failed : estimators that ended by a bug in vsalog, with its message
     findings : of all estimators, each once
     warnings : the findings, in words
     """
@@ -142,7 +142,7 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What one estimator made of the logs."""
+    """The results of one estimator on the logs."""
 
     contender: Contender
     job: Job
@@ -156,15 +156,15 @@ def compare(
     progress: Progress = lambda _: None,
     keep_going: bool = True,
 ) -> tuple[Comparison, list[Run], References]:
-    """Run several estimators; return what came out, its runs, and what they were held against.
+    """Run several estimators; return the comparison, its runs, and their references.
 
     Parameters
     ----------
     logs : several make one model
-    options : as for `estimate`; the estimator in it is not looked at
+    options : as for `estimate`; its estimator is ignored
     asked : estimators, `Contender.parse`; all that the logs allow when empty
     progress : called with what is being done
-    keep_going : an exception that is no `VsalogError`, a fault of ours, ends its estimator only
+    keep_going : an exception that is no `VsalogError`, hence a bug, ends its estimator only
 
     Raises
     ------
@@ -197,7 +197,7 @@ def compare(
     if not runs and faults:
         raise next(iter(faults.values()))
     if not runs:
-        # Of the usual ones the first's reason tells enough.
+        # Of the usual ones the first reason is enough.
         reasons = list(left_out.values()) if len(left_out) == 1 or not asked else []
         raise EstimatorError(reasons[0] if reasons else "; ".join(f"{name}: {why}" for name, why in left_out.items()))
     joints = {e.joint: runs[0].job.rig.joints[e.joint] for run in runs for e in run.estimates}
@@ -210,7 +210,7 @@ def compare(
         Comparison(
             logs=tuple(log.name for log in logs),
             rows=tuple(rows),
-            # Nobody who asks for all that is possible wants to hear of methods for other joints.
+            # By default, methods for other joints are not mentioned.
             left_out={label: why for label, why in left_out.items() if asked or label not in other_kind},
             failed={label: f"{type(fault).__name__}: {fault}" for label, fault in faults.items()},
             findings=tuple(findings),
@@ -221,7 +221,7 @@ def compare(
 
 
 def _once(contenders: Iterable[Contender]) -> list[Contender]:
-    """Leave out what was asked for twice: equal estimators give equal rows."""
+    """Leave out repeated estimators: equal ones give equal rows."""
     return list({(c.name, tuple(sorted(c.tune.items()))): c for c in reversed(list(contenders))}.values())[::-1]
 
 
@@ -273,13 +273,13 @@ def _agreement(mine: Mapping[str, Array], theirs: Mapping[str, Array]) -> tuple[
 
 
 def _against(trace: Trace, true: Array | None, mine: Mapping[str, Array]) -> Score | None:
-    """Score a stiffness by the truth, over what is excited of the log's second half."""
+    """Score a stiffness by the truth, over the excited part of the log's second half."""
     settled = (mine["excited"] > 0.0) & (trace.time > 0.5 * (trace.time[0] + trace.time[-1]))
     return None if true is None else score(mine["stiffness"][settled], true[settled])
 
 
 def _off_sensor(measured: Array | None, mine: Mapping[str, Array]) -> float | None:
-    """Return how far a fitted torque is off the torque sensor where it is excited, root mean square."""
+    """Return the RMS difference of a fitted torque from the torque sensor where it is excited."""
     if measured is None:
         return None
     off = (mine["flexibility_torque_fit"] - measured)[mine["excited"] > 0.0]

@@ -1,1 +1,1 @@
-"""What every layer knows: recordings, signals, traces, models, findings, units and errors."""
+"""Shared by every layer: recordings, signals, traces, models, findings, units and errors."""

@@ -1,4 +1,4 @@
-"""NumPy columns as Arrow's, without pandas, which `pyarrow.array` imports to see whether it was given a series: half a second."""
+"""NumPy columns as Arrow's, without pandas, which `pyarrow.array` imports for a type check: half a second."""
 
 from __future__ import annotations
 
@@ -36,5 +36,5 @@ def arrow_texts(texts: Sequence[str]) -> pa.Array[Any]:
 
 
 def findings_entry(findings: Iterable[Iterable[Finding]]) -> dict[str, str]:
-    """Return what a file's own metadata has of the findings of all joints: it is known last."""
+    """Return a file's own metadata for the findings of all joints, which are complete at the end."""
     return {"vsalog.findings": json_text([finding for of_joint in findings for finding in of_joint])}

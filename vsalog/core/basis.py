@@ -35,7 +35,7 @@ class PolynomialBasis:
     setpoint_order : m, number of powers of the set-point (1: none)
     deflection_scale : [rad]
     setpoint_scale : [rad or m]
-    branches : the functions are there twice, first for loading, then for unloading
+    branches : the functions exist twice, first for loading, then for unloading
     knots : K, on either side of zero
     setpoint_knots : evenly ascending borders of the B-splines' pieces, two at least [rad or m]; none for no B-splines
     """
@@ -94,7 +94,7 @@ class PolynomialBasis:
 
     @property
     def pieces(self) -> tuple[bool, ...]:
-        """Which functions are of a part of the deflection's or the set-point's range."""
+        """Which functions cover only a part of the deflection's or the set-point's range."""
         powers, bumps = len(self.powers), len(self.powers) * self.bumps
         own = [False] * powers + [True] * (2 * self.knots)
         return (*(i for i in own for _ in range(self.setpoint_order)), *[True] * bumps) * (2 if self.branches else 1)
@@ -161,7 +161,7 @@ def _b_splines(c: Array, borders: tuple[float, ...]) -> Array:
 
 @compiled
 def linear(rows: Array, coefficients: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return functions × coefficients and the standard deviation of that, shape (N,) each.
+    """Return functions × coefficients and its standard deviation, shape (N,) each.
 
     Parameters
     ----------

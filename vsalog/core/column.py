@@ -1,7 +1,7 @@
 """Columns of samples: arrays in memory or, of logs that are too long for it, in files that are mapped into it.
 
-Either way they are NumPy arrays. Who goes through one from end to end does so by `parts`, which lets go of the memory that the
-part of a file took before it goes on to the next one.
+Either way they are NumPy arrays. Loops over whole columns use `parts`, which releases the memory of one part of a file before
+the next one.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ T = TypeVar("T", bound=np.generic)
 
 ABSENT_BITS = 0x7FFA_5C31_9E07_D24B
 ABSENT = np.int64(ABSENT_BITS).view(np.float64)
-"""What a sample does not carry: a NaN as any other, but told from those that are recorded by its bits."""
+"""A value that a sample lacks: a NaN whose bits distinguish it from recorded ones."""
 
 PART = 2**16
-"""Rows worked on at a time: large enough for NumPy, small enough not to weigh in memory."""
+"""Rows per block: large enough for NumPy, small enough for memory."""
 
 
 class Column(Generic[T]):
     """Samples that come block by block and become an array.
 
-    Memory that was never written to is zero and takes no room, so a column of zeros, as of covariances that nobody fills in,
-    is not written before another number comes. A file has no name, so that nothing is left behind however the process ends. It
-    lies in the folder that TMPDIR names, or else in /var/tmp rather than /tmp, which is memory on many computers.
+    Memory that was never written is zero and takes no room, so a column of zeros, as of unused covariances, is not written
+    before another number comes. A file has no name, so that it disappears however the process ends. It
+    is in the folder that TMPDIR names, or else in /var/tmp rather than /tmp, which is memory on many computers.
 
     Parameters
     ----------
@@ -62,12 +62,12 @@ class Column(Generic[T]):
         return self._filled
 
     def add(self, at: int, new: NDArray[T]) -> None:
-        """Put a block's values in place; what blocks before it had not is absent.
+        """Put a block's values in place; values missing in earlier blocks are absent.
 
         Raises
         ------
         ReadError
-            It is in a file, and there is no room left for that.
+            It is in a file, and the disk is full.
         """
         while self._filled < at:
             self._append(np.full(min(at - self._filled, PART), ABSENT).astype(self._values.dtype))
@@ -75,11 +75,11 @@ class Column(Generic[T]):
         self.blocks += 1
 
     def append(self, new: NDArray[T]) -> None:
-        """Put a block's values behind all others; errors as for `add`."""
+        """Append a block's values; errors as for `add`."""
         self.add(self._filled, new)
 
     def to_file(self) -> None:
-        """Put what there is and what is to come into a temporary file.
+        """Put all values, present and future, into a temporary file.
 
         Raises
         ------
@@ -98,7 +98,7 @@ class Column(Generic[T]):
         self._write(there)
 
     def so_far(self) -> NDArray[T]:
-        """Return the values that there are; errors as for `add`."""
+        """Return the values so far; errors as for `add`."""
         if self._file is None:
             return self._values[: self._filled]
         if not self._filled:
@@ -109,7 +109,7 @@ class Column(Generic[T]):
             raise _refusal(error) from error
 
     def whole(self, count: int) -> NDArray[T]:
-        """Return all values, absent at the end where the last blocks had none; nothing is added any more."""
+        """Return all values, absent at the end where the last blocks had none; no more can be added."""
         self.add(count, np.empty(0, self._values.dtype))
         if self._file is not None:
             self._values = self.so_far()
@@ -145,12 +145,12 @@ class Column(Generic[T]):
 
 
 def is_mapped(values: NDArray[Any]) -> bool:
-    """Tell whether values are those of a file."""
+    """Return whether values are mapped from a file."""
     return _file_of(values) is not None
 
 
 def let_go(*columns: NDArray[Any]) -> None:
-    """Let go of the memory that values of a file took; they come back from there where they are asked for again."""
+    """Release the memory of values mapped from a file; they are read again on the next access."""
     for values in columns:
         if (found := _file_of(values)) is not None and hasattr(found[0], "madvise"):
             file, at = found
@@ -159,16 +159,16 @@ def let_go(*columns: NDArray[Any]) -> None:
 
 
 def parts(*columns: NDArray[Any]) -> Iterator[tuple[int, int]]:
-    """Yield first row and last row, that one excluded, of pieces of columns that are gone through together."""
+    """Yield first and last row, the last excluded, of pieces of columns that are processed together."""
     for first in range(0, len(columns[0]), PART):
         last = min(first + PART, len(columns[0]))
         yield first, last
-        # The piece before, too, of which some rows may have been looked at again.
+        # The piece before, too, of which some rows may have been read again.
         let_go(*(column[max(0, first - PART) : last] for column in columns))
 
 
 def _file_of(values: NDArray[Any]) -> tuple[mmap.mmap, int] | None:
-    """Return the file in which values are, and where they begin there; None for such as are not in a file."""
+    """Return the file of values, and their offset in it; None for values in memory."""
     whole = values
     while isinstance(whole.base, np.ndarray):
         whole = whole.base
@@ -179,7 +179,7 @@ def _file_of(values: NDArray[Any]) -> tuple[mmap.mmap, int] | None:
 
 
 def _folder() -> str:
-    """Return the folder that temporary files which may be large belong into."""
+    """Return the folder for large temporary files."""
     if "TMPDIR" not in os.environ and os.access("/var/tmp", os.W_OK):
         return "/var/tmp"
     return tempfile.gettempdir()
@@ -187,6 +187,6 @@ def _folder() -> str:
 
 def _refusal(error: OSError) -> ReadError:
     return ReadError(
-        f"a temporary file for what is too large for memory cannot be written in {_folder()}:"
+        f"a temporary file for data too large for memory cannot be written in {_folder()}:"
         f" {error.strerror or error}; set TMPDIR to a folder with more room, or cut the log with --start and --end"
     )

@@ -1,6 +1,6 @@
-"""How loops over samples are compiled: one decorator, so that all have the same rules of arithmetic and compile as fast.
+"""Compilation of loops over samples: one decorator, so that all have the same arithmetic and compile fast.
 
-Division by zero gives infinity or NaN, as in NumPy. What no loop here needs costs a third of the time to compile: a wrapper for
+Division by zero gives infinity or NaN, as in NumPy. Unneeded steps would add a third to the compile time: a wrapper for
 calls from C, and rewriting of array expressions, which are better written as loops.
 """
 
@@ -22,6 +22,6 @@ def compiled(function: F) -> F:
 
 
 def inlined(function: F) -> F:
-    """Compile a function into those that call it; Python cannot call it."""
+    """Inline a function into its callers; Python cannot call it."""
     loop: F = njit(forceinline=True, **{"no_cpython_wrapper": True, **_LEAN})(function)
     return loop

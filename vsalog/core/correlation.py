@@ -1,4 +1,4 @@
-"""How many independent samples a signal is worth: neighbouring ones are alike."""
+"""The effective number of independent samples of a correlated signal."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from vsalog.core.resolution import spread_over
 Array = NDArray[np.float64]
 
 CORRELATION_TIMES = 4.0
-"""Correlation times [1] after which a signal is independent of what it was: of what is alike e⁻⁴ is left, less than 2 %."""
+"""Correlation times [1] after which a signal counts as independent: the correlation is e⁻⁴, less than 2 %."""
 
 
 def effective_samples(e: Array) -> float:
-    """Return how many independent samples an error signal is worth: N over twice its correlation time.
+    """Return the effective number of independent samples of an error signal: N over twice its correlation time.
 
     The correlation time is summed up to the first pair of autocorrelations whose sum is not positive (Geyer 1992), of e² where
     that is longer than of e.

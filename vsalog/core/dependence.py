@@ -1,21 +1,20 @@
-"""What a residual depends on: held-out blocks, and a false-alarm rate that is stated.
+"""What a residual depends on: a test on held-out blocks with a stated false-alarm rate.
 
-Rows are cut into blocks of time. The coefficients of a shape (some columns) are learnt by least squares from all blocks but one
-and its neighbours, and tried in that one: S = Σ_b (X_b β_{−b})ᵀ e_b, what the held-out residual has in common with what is
-predicted of it. What a correlated residual shares from one block to the next is thus no prediction (Burman, Chow and Nolan
+Rows are cut into blocks of time. The coefficients of a shape (some columns) are fitted by least squares to all blocks but one
+and its neighbours, and tested in that one: S = Σ_b (X_b β_{−b})ᵀ e_b, the inner product of the held-out residual and its
+prediction. Correlation from one block to the next thus is no prediction (Burman, Chow and Nolan
 1994). Controls, which may explain the residual as well, are partialled out of both first.
 
 S is a quadratic form in the blocks' scores r_b = X_bᵀ e_b, S = Σ r_bᵀ G_{−b}⁻¹ r_b' over pairs that are no neighbours. As each
-block is also among those that the others learn from, its terms are no independent ones, and S over the root of their squares is
+block is also in the fits for the others, its terms are not independent, and S over the root of their squares is
 no Student's t: with k columns its standard deviation tends to √2, and at 0.001 ten columns alarm four times too often. So S is
-held against the same form in the scores of what the shape leaves, u_b = X_bᵀ (e_b − X_b β_{−b}), with signs that chance gives
-them (wild bootstrap of clusters; Liu 1988, Cameron, Gelbach and Miller 2008). For normal signs that is Σ λ_i z_i², divided by
+compared with the same form in the scores of the shape's residual, u_b = X_bᵀ (e_b − X_b β_{−b}), with random signs
+(wild bootstrap of clusters; Liu 1988, Cameron, Gelbach and Miller 2008). For normal signs that is Σ λ_i z_i², divided by
 χ²_ν/ν with ν = B − 1 because u_b are few: Student's t² where X is one column. The tail is Kuonen's saddlepoint approximation.
-Blocks of unlike variance make such tests cautious and not rash (Bakirov and Székely 2005, Ibragimov and Müller 2010). A residual
-that remembers longer than a block does not: blocks are joined until neighbouring scores are no more alike than chance makes
-them, and what they still share widens S as in a long-run covariance of one lag, with a third of the degrees of freedom (Priestley
-1981, ch. 6.2). (A trend over the whole log has no blocks that know nothing of each other: who asks for one has to ask more than
-this.)
+Blocks of unequal variance make such tests conservative (Bakirov and Székely 2005, Ibragimov and Müller 2010). A residual
+with a correlation longer than a block does not: blocks are joined until neighbouring scores are no more correlated than by
+chance, and the remaining correlation widens S as in a long-run covariance of one lag, with a third of the degrees of freedom
+(Priestley 1981, ch. 6.2). (A trend over the whole log has no independent blocks: a test for one needs more than this.)
 
 Of 20,000 logs whose rows follow a first-order autoregression of 0.7, in blocks of ten rows, 0.0097 alarm at 0.01 and 0.0015 at
 0.001 with one column, 0.0014 and 0.0002 with eight.
@@ -50,13 +49,13 @@ MOST_BLOCKS = 64
 """Blocks of time [1]: as many degrees of freedom make Student's distribution nearly normal; longer blocks share less noise."""
 
 LEAST_BLOCKS = 8
-"""Blocks without which nothing is said [1]: of fewer, with their neighbours left out, half is learnt from."""
+"""Least number of blocks for a test [1]: of fewer, without their neighbours, only half are fitted to."""
 
 INTERVALS = 24
 """Intervals of a curve of any shape [1], straight in each: it follows what swings six times over a range."""
 
 REPORTED_SHARE = 0.05
-"""Part of a residual's mean square [1] that a dependence explains at least, besides being no chance, to be reported."""
+"""Part of a residual's mean square [1] that a significant dependence explains at least to be reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +64,8 @@ class Association:
 
     Attributes
     ----------
-    p_value : probability that a residual which does not depend on it has as much in common with what is predicted of it
-    share : of the residual's square, beyond the controls, that is predicted in blocks that were not learnt from; below 0 where
+    p_value : probability that a residual which does not depend on it agrees as much with its prediction
+    share : of the residual's square, beyond the controls, that is predicted in held-out blocks; below 0 where
         the prediction makes it larger
     coefficients : shape (k,), of the whole log
     power : squares of the residual beyond the controls
@@ -117,7 +116,7 @@ def association(
     moments : shape (B, K, K), of `block_moments`, in the order of time
     shape, controls : columns; controls are partialled out
     residual : its column
-    join : whether blocks are joined until neighbours are no more alike than chance makes them
+    join : whether blocks are joined until neighbours are no more correlated than by chance
     """
     while len(moments) >= LEAST_BLOCKS:
         found, alike = _held_out(moments, list(shape), list(controls), residual)
@@ -130,7 +129,7 @@ def association(
 def held_out_squares(
     moments: Array, shape: Sequence[int], controls: Sequence[int] = (), residual: int = -1
 ) -> float | None:
-    """Return what a shape, learnt from other blocks, leaves of the squares beyond the controls; loud blocks count less.
+    """Return the squared residual of a shape, fitted to other blocks, beyond the controls; blocks of large variance count less.
 
     None where there are too few blocks or the controls leave nothing.
     """
@@ -144,7 +143,7 @@ def joined(moments: Array) -> Array:
 
 
 def mean_above_zero(scores: Array) -> float:
-    """Return the probability that chance makes the mean of independent scores, shape (B,), so large (Student)."""
+    """Return the probability that the mean of independent scores, shape (B,), is so large by chance (Student)."""
     size = float(scores.std(ddof=1)) * float(np.sqrt(scores.size))
     return float(special.stdtr(scores.size - 1, -scores.sum() / size)) if size > 0.0 else float(scores.sum() <= 0.0)
 
@@ -180,7 +179,7 @@ def least_squares(moments: Array, columns: Sequence[int], residual: int = -1) ->
 
 
 class _Trial(NamedTuple):
-    """Blocks' moments beyond the controls, X̃ᵀX̃ (B, k, k), X̃ᵀẽ (B, k) and ẽᵀẽ (B,); and what the others say of each.
+    """Blocks' moments beyond the controls, X̃ᵀX̃ (B, k, k), X̃ᵀẽ (B, k) and ẽᵀẽ (B,); and the fit to the others for each.
 
     That is G_{−b}⁻¹ (B, k, k), and β_{−b} (B, k).
     """
@@ -189,21 +188,21 @@ class _Trial(NamedTuple):
     r: Array
     squares: Array
     inverses: Array
-    learnt: Array
+    fits: Array
 
     @property
     def left(self) -> float:
-        """What the others' prediction leaves of the squares."""
-        predicted = np.einsum("bij,bj->bi", self.G, self.learnt)
-        return float(self.squares.sum() + np.sum(self.learnt * (predicted - 2.0 * self.r)))
+        """The squared residual after the others' prediction."""
+        predicted = np.einsum("bij,bj->bi", self.G, self.fits)
+        return float(self.squares.sum() + np.sum(self.fits * (predicted - 2.0 * self.r)))
 
 
 def _trial(moments: Array, shape: list[int], controls: list[int], residual: int) -> _Trial | None:
-    """Learn a shape for each block from those that are no neighbours of it; None where the controls leave nothing."""
+    """Fit a shape for each block to those that are no neighbours of it; None where the controls leave nothing."""
     power = _beyond(moments, [], controls, residual)[2]
     if float(power.sum()) <= ROUNDING * float(moments[:, residual, residual].sum()):
         return None
-    # A loud block does not drown the others: signs that chance gives leave such weights as they are.
+    # A block of large variance does not dominate the others: random signs do not change such weights.
     weights = 2.0 * power.mean() / (power + power.mean())
     G, r, squares = _beyond(moments * weights[:, None, None], shape, controls, residual)
     near = _near(len(moments))
@@ -216,11 +215,11 @@ def _held_out(moments: Array, shape: list[int], controls: list[int], residual: i
     trial = _trial(moments, shape, controls, residual)
     if trial is None:
         return None, 0.0
-    G, r, power, inverses, learnt = trial
+    G, r, power, inverses, fits = trial
     squares = float(power.sum())
-    predicted = np.einsum("bij,bj->bi", G, learnt)
+    predicted = np.einsum("bij,bj->bi", G, fits)
     left = r - predicted
-    score = float(np.sum(learnt * r))
+    score = float(np.sum(fits * r))
     form = np.einsum("bi,bij->bj", left, inverses) @ left.T * ~_near(len(moments))
     inverse = _inverse(G.sum(axis=0))
     metric = left @ inverse @ left.T
@@ -231,7 +230,7 @@ def _held_out(moments: Array, shape: list[int], controls: list[int], residual: i
 
 
 def _memory(products: Array, squares: float) -> tuple[float, float, float]:
-    """Return what B neighbouring scores' products, shape (B − 1,), say beside their squares' sum.
+    """Return the correlation that B neighbouring scores' products, shape (B − 1,), show relative to their squares' sum.
 
     Returns
     -------
@@ -258,7 +257,7 @@ def _beyond(moments: Array, shape: list[int], controls: list[int], residual: int
         W = np.eye(len(use))[:, c:]
         W[:c] = -_inverse(total[:c, :c]) @ total[:c, c:]
         part = W.T @ part @ W
-        # What the controls are made of is rounding now.
+        # The controls' own directions are rounding errors now.
         nothing = np.diagonal(part.sum(axis=0))[:-1] <= ROUNDING * np.diagonal(total)[c:-1]
         part[:, np.append(nothing, False)] = 0.0
         part[:, :, np.append(nothing, False)] = 0.0

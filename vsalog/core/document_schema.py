@@ -15,7 +15,7 @@ import msgspec
 
 
 def field_descriptions(cls: type) -> dict[str, str]:
-    """Return key → description as the "Attributes" of a structure's docstring, and of those it extends, give them."""
+    """Return key → description from the "Attributes" of a structure's docstring, and of those it extends."""
     found: dict[str, str] = {}
     for each in reversed(cls.__mro__):
         _, _, attributes = inspect.cleandoc(each.__doc__ or "").partition("Attributes\n----------\n")
@@ -30,7 +30,7 @@ def document_schema(module: ModuleType) -> dict[str, Any]:
 
     Parameters
     ----------
-    module : that holds the document's structures, and the outermost one with title and description as `SCHEMA`; their version is
+    module : with the document's structures, and the outermost one with title and description as `SCHEMA`; their version is
         its `VERSION`, or the outermost one's own default
     """
     root, title, description = module.SCHEMA
@@ -53,5 +53,5 @@ def document_schema(module: ModuleType) -> dict[str, Any]:
 
 
 def schema_text(module: ModuleType) -> str:
-    """Return the schema as it stands in a file."""
+    """Return the schema as written to a file."""
     return json.dumps(document_schema(module), indent=2, ensure_ascii=False) + "\n"

@@ -14,7 +14,7 @@ from vsalog.core.memory import PIECE_BYTES
 def document_text(document: Any) -> str:
     r"""Return a document as indented JSON with a line end behind it.
 
-    A file's name may have bytes that are no text, which JSON has no place for: they are written as ``\xff``.
+    A file's name may have bytes that are no text, which JSON cannot represent: they are written as ``\xff``.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def document_text(document: Any) -> str:
 
 
 def json_text(document: Any) -> str:
-    """Return a document as JSON in one line, with such names written alike."""
+    """Return a document as JSON in one line, with such names written likewise."""
     try:
         return msgspec.json.encode(document).decode()
     except UnicodeEncodeError:
@@ -32,7 +32,7 @@ def json_text(document: Any) -> str:
 
 
 def toml_tables(structure: Any) -> dict[str, Any]:
-    """Return a structure as tables for TOML, without what that cannot say (None) and what says nothing."""
+    """Return a structure as tables for TOML, without None, which TOML lacks, and without empty values."""
     tables = _without_empty(msgspec.to_builtins(structure))
     assert isinstance(tables, dict)
     return tables
@@ -70,7 +70,7 @@ def read_text(path: Path, what: str, kind: type[VsalogError], most: int | None =
     Raises
     ------
     VsalogError
-        Of the kind asked for: the file cannot be read, is too large, or is no text.
+        Of that kind: the file cannot be read, is too large, or is no text.
     """
     try:
         if most is not None and path.stat().st_size > most:

@@ -1,6 +1,6 @@
 """The exceptions of vsalog: one root, one kind per layer.
 
-A message says what is wrong, where (file, channel, line, time) and what to do about it. The command line prints the
+A message states what is wrong, where (file, channel, line, time) and what to do about it. The command line prints the
 message alone and exits with 2; a traceback is for bugs.
 """
 
@@ -16,7 +16,7 @@ class VsalogError(Exception):
 
 
 class VsalogWarning(UserWarning):
-    """A finding of severity warning or invalidates, of a result that Python was given."""
+    """A finding of severity warning or invalidates, of a result in Python."""
 
 
 class ReadError(VsalogError):
@@ -25,7 +25,7 @@ class ReadError(VsalogError):
     Parameters
     ----------
     what : what is wrong
-    path : of the file or folder that it is about, which stands ahead of it; None where it is about none
+    path : of the file or folder that it is about, which is printed first; None where it is about none
     """
 
     def __init__(self, what: str, path: Path | None = None) -> None:
@@ -36,7 +36,7 @@ class ReadError(VsalogError):
         return self.what if self.path is None else f"{self.path}: {self.what}"
 
     def moved(self, old: Path, new: Path) -> ReadError:
-        """Return the same error of a log that was asked for as `new` and read as `old`."""
+        """Return the same error of a log that was requested as `new` and read as `old`."""
         if self.path is None or not self.path.is_relative_to(old):
             return self
         return ReadError(self.what, new / self.path.relative_to(old))
@@ -59,7 +59,7 @@ class FilterError(VsalogError):
 
 
 class ExtensionError(VsalogError):
-    """What another package adds to vsalog cannot be loaded."""
+    """An extension by another package cannot be loaded."""
 
 
 class EstimatorError(VsalogError):
@@ -75,7 +75,7 @@ class SimulationError(VsalogError):
 
 
 class DiagnosisError(VsalogError):
-    """The log or the rig does not hold what a diagnosis needs."""
+    """The log or the rig lacks what a diagnosis needs."""
 
 
 class ExportError(VsalogError):
@@ -87,11 +87,11 @@ class WriteError(VsalogError):
 
 
 class BatchError(VsalogError):
-    """A batch cannot be begun or go on."""
+    """A batch cannot begin or continue."""
 
 
 def words_of(error: VsalogError | OSError) -> str:
-    """Return what to tell of an error: of one of the system, which file it met."""
+    """Return the message of an error; for one of the system, with its file."""
     return str(error) if isinstance(error, VsalogError) else f"{error.filename or 'output'}: {error.strerror}"
 
 

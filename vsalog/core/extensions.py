@@ -1,4 +1,4 @@
-"""What packages of third parties add by entry points."""
+"""Extensions by packages of third parties, through entry points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is found about a log, a joint's signals or a fit: a code and numbers. The words are in `finding_texts`."""
+"""A finding about a log, a joint's signals or a fit: a code and numbers. The words are in `finding_texts`."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ Evidence = Mapping[str, float | int | str]
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """Something that a person who uses an estimate should know.
+    """A fact that matters to the user of an estimate.
 
     Attributes
     ----------
-    code : what it is, stable, `FAMILY.NAME`; docs/reference/findings lists all
+    code : stable name, `FAMILY.NAME`; docs/reference/findings lists all
     log : the log's name; "" where it is about all of them
     joint : the joint's name; "" where it is about the whole log
     part : the transmission or the roles that it is about, of a log the stream, column or file; "" where it is about the whole
     severity : `invalidates` where the estimate is not to be used
     value : the number that was compared
-    limit : what it was compared with; None where nothing was
+    limit : of the comparison; None where there was none
     unit : of both; "" where they have none
     evidence : what else was measured, by name
     """
@@ -43,7 +43,7 @@ class Findings(list[Finding]):
     """Findings in the order in which they were made, each of them once."""
 
     def add(self, *found: Finding) -> None:
-        """Add those that are not there."""
+        """Add those that are missing."""
         known = {_key(one) for one in self} if found else set()
         for one in found:
             if (key := _key(one)) not in known:
@@ -64,8 +64,8 @@ class Text:
     says : what was found, sentences with the fields of the finding and of its evidence in braces; `{value:n row}` is
         "1 row" or "2 rows"
     advice : what to do, or what follows from it, sentences too
-    false_alarm : probability with which it is found of a joint or a channel where it is not so; None where none is derived
-    explains : codes of what may follow from it: told with it, in one sentence
+    false_alarm : probability of the finding for a joint or a channel without the fault; None where none is derived
+    explains : codes of findings that may follow from it: reported with it, in one sentence
     """
 
     says: str

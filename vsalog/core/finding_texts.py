@@ -64,7 +64,7 @@ TEXTS: dict[str, Text] = {
     ),
     "estimate.partly_excited": Text(
         "transmission {part}: the estimate is excited for {value:.0%} of the time only.",
-        "Column excited says when.",
+        "Column excited shows when.",
     ),
     "fit.offset": Text(
         "transmission {part}: the torque differs by {value:+.3g} N·m from the fit on average, an offset that odd powers of the"
@@ -84,14 +84,14 @@ TEXTS: dict[str, Text] = {
         "transmission {part}: the residual is {value:.0%} of the torque and no noise, for it does not average out: a sensor"
         " is stuck, clipped or wrong for a while, the spring changes, or the basis cannot follow it ([joint.{joint}.basis]"
         " order).",
-        "The stiffness may be further off than its standard deviation says.",
+        "The stiffness may be further off than its standard deviation.",
     ),
     "prior.holds_back": Text(
         "transmission {part}: in {value:.0%} of the excited samples the prior biases a stiffness that the log alone would"
         " determine: with a weaker prior it differs by {stiffness_change:.0%} (rms), which its standard deviation includes.",
         "Few springs are far from the prior: check that the signs, units and zeros of the positions, and of the set-point"
         " where there is"
-        " one, are what the rig says; if they are, --tune p0={p0:.2g} lets the log decide.",
+        " one, agree with the rig; if they do, --tune p0={p0:.2g} lets the log decide.",
     ),
     "stiffness.drifts": Text(
         "transmission {part}: the stiffness changes by {value:.1%} over the log, more than {limit:.1%}, the noise floor; the"
@@ -130,7 +130,7 @@ TEXTS: dict[str, Text] = {
     ),
     "filter.noisy_rate": Text(
         "transmission {part}: {value:.0%} of the deflection's rate is the encoders' noise, which biases the stiffness by"
-        " more than its standard deviation says (errors-in-variables bias).",
+        " more than its standard deviation (errors-in-variables bias).",
         "Move the joint faster, or filter longer (--tune window=SECONDS).",
     ),
     "filter.window_too_long": Text(
@@ -153,7 +153,7 @@ TEXTS: dict[str, Text] = {
     ),
     "sampling.untried": Text(
         "half of the samples are too few for this estimator, so nothing shows whether all of them are enough for the"
-        " motion; the stiffness may be off by more than its standard deviation says.",
+        " motion; the stiffness may be off by more than its standard deviation.",
         "Record at a higher rate, or longer.",
     ),
     "setpoint.constant": Text(
@@ -162,7 +162,7 @@ TEXTS: dict[str, Text] = {
     ),
     "friction.unknown_direction": Text(
         "transmission {part}: for {value:.0%} of the time the torque of friction or hysteresis that the rig has is not"
-        " known, because the motor stands or is slower than its encoder resolves, or the deflection has not yet moved"
+        " known, because the motor is at rest or slower than its encoder resolves, or the deflection has not yet moved"
         " through its loop.",
         "The fit does not use these samples.",
     ),
@@ -231,15 +231,15 @@ TEXTS: dict[str, Text] = {
         "{part} is {value:.3g} {unit} (rms) away from the acceleration that the motors' motion and gravity give it, where the"
         " link has"
         " {expected:.3g} {unit}.",
-        "The sensor may be upside down, turned, in another unit (g instead of m/s²), or mounted elsewhere than the rig"
-        " says; the estimate has an error of that size.",
+        "The sensor may be upside down, turned, in another unit (g instead of m/s²), or mounted elsewhere than in the"
+        " rig; the estimate has an error of that size.",
     ),
     "accelerometer.scale": Text(
         "{part} is {value:.3g} {unit} (rms) away from the acceleration that the motors' motion and gravity give it, where the"
         " link has"
         " {expected:.3g} {unit}: it is {factor:.3g} times what it should be.",
-        "The sensor may be upside down, turned, in another unit (g instead of m/s²), or mounted elsewhere than the rig"
-        " says; the estimate has an error of that size.",
+        "The sensor may be upside down, turned, in another unit (g instead of m/s²), or mounted elsewhere than in the"
+        " rig; the estimate has an error of that size.",
     ),
     "acceleration.masked": Text(
         "for {value:.1%} of the time nothing is estimated: samples are missing, or the accelerometers lie within {reach:g}"

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from vsalog.core.recording import Recording
 
-# Joint → role → what its sensor says.
+# Joint → role → its sensor's reading.
 Said = Mapping[str, Mapping[str, float]]
 
 
@@ -20,9 +20,9 @@ class LiveEstimator(Protocol):
         ...
 
     def prepare(self, dry: Recording) -> None:
-        """Look at a run without feedback, from which it learns how noisy its sensors are."""
+        """Estimate the sensors' noise from a run without feedback."""
         ...
 
     def take(self, k: int, said: Said) -> dict[str, float]:
-        """Return what the estimator says after sample `k`, column → value; empty while it says nothing."""
+        """Return the estimate after sample `k`, column → value; empty while there is none."""
         ...

@@ -1,4 +1,4 @@
-"""Stretches of a log that is too long for memory, from which is told what does not need every sample of it."""
+"""Stretches of a log that is too long for memory, for properties that do not need every sample of it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vsalog.core.signals import JointSignals
 Rows = Sequence[tuple[int, int]]
 
 LOOK_BYTES = 64 * 2**20
-"""Bytes of a log that are looked at, in stretches, and that these take in memory: as much is read in a second."""
+"""Bytes of a log that are read, in stretches, and that these take in memory: so many are read in a second."""
 
 # Rows of a stretch of signals, as many as methods take in one piece; and of the longest run, which holds the longest window.
 STRETCH, LONGEST_RUN = PART, 2 * PART
@@ -28,7 +28,7 @@ LOOK_ROWS = STRETCHES * STRETCH
 def of_recording(recording: Recording) -> Recording:
     """Return a recording of which each stream that is in files has stretches, spread evenly from its first sample to its last.
 
-    Of a channel that is mostly empty, there is a stretch with numbers.
+    A channel that is mostly empty gets a stretch with numbers.
     """
     if not recording.in_file:
         return recording
@@ -54,7 +54,7 @@ def _of_stream(own: Mapping[str, Channel], rows: int) -> dict[str, Channel]:
 
 
 def of_signals(signals: JointSignals) -> JointSignals:
-    """Return stretches from which filters, scales and priors can be derived; all there is where signals are in memory.
+    """Return stretches from which filters, scales and priors can be derived; all of it where signals are in memory.
 
     They are spread evenly. Those in which a signal or a deflection is greatest or least are among them, so that its range is
     the whole log's, and so is the beginning of the longest run.
@@ -73,7 +73,7 @@ def spread_over(signals: JointSignals, rows: int) -> JointSignals:
 
 
 def _of_rows(signals: JointSignals, seen: Rows) -> JointSignals:
-    """Return stretches of signals, which lie apart."""
+    """Return separate stretches of signals."""
     starts = joined(signals.starts, seen)
     starts[np.cumsum([0, *(last - first for first, last in seen[:-1])])] = True
     return replace(
@@ -110,7 +110,7 @@ def _extremes(signals: JointSignals) -> set[int]:
 
 
 def _moving(roles: Mapping[str, Values]) -> Iterator[tuple[str, Values]]:
-    """Yield the signals and the deflections that they make up."""
+    """Yield the signals and the deflections computed from them."""
     yield from roles.items()
     if "link_position" in roles:
         for role, values in roles.items():
@@ -134,7 +134,7 @@ def joined(column: NDArray[T], rows: Rows) -> NDArray[T]:
 
 
 def _merged(rows: Rows) -> list[tuple[int, int]]:
-    """Return stretches in order, those that overlap as one."""
+    """Return stretches in order, those that overlap merged."""
     merged: list[tuple[int, int]] = []
     for first, last in sorted(rows):
         if merged and first <= merged[-1][1]:
@@ -145,7 +145,7 @@ def _merged(rows: Rows) -> list[tuple[int, int]]:
 
 
 def _first_number(values: Values) -> int | None:
-    """Return the first row that holds a finite number; None where none does."""
+    """Return the first row with a finite number; None where there is none."""
     for first, last in parts(values):
         finite = np.isfinite(values[first:last])
         if finite.any():

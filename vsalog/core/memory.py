@@ -1,4 +1,4 @@
-"""How much memory there is, of the machine or of the group that the process is in; what a process holds, and its cores."""
+"""The memory of the machine or of the control group of the process; a process's memory, and its cores."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 RESERVE = 0.2
-"""Part of what is free that is left to others and to what no estimate counts: fragments, buffers, page tables."""
+"""Part of the free memory that is left to others and to uncounted items: fragments, buffers, page tables."""
 
 PIECE_BYTES = 2**20
 """Bytes of a file that are read at once: enough that calls cost nothing, few enough for memory and the processor's cache. No text
@@ -18,7 +18,7 @@ AT_ONCE_BYTES = 256 * 2**20
 
 
 def usable_memory() -> int:
-    """Return the bytes that can be used without pushing others out, as far as the system says; else those of a small machine."""
+    """Return the free memory [bytes], if the system reports it; else that of a small machine."""
     found = [size for size in (_available(), _group()) if size is not None]
     return int((1.0 - RESERVE) * min(found, default=4 * 2**30))
 
@@ -33,7 +33,7 @@ def _available() -> int | None:
 
 
 def _group() -> int | None:
-    """Return what a container leaves, as control groups say."""
+    """Return the free memory of a container, from its control groups."""
     for most, used in (
         ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
         ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
@@ -44,7 +44,7 @@ def _group() -> int | None:
 
 
 def resident() -> int:
-    """Return the bytes of memory that this process holds; 0 where the system does not say."""
+    """Return the memory of this process [bytes]; 0 where the system does not report it."""
     with suppress(OSError, ValueError, IndexError, AttributeError):
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE")

@@ -65,7 +65,7 @@ class TransmissionModel(_Base, frozen=True):
     coefficients : of the basis, shape (n·m,) [N·m], for scaled φ and set-point
     covariance : of the coefficients, shape (n·m, n·m)
     noise : standard deviation of the residual, in the unit of the equation fitted
-    samples : number of samples learnt from
+    samples : number of fitted samples
     region : vertices (φ, set-point) of the convex hull of these samples, or the ends (φ,) of the interval
     """
 
@@ -83,7 +83,7 @@ class JointModel(_Base, frozen=True):
     Attributes
     ----------
     estimator : name of the method
-    modality : where the torque came from: MODEL, SENSOR, RESIDUAL, or INTEGRATED for the integrated motor equation
+    modality : source of the torque: MODEL, SENSOR, RESIDUAL, or INTEGRATED for the integrated motor equation
     basis : the functions
     transmission : the fitted transmissions
     motor : what was estimated of the motors: ``inertia_1`` [kg·m²], ``damping_1`` [N·m·s/rad] and their ``…_std``
@@ -109,7 +109,7 @@ class JointModel(_Base, frozen=True):
         phi : shape (N,) [rad]
         setpoint : shape (N,) or one number, SI; needed where the basis has one
         loading : shape (N,) or one, which branch; loading everywhere when absent
-        extrapolate : evaluate it outside of that region too, where the standard deviation says little of the error
+        extrapolate : evaluate it outside of that region too, where the error may exceed the standard deviation by far
 
         Raises
         ------
@@ -143,7 +143,7 @@ class JointModel(_Base, frozen=True):
             )
             warnings.warn(
                 f"transmission '{name}': {outside} of {at.size} points are outside of the region the model was fitted in"
-                f" ({bounds or 'it has none'}), and NaN there; extrapolate=True evaluates it all the same",
+                f" ({bounds or 'it has none'}), and NaN there; extrapolate=True evaluates them nevertheless",
                 OutsideRegionWarning,
                 stacklevel=3,
             )
@@ -158,7 +158,7 @@ class JointModel(_Base, frozen=True):
             known = ", ".join(f"'{t.name}'" for t in self.transmission)
             raise EstimatorError(f"the model has no transmission '{name}'; it has {known}")
         if self.basis.has_setpoint and setpoint is None:
-            raise EstimatorError("the model depends on the set-point: say at which one to evaluate it (setpoint=…)")
+            raise EstimatorError("the model depends on the set-point: give the one to evaluate it at (setpoint=…)")
         try:
             at, c, on = np.broadcast_arrays(
                 np.atleast_1d(np.asarray(phi, dtype=np.float64)),
@@ -166,7 +166,7 @@ class JointModel(_Base, frozen=True):
                 True if loading is None else np.asarray(loading, dtype=np.bool_),
             )
         except ValueError as error:
-            raise EstimatorError(f"deflection, set-point and loading do not fit together: {error}") from error
+            raise EstimatorError(f"the shapes of deflection, set-point and loading differ: {error}") from error
         if at.ndim != 1:
             raise EstimatorError(f"the deflection must be one number or a list of them, not of shape {at.shape}")
         rows = self.basis.basis().rows(at, None if setpoint is None else c, 1, on)
@@ -182,7 +182,7 @@ class ModelFile(_Base, frozen=True):
     ----------
     vsalog : version that wrote it
     units : of the coefficients' arguments and results
-    log : name → SHA-256 of the logs it was learnt from
+    log : name → SHA-256 of the logs it was fitted to
     settings : of the estimator
     rig : the rig as TOML text
     joint : the models by joint
@@ -208,7 +208,7 @@ class ModelFile(_Base, frozen=True):
         Raises
         ------
         ReadError
-            The file cannot be read, is no TOML, or does not hold a model.
+            The file cannot be read, is no TOML, or contains no model.
         """
         try:
             return msgspec.convert(parse_toml(Path(path).read_text(encoding="utf-8")), cls)

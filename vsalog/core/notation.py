@@ -1,4 +1,4 @@
-"""Names and numbers as people read them, on a terminal as on a page."""
+"""Names and numbers for people, on a terminal and on a page."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def number(value: float | None, digits: int = 3, most: float = math.inf, least: float = -math.inf) -> str:
-    """Return a number as people read it, without an exponent where it need not have one; of one beyond a bound, that."""
+    """Return a number for people, without an exponent if possible; beyond a bound, the bound."""
     if value is None or not math.isfinite(value):
         return "–"
     if not least <= value <= most:
@@ -44,7 +44,7 @@ def unit_of(unit: str) -> str:
 
 
 def signal_name(role: str) -> str:
-    """Return what people call a signal, an equation or a parameter."""
+    """Return the readable name of a signal, an equation or a parameter."""
     return role.replace("_", " ")
 
 
@@ -72,7 +72,7 @@ def with_interval(value: float, half: float | None) -> str:
 
 
 def share_text(share: float) -> str:
-    """Return a share in per cent: a decimal only where it matters, for 99.6 % is not all of it, nor 0.4 % nothing."""
+    """Return a share in per cent: with a decimal only near 0 and 100 %, since 99.6 % is not all and 0.4 % not nothing."""
     if not math.isfinite(share):
         return "–"
     per_cent = 100.0 * share
@@ -87,14 +87,14 @@ def term_name(term: str) -> str:
 
 
 def part_name(part: str) -> str:
-    """Return what people call a part of a joint: motor_1 is the first motor."""
+    """Return the readable name of a part of a joint: motor_1 is the first motor."""
     name, _, place = part.rpartition("_")
     ordinal = {"1": "first", "2": "second"}.get(place)
     return signal_name(part if ordinal is None else f"{ordinal}_{name}")
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return names as they stand in a sentence: a, b and c."""
+    """Return names as listed in a sentence: a, b and c."""
     return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
@@ -111,5 +111,5 @@ def duration(seconds: float) -> str:
 
 
 def transmission_title(part: str) -> str:
-    """Return what a transmission is called."""
+    """Return the readable name of a transmission."""
     return "Both transmissions together" if part == "total" else f"Transmission {part}"

@@ -1,4 +1,4 @@
-"""Texts for messages: of logs, rigs and file names, which may hold anything, and numbers of things."""
+"""Texts for messages: of logs, rigs and file names, which may contain anything, and numbers of things."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ LONGEST_TEXT = 256
 """Characters of a name or a quantity in a file: nested fields are put behind one another, numbers have all their digits."""
 
 MAX_DEPTH = 32
-"""Structures within structures that are followed; messages of robots and rigs have fewer than ten, and damage has no end."""
+"""Nested structures that are followed; messages of robots and rigs have fewer than ten levels, damaged ones any number."""
 
 LONGEST_NAME = 180
 """Characters of a name, and bytes in a file's: file systems end at 255, and a prefix (``device=``), an ending come with it."""
 
 
 def printable(text: str) -> str:
-    """Return a text without what could act on a reader: control, format and surrogate characters become visible."""
+    """Return a text without active characters: control, format and surrogate characters become visible."""
     if text.isprintable():
         return text
     return "".join("�" if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp") else c for c in text)
@@ -29,5 +29,5 @@ def plural(count: int, noun: str) -> str:
 
 
 def size_text(size: float) -> str:
-    """Return a number of bytes with the unit that reads best, "1.5 GB"."""
+    """Return a number of bytes with a suitable unit, "1.5 GB"."""
     return f"{size / 1e9:.3g} GB" if size >= 1e9 else f"{size / 1e6:.3g} MB"

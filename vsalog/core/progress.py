@@ -1,4 +1,4 @@
-"""What work under way tells whoever watches: how far a step is, which rig was found. Nobody watches unless asked to."""
+"""Progress events for watchers: the progress of a step, the rig that was found. By default nobody watches."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True, slots=True)
 class Advanced:
-    """How far a step is.
+    """The progress of a step.
 
     Attributes
     ----------
-    step : a code, whose words the command line has
+    step : a code; the command line has its words
     share : done of it, 0 to 1
     at_most : the rest may turn out not to be needed, as of an iteration that converges
     """
@@ -34,7 +34,7 @@ _watchers: list[Watcher] = []
 
 @contextmanager
 def watched(watcher: Watcher) -> Iterator[None]:
-    """Have all that is told within go to a watcher, too."""
+    """Send all events within to a watcher, too."""
     _watchers.append(watcher)
     try:
         yield
@@ -43,18 +43,18 @@ def watched(watcher: Watcher) -> Iterator[None]:
 
 
 def is_watched() -> bool:
-    """Tell whether anybody watches, where it takes a while to know what to tell."""
+    """Return whether anybody watches, where an event takes a while to compute."""
     return bool(_watchers)
 
 
 def tell(event: object) -> None:
-    """Tell those who watch, if any do."""
+    """Send an event to the watchers, if any."""
     for watcher in _watchers:
         watcher(event)
 
 
 class _Step:
-    """The outermost step under way, and the part of it that inner ones share in."""
+    """The outermost active step, and the part of it that inner ones share in."""
 
     name, low, high, at_most = "", 0.0, 1.0, False
 
@@ -65,7 +65,7 @@ _step = _Step()
 def counted(
     step: str, items: Iterable[Item], total: int | None = None, at_most: bool = False
 ) -> Generator[Item, None, None]:
-    """Yield items, and tell how many of them are done; within another step, as a share of that one.
+    """Yield items, and report how many of them are done; within another step, as a share of that one.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def counted(
     at_most : the loop may end before the last of them
     """
     if threading.current_thread() is not threading.main_thread():
-        yield from items  # of many at once none is the step under way
+        yield from items  # of several in parallel none is the active step
         return
     count = total if total is not None else len(items) if isinstance(items, Sized) else 1
     name, low, high, earlier = _step.name, _step.low, _step.high, _step.at_most

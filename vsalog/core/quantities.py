@@ -1,6 +1,6 @@
-"""The types of a rig's numbers: each knows its SI unit, what it is, and which values are possible.
+"""The types of a rig's numbers, each with its SI unit, its meaning, and its possible values.
 
-The SI unit stands in the type's metadata (``extra["unit"]``), from which the loader converts strings such as
+The SI unit is in the type's metadata (``extra["unit"]``), from which the loader converts strings such as
 ``"500 N·mm/rad"``, the JSON Schema is generated and `docs/reference/rig` is checked.
 """
 

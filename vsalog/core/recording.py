@@ -1,4 +1,4 @@
-"""What a reader makes of a log: named channels, each with its own time stamps and unit."""
+"""A log as read: named channels, each with its own time stamps and unit."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class Channel:
         Full name, ``topic.field`` or a table's column, e.g. ``/joint_states.position[elbow_motor]``.
     stamps : int64 array, shape (n,)
         Strictly increasing nanoseconds; channels of one stream share one array. Since the epoch, or since the start
-        where the log has only relative time (`Recording.absolute_time` tells).
+        where the log has only relative time (see `Recording.absolute_time`).
     values : float64 array, shape (n,)
         In `unit`, as recorded; NaN where the log has none.
     unit : str or None
-        As the log states it; None where it is silent.
+        As the log states it; None where it states none.
     stream : str
         The topic, table or struct the channel belongs to.
     type : str
@@ -49,7 +49,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """What is known of one topic, table or struct: how often, on which clock, and what was wrong with it.
+    """One topic, table or struct: its rate, its clock, and its faults.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Stream:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A log: the channels asked for, and what was found on the way.
+    """A log: the requested channels, and the findings about it.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class Recording:
     rig_text : str or None
         The rig the log carries (MCAP metadata record ``vsalog.rig``), as TOML.
     findings : tuple of Finding
-        What a person should know: salvage counts, clocks, skipped lines.
+        Findings of the reader: salvage counts, clocks, skipped lines.
     absolute_time : bool
         Whether stamps count from the epoch.
     """
@@ -114,12 +114,12 @@ class Recording:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a person should know, in sentences."""
+        """The findings, in sentences."""
         return tuple(map(sentence, self.findings))
 
     @property
     def in_file(self) -> bool:
-        """Whether it is too long for memory, and samples lie in files that are mapped into it."""
+        """Whether it is too long for memory, and samples are in memory-mapped files."""
         return any(is_mapped(channel.values) for channel in self.channels.values())
 
     def channel(self, name: str) -> Channel:

@@ -1,4 +1,4 @@
-"""Whether a sample lies inside the region that a model was fitted in; beyond it a prediction is extrapolation."""
+"""Whether a sample is inside the region that a model was fitted in; outside, a prediction is extrapolation."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# What is below this share of a torque, a range or the time does not matter [1].
+# A smaller share of a torque, a range or the time does not matter [1].
 NEGLIGIBLE_SHARE = 0.01
 
 
 def inside_region(vertices: Sequence[Sequence[float]], phi: Array, setpoint: Array | None) -> Flags:
-    """Tell which samples lie inside, or so near that noise may have put them outside.
+    """Return which samples are inside, or so near that noise may have put them outside.
 
     Parameters
     ----------
@@ -45,6 +45,6 @@ def inside_region(vertices: Sequence[Sequence[float]], phi: Array, setpoint: Arr
 
 def _between(x: Array, ends: Array) -> Flags:
     low, high = float(ends.min()), float(ends.max())
-    # A set-point that stood still has no span of its own.
+    # A constant set-point has no span of its own.
     margin = NEGLIGIBLE_SHARE * (high - low) if high > low else 1e-6 * max(abs(low), 1e-12)
     return np.asarray((x >= low - margin) & (x <= high + margin))

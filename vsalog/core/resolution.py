@@ -1,4 +1,4 @@
-"""The least step of a sensor and its noise, from what it recorded."""
+"""The least step of a sensor and its noise, from its recording."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ Number = TypeVar("Number", np.float64, np.int64)
 # Rounding moves what a sensor reads by this part of its step, root mean square.
 ROUNDED = 12.0**-0.5
 LONGEST_OUTLIER = 3
-"""Samples in a row that may be wrong among good ones [1]: two packets, and the one between them; more of them were meant."""
+"""Samples in a row that may be wrong among good ones [1]: two packets, and the one between them; more are real."""
 
 ENOUGH = 2**18
-"""Samples that show a distribution as well as more would: its quantiles are those of the whole to 0.1 %."""
+"""Samples that suffice for a distribution: its quantiles are those of the whole to 0.1 %."""
 STRETCHES = 8
-"""Stretches that so many samples are taken in where neighbouring ones are needed: noise may differ over a log."""
+"""Number of stretches for these samples where neighbouring ones are needed: noise may differ over a log."""
 
 
 def resolution_of(values: Array) -> float:
     """Return the least step of a signal, 0 for one that never moves.
 
-    A signal without steps has noise instead: it is given the step whose rounding error would be as large.
+    A signal without steps has noise instead: it gets the step whose rounding error would be as large.
     """
     finite = values[np.isfinite(values)]
     span = float(np.ptp(finite)) if finite.size else 0.0
@@ -35,14 +35,14 @@ def resolution_of(values: Array) -> float:
     return step_of(values) or max((noise_of(values) or 0.0) / ROUNDED, 1e-12 * span)
 
 
-def coarser(said: float, values: Array) -> float:
-    """Return the step that a rig says, or that of the values where they are rounded more coarsely than that.
+def coarser(stated: float, values: Array) -> float:
+    """Return the rig's step, or that of the values where they are rounded more coarsely than that.
 
-    Of a few levels nothing is known: those that are held are steps, too.
+    A few levels show nothing: held values are steps, too.
     """
     finite = values[np.isfinite(values)]
     shown = step_of(finite) or 0.0
-    return shown if shown > said and float(np.ptp(finite)) >= REPEATS * shown else said
+    return shown if shown > stated and float(np.ptp(finite)) >= REPEATS * shown else stated
 
 
 def step_of(values: Array) -> float | None:
@@ -66,13 +66,13 @@ def step_of(values: Array) -> float | None:
 
 
 def sensor_noise(values: Array, step: float, least: float) -> float:
-    """Return what a sensor adds to a signal, one standard deviation, above 0: white noise, or its steps where these are larger.
+    """Return a sensor's error, one standard deviation, above 0: white noise, or quantisation where this is larger.
 
     Parameters
     ----------
     values : shape (N,), NaN is left out
     step : of the sensor, 0 where it has none
-    least : part of the largest value that a sensor without either has all the same
+    least : part of the largest value that is the error of a sensor without either
     """
     finite = values[np.isfinite(values)]
     return float(max(noise_of(finite) or 0.0, step * ROUNDED, least * float(np.abs(finite).max(initial=0.0)) or least))
@@ -81,21 +81,21 @@ def sensor_noise(values: Array, step: float, least: float) -> float:
 def noise_of(values: Array, step: float = 0.0, time: Array | None = None) -> float | None:
     """Return the standard deviation of a signal's white noise; None where too little is known.
 
-    Third differences leave little of a smooth motion, and their spread is √20 times that of white noise. Their median is
-    not moved by the few samples where something happens.
+    Third differences of a smooth motion are small, and their standard deviation is √20 times that of white noise. A few samples
+    with events do not change their median.
 
     Parameters
     ----------
     values : NaN is left out
     step : of the sensor where noise between multiples of it is wanted: noise of which rounding is a part
-    time : when each was taken, rising [any unit], where that is not evenly
+    time : of each sample, increasing [any unit], if not evenly spaced
     """
     sample = _sample(values)
     third = np.diff(sample, 3) if time is None else _divided(sample, _sample(np.where(np.isnan(values), np.nan, time)))
     if third.size < 20:
         return None
     deviation = 1.4826 * _median(np.abs(third - np.median(third)), step) / 20.0**0.5
-    # What is left of a noiseless signal is the rounding of its numbers.
+    # The residual of a noiseless signal is the rounding of its numbers.
     return deviation if deviation > 1e-13 * float(np.max(np.abs(sample))) else None
 
 
@@ -109,7 +109,7 @@ def _divided(values: Array, time: Array) -> Array:
 
 
 def _median(sizes: Array, step: float) -> float:
-    """Return the median; of multiples of a step as if each stood for what rounds to it, spread evenly."""
+    """Return the median; of multiples of a step as if each were spread evenly over the values that round to it."""
     middle = float(np.median(sizes))
     if step == 0.0:
         return middle
@@ -130,5 +130,5 @@ def _sample(values: Array) -> Array:
 
 
 def spread_over(values: NDArray[Number], most: int = ENOUGH) -> NDArray[Number]:
-    """Return every so manyth value: about `most` of them, spread over the whole."""
+    """Return every n-th value: about `most` of them, spread over the whole."""
     return values[:: max(1, values.size // most)]

@@ -16,8 +16,8 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-# What helps where every stretch of a log is too short.
-LONGER = "record longer, and with even stamps (where they jitter they make gaps; --time takes another clock)"
+# The advice where every stretch of a log is too short.
+LONGER = "record longer, and with even stamps (jitter makes gaps; --time uses another clock)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +49,8 @@ class JointSignals:
     run : shape (N,), index into `run_names`
     run_names : names of the runs (groups of a file, or files); ("",) when there is just one
     resolution : role → least step of the sensor [SI], 0 where none was found
-    findings : what a person should know about how the signals came about
-    interpolated : role → noise of those whose samples were taken between the grid's; empty where it was not asked for
+    findings : about the binding of the signals
+    interpolated : role → noise of those whose samples were taken between the grid's; empty where it was not requested
     periods : of each run, its own sample time [s]; empty where that is the grid's
     """
 
@@ -77,7 +77,7 @@ class JointSignals:
 
     @property
     def in_file(self) -> bool:
-        """Whether they are too long for memory, and lie in files that are mapped into it."""
+        """Whether they are too long for memory, and are in memory-mapped files."""
         return is_mapped(self.stamps)
 
     def __getitem__(self, part: slice) -> JointSignals:

@@ -1,4 +1,4 @@
-"""How sure a conclusion has to be: stated probabilities, and the normal deviates, draws and repeats that follow from them."""
+"""Required significance: stated probabilities, and the normal deviates, draws and repeats that follow from them."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import math
 from statistics import NormalDist
 
 SIGNIFICANCE = 0.05
-"""Probability with which an interval or a band does not cover what it is of [1]: the convention, 95 % intervals."""
+"""Probability with which an interval or a band does not cover the true value [1]: the convention, 95 % intervals."""
 
 FALSE_ALARM = 1e-3
-"""Probability with which one test of a log finds by chance what is not there [1]: of a thousand logs one."""
+"""False-alarm probability of one test of a log [1]: one of a thousand logs."""
 
 FALSE_ALARM_OF_MANY = 1e-6
 """The same of each of many tests [1], as of every channel, transmission and stretch of thousands of logs."""
@@ -36,12 +36,12 @@ def variance_ratio(tail: float, degrees: int) -> float:
 
 
 def draws_for(tail: float) -> int:
-    """Return with how many draws, the data's own among them, a permutation test can give a p-value as small as that."""
+    """Return the number of draws, the data's own included, with which a permutation test can give so small a p-value."""
     return round(1.0 / tail)
 
 
 def repeats_for(tail: float) -> int:
-    """Return the number of equal outcomes in a row, of probability 1/2 each, that chance gives with at most a probability."""
+    """Return the number of equal outcomes in a row, of probability 1/2 each, that has at most a probability by chance."""
     return math.ceil(-math.log2(tail))
 
 

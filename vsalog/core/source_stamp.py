@@ -1,4 +1,4 @@
-"""What tells numba's cache of a compiled function that a file which the function calls has changed."""
+"""A stamp by which numba's cache of a compiled function detects changes of other files that it calls."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ from types import ModuleType
 
 
 def source_stamp(*modules: ModuleType) -> str:
-    """Return what changes when one of the files changes: numba's cache looks at a function's own file only."""
+    """Return a value that changes with any of the files: numba's cache checks a function's own file only."""
     return " ".join(str(Path(str(module.__file__)).stat().st_mtime_ns) for module in modules)

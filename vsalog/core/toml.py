@@ -1,4 +1,4 @@
-"""TOML of others: what would take a parser memory or time that no file of ours takes is refused first."""
+"""Untrusted TOML: documents that would take a parser excessive memory or time are refused first."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ class Trace:
 
     @classmethod
     def of_rows(cls, rows: JointSignals, transmissions: Mapping[str, Mapping[str, NDArray[np.generic]]]) -> Trace:
-        """Give the rows of a conditioned block their estimates."""
+        """Add the estimates to the rows of a filtered block."""
         return cls(rows.joint, rows.stamps, rows.time, rows.run, rows.run_names, transmissions)
 
     @classmethod

@@ -1,4 +1,4 @@
-"""The units known by heart, and what the dimensions are called."""
+"""The built-in units, and the names of dimensions."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ OFFSET_UNITS = frozenset({"degC", "°C", "degF", "°F", "celsius", "Celsius", "f
 COUNTS = frozenset(
     ("count", "counts", "cnt", "cnts", "cts", "tic", "tics", "tick", "ticks", "lsb", "pulse", "pulses", "increment", "increments")
 )  # fmt: skip
-"""What people call the steps of an encoder, which are no unit until it is known how many make a turn."""
+"""Names of an encoder's steps, which are no unit until the counts per turn are known."""
 
 KINDS: dict[Dimension, str] = {
     ANGLE: "an angle",
@@ -150,7 +150,7 @@ KINDS: dict[Dimension, str] = {
     _dimension(mass=1.0, time=-1.0): "a viscous friction coefficient of a sliding motion",
 }
 
-# What the keys of a rig want, with examples.
+# The quantities of a rig's keys, with examples.
 QUANTITIES: dict[str, str] = {
     "rad": "an angle (rad, deg, …)",
     "m": "a length (m, mm, …)",

@@ -1,6 +1,6 @@
 """Unit text → factor to SI.
 
-A small grammar (products, quotients, powers, parentheses) over a table of unit names known by heart. pint is imported only
+A small grammar (products, quotients, powers, parentheses) over a table of built-in unit names. pint is imported only
 for a name that is not in the table, and only ever sees that one name: an expression from a hostile file is never
 evaluated by anyone but the few lines below.
 
@@ -41,7 +41,7 @@ class Unit(NamedTuple):
 
 
 def si_factor(unit: str, like: str) -> float:
-    """Return what a number in `unit` is multiplied with to become one in `like`.
+    """Return the factor from a number in `unit` to one in `like`.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def _conversion(unit: str, like: str) -> float:
 
 
 def matching(unit: str, likes: tuple[str, ...]) -> str:
-    """Return which of the units in `likes` measures the same as `unit`.
+    """Return which of the units in `likes` has the dimension of `unit`.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def split_quantity(text: str) -> tuple[float, str]:
     Raises
     ------
     UnitError
-        There is no plain number in front, or no unit behind it.
+        There is no plain number in front, or no unit after it.
     """
     number, unit = split_number(text)
     if not unit:
@@ -131,9 +131,9 @@ def positive_quantity(value: float | str, like: str, kind: str) -> float:
 
     Parameters
     ----------
-    value : what is asked for
+    value : the given number or text
     like : SI unit of a bare number
-    kind : what it has to be in words, such as "a time longer than zero"
+    kind : what it has to be, such as "a time longer than zero"
 
     Raises
     ------
@@ -152,7 +152,7 @@ def positive_quantity(value: float | str, like: str, kind: str) -> float:
 def split_header(text: str) -> tuple[str, str | None]:
     """Split a table's header into name and unit: "theta [deg]" → ("theta", "deg"), "x (filtered)" → (itself, None).
 
-    A bracket that holds no unit known by heart stays in the name: "q (min)" is likelier a minimum than minutes, and pint
+    A bracket without a built-in unit stays in the name: "q (min)" is likelier a minimum than minutes, and pint
     knows a unit for nearly every short word.
     """
     if len(text) > LONGEST_TEXT:
@@ -167,12 +167,12 @@ def split_header(text: str) -> tuple[str, str | None]:
 
 
 def _is_label(text: str, name: str) -> bool:
-    """Tell whether the bracket names an element: "/joint_states.position[m]" has no space before it, as ROS names have."""
+    """Return whether the bracket names an element: "/joint_states.position[m]" has no space before it, as ROS names have."""
     return name.startswith("/") and text[len(name)] == "["
 
 
 def is_counts(unit: str) -> bool:
-    """Tell whether a unit is that of raw encoder counts, of which nobody knows how many make a turn."""
+    """Return whether a unit is that of raw encoder counts, whose number per turn is unknown."""
     return unit.strip().lower() in COUNTS
 
 
@@ -180,7 +180,7 @@ _NOT_IN_HEADERS = frozenset({"", "1", "min", "in", "h", "T", "C", "F", "K"})
 
 
 def is_known_by_heart(unit: str) -> bool:
-    """Tell whether a text is a unit that the table here knows, without a look into pint."""
+    """Return whether a text is a unit of this table, without using pint."""
     try:
         _parse(unit, ask_pint=False)
     except UnitError:
@@ -215,7 +215,7 @@ def quantity(like: str) -> str:
 
 
 def shown(text: str) -> str:
-    """Return text from a file fit for a message: no control characters, not endless."""
+    """Return text from a file fit for a message: no control characters, limited length."""
     safe = printable(text)
     return safe if len(safe) <= LINE_LENGTH else safe[: LINE_LENGTH - 1] + "…"
 
@@ -244,7 +244,7 @@ def _parse(unit: str, ask_pint: bool) -> Unit:
     if parser.rest():
         raise parser.error()
     if not (math.isfinite(result.factor) and result.factor > 0.0):
-        raise UnitError(f"'{shown(unit)}' is beyond what can be computed with")
+        raise UnitError(f"'{shown(unit)}' is too large or too small to compute with")
     return result
 
 
@@ -325,7 +325,7 @@ class _Parser:
                 return Unit(*ATOMS[spelling])
             if spelling in COUNTS:
                 raise UnitError(
-                    f"'{shown(name)}' say nothing until it is known how many make a turn: write counts_per_turn = 4096 next"
+                    f"'{shown(name)}' have no meaning until the counts per turn are known: write counts_per_turn = 4096 next"
                     ' to the channel, or unit = "rev/4096"'
                 )
             if spelling in OFFSET_UNITS:

@@ -105,7 +105,7 @@ def _computed(found: JointDiagnosis, role: str, why: Finding) -> FoundCause:
 
 
 def signal_errors(found: JointDiagnosis) -> list[SignalError]:
-    """Return the simulation errors of the rig as given, on the log that is diagnosed."""
+    """Return the simulation errors of the original rig, on the log that is diagnosed."""
     given, out = found.standing, []
     for role in given.windows.roles if given is not None else ():
         assert given is not None

@@ -69,7 +69,7 @@ class EquationError(_Part, frozen=True):
     equation : motor, motor_1, secondary_motor, transmission, link, deflection, …
     side : of the joint it is about
     unit : SI
-    rms_before, rms_after : of its averages over a short bell, with the rig as given and with the causes found
+    rms_before, rms_after : of its averages over a short bell, with the original rig and with the causes found
     noise : the same of noise alone
     """
 
@@ -140,7 +140,7 @@ class Gain(_Part, frozen=True):
     joint : name
     signal : role, or ``stiffness`` of a transmission
     unit : SI
-    rmse_before, rmse_after : with the rig as given, and extended
+    rmse_before, rmse_after : with the original rig, and extended
     noise_floor : its value from noise alone, if the rig were right
     reduction : 1 − rmse_after / rmse_before
     ci95 : interval of the reduction, from a bootstrap over windows
@@ -172,7 +172,7 @@ class LogError(_Part, frozen=True):
     log : its name
     begin : when it begins, ISO 8601; null where that is not known
     joint, signal, unit : as of `SignalError`
-    rmse_before, rmse_after : with the rig as given, and extended
+    rmse_before, rmse_after : with the original rig, and extended
     """
 
     log: str
@@ -268,7 +268,7 @@ class Diagnosis(_Part, frozen=True):
     verdict : in a word
     sentences : what was found, in plain sentences; what makes a search of causes pointless first
     p_values : joint → probability of a log whose equations contradict the rig at least as much, were the rig right
-    simulation_error : of the rig as given, on the log
+    simulation_error : of the original rig, on the log
     equations : the residual of each
     causes : found, the weightiest first
     gain : of the extended rig

@@ -35,7 +35,7 @@ class EquationEvidence:
     Attributes
     ----------
     side, unit : of the equation
-    before, after : with the rig as given, and extended
+    before, after : with the original rig, and extended
     noise : standard deviation that noise gives these averages
     """
 

@@ -52,7 +52,7 @@ def reduction_of(before: Array, after: Array) -> tuple[float, tuple[float, float
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """A rig as given and extended, on the same windows.
+    """The original rig and its extension, on the same windows.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class Share:
     ----------
     log : its number
     role : of the signal
-    before, after : root mean square error with the rig as given, and extended
+    before, after : root mean square error with the original rig, and extended
     """
 
     log: int
@@ -113,7 +113,7 @@ class Share:
 
 
 def shares_of(gain: Compared) -> tuple[Share, ...]:
-    """Return the errors on each log's windows of the rig as given, and extended."""
+    """Return the errors on each log's windows of the original rig, and extended."""
     windows = gain.windows
     log = windows.channels.log
     assert log is not None
@@ -132,7 +132,7 @@ def shares_of(gain: Compared) -> tuple[Share, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """How far the rig as given is from the log that is diagnosed.
+    """How far the original rig is from the log that is diagnosed.
 
     Attributes
     ----------
@@ -154,7 +154,7 @@ class Standing:
 
 
 def standing(joint: Any, windows: Windows, known: Compared | None = None) -> Standing:
-    """Simulate a log with the rig as given, in windows and as a whole.
+    """Simulate a log with the original rig, in windows and as a whole.
 
     Parameters
     ----------
@@ -187,13 +187,13 @@ def compared(before: Any, after: Any, windows: Windows) -> Compared:
 
     Parameters
     ----------
-    before, after : the rig as given, and extended
+    before, after : the original rig, and extended
     windows : of the log
 
     Raises
     ------
     SimulationError
-        The rig as given cannot be simulated there.
+        The original rig cannot be simulated there.
     """
     windows = weighed(after, _affordable(after, windows))
     one = begun(before, windows)

@@ -58,7 +58,7 @@ class JointDiagnosis:
     selection : of causes
     found : causes, the weightiest first
     computed : torque sensor's role → the finding that it is no measurement
-    standing : the rig as given against the log; none where nothing can be simulated
+    standing : the original rig against the log; none where nothing can be simulated
     gain : simulations before and after; none where nothing can be simulated
     held_out : what the gain was measured on, in words
     fraction : of the rig's squared residual that no cause explains
@@ -95,7 +95,7 @@ class JointDiagnosis:
 
     @property
     def right(self) -> bool:
-        """Whether equations close, and every signal that can be is simulated within its noise, with the rig as given."""
+        """Whether equations close, and every signal that can be is simulated within its noise, with the original rig."""
         return self._closes(self.joint) and (self.gain is None or self.gain.within(self.gain.before))
 
     @property

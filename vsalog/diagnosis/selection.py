@@ -130,7 +130,7 @@ class Selection:
     posterior : of its causes together
     choices : of its causes
     blocks : shape (R,), the block of each row
-    p_value : of the rig as given, see `omnibus`; none where no cause can be looked for
+    p_value : of the original rig, see `omnibus`; none where no cause can be looked for
     settled : whether the search ended in a set that it finds again when it begins there
     """
 
@@ -355,7 +355,7 @@ def stage_about(
 def _rig_stage(
     problem: Problem, system: System, sites: Sequence[Site], blocks: Integers, hold: float
 ) -> tuple[Stage, float]:
-    """Linearise the equations about the rig as given; return the p-value of that, too."""
+    """Linearise the equations about the original rig; return the p-value of that, too."""
     linear, own = equations_about(problem, system, sites, (), hold)
     stage = _stage(linear, own, blocks)
     return stage, p_value(linear, stage.weights.system, everything(linear), blocks)

@@ -21,7 +21,7 @@ def stiffness_gains(name: str, before: Traces, after: Traces) -> list[Gain]:
     Parameters
     ----------
     name : of the joint
-    before, after : with the rig as given, and extended
+    before, after : with the original rig, and extended
 
     Returns
     -------

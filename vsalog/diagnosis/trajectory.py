@@ -96,7 +96,7 @@ def refined(selection: Selection, windows: Windows) -> Selection:
 
 
 def _by_loop(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Array]:
-    """Search sets of causes by the trajectories alone, beginning with the rig as given.
+    """Search sets of causes by the trajectories alone, beginning with the original rig.
 
     A loop that is commanded a position does not drift: its simulation over many seconds determines causes as equations do from
     their own samples, without derivatives of what a slow log hardly shows.

@@ -1,4 +1,4 @@
-"""What a report draws: the arrays behind the figures, one joint at a time."""
+"""The data of a report's figures, one joint at a time."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class TransmissionEvidence:
     ----------
     deflection : φ [rad]
     predicted, predicted_std : the frozen model's flexibility torque [N·m]
-    measured : what it is judged against [N·m]; None where there is nothing
-    measured_by : ``sensor``, ``residual`` …, what `measured` is
+    measured : its reference [N·m]; None where there is none
+    measured_by : ``sensor``, ``residual`` …, the kind of `measured`
     stiffness, stiffness_std : the frozen model's [N·m/rad]
     true_stiffness : a simulator's; None in a recording of a machine
     inside : inside the region that the model was fitted in
@@ -58,7 +58,7 @@ class JointEvidence:
     Attributes
     ----------
     joint : name
-    time : shape (N,), from the log's start [s]; of several runs each may begin again
+    time : shape (N,), from the log's start [s]; each of several runs may start again
     setpoint : shape (N,), or None; its unit is ``setpoint_unit``, empty where only that it is SI is known
     transmissions : by name
     model : the frozen model, for its surface; None where an estimate is reported and there is none yet
@@ -81,7 +81,7 @@ Draw = Callable[[int, JointEvidence], None]
 
 
 def setpoint_unit(joint: Joint) -> str:
-    """Return the unit of a joint's set-point: m of a lever arm, rad of a motor; runs at fixed set-points do not say."""
+    """Return the unit of a joint's set-point: m of a lever arm, rad of a motor; not known for runs at fixed set-points."""
     if getattr(joint, "lever", None) is not None:
         return "m"
     return "" if any(run.setpoint is not None for run in getattr(joint, "run", ())) else "rad"

@@ -1,4 +1,4 @@
-"""The external stiffness of a joint, σ + ∂g/∂q: what a hand that turns the link feels, with its weight (Flacco 2012 eq. 6).
+"""The external stiffness of a joint, σ + ∂g/∂q: that of the link from outside, with its weight (Flacco 2012 eq. 6).
 
 With the motors and all other joints held, M q̈ + D_q q̇ + τ_e(q − θ) + g(q) = τ_ext (eq. 3) is τ_ext = τ_e + g(q) at rest, so that
 ∂τ_ext/∂q = σ + ∂g/∂q. A weight's torque on the axis that it turns about is a sine of the axis' angle, in an arm too, so that its
@@ -111,7 +111,7 @@ class ExternalStiffness:
         return replace(trace, transmissions={**trace.transmissions, "total": {**total, **columns}})
 
     def _at(self, role: str, trace: Trace) -> Array:
-        """Return a position at the rows of a trace; of a long log no more is looked at than these rows."""
+        """Return a position at the rows of a trace; of a long log only these rows are read."""
         held, out = self.positions, np.full(len(trace), np.nan)
         for run in np.unique(trace.run):
             rows = trace.run == run
@@ -155,9 +155,9 @@ def _gravity(device: Device, roles: Sequence[str]) -> Callable[[Mapping[str, Arr
 
 
 def _deviations(device: Device, stated: Mapping[str, float]) -> tuple[float, float]:
-    """Return how well a joint's weight is known, as a part of it, and the angle at which it hangs [rad].
+    """Return how well a joint's weight is known, relative to it, and the angle at which it hangs [rad].
 
-    Of an arm, whose links stand for the joints' gravity, what is usual of these is taken.
+    For an arm, whose links determine the joints' gravity, the usual values of these are taken.
     """
 
     def known(key: str, value: float, scale: float) -> float:

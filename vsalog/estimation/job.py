@@ -42,14 +42,14 @@ from vsalog.rig.template import rig_template
 Progress = Callable[[str], None]
 
 
-# Bytes of samples that are held in memory; what is beyond is worked on in a temporary file.
+# Bytes of samples that are held in memory; larger logs are processed in a temporary file.
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What can be asked of `estimate`; the command line's options of the same names.
+    """The options of `estimate`, named as on the command line.
 
     Attributes
     ----------
-    rig : a loaded rig, a rig file or a preset; looked for in the log and next to it when absent
+    rig : a loaded rig, a rig file or a preset; searched in the log and next to it when absent
     joints : names of the joints wanted; all when empty
     estimator : a method's name or ``auto``
     tune : NAME → VALUE of the method's tuning
@@ -81,7 +81,7 @@ class Job:
     guessed : whether no rig was found and the roles were guessed
     choices : the estimator for each joint
     findings : of the logs and the rig
-    options : what was asked for
+    options : as requested
     """
 
     logs: tuple[Path, ...]
@@ -116,7 +116,7 @@ class Job:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was found of the logs and the rig, in sentences."""
+        """The findings about the logs and the rig, in sentences."""
         return tuple(map(sentence, self.findings))
 
     @property
@@ -125,7 +125,7 @@ class Job:
         return any(recording.in_file for recording in self.recordings)
 
     def provenance(self) -> dict[str, str]:
-        """Return what a result says of where it came from: version, rig, settings, and the input's hashes."""
+        """Return the provenance of a result: version, rig, settings, and the input's hashes."""
         settings = {
             name: {"estimator": c.name, **{k: getattr(c.tuning, k) for k in c.tuning.__struct_fields__}}
             for name, c in self.choices.items()
@@ -139,7 +139,7 @@ class Job:
         }
 
     def _asked(self) -> dict[str, Any]:
-        """Return what repeats the run beside its rig; what was set in the rig is in the rig."""
+        """Return the settings that repeat the run in addition to its rig; settings in the rig are in the rig."""
         o = self.options
         setpoint = {key: value for key, value in o.set.items() if key == "setpoint"}
         asked = {"joints": list(o.joints), "estimator": o.estimator, "tune": dict(o.tune), "set": setpoint}
@@ -166,7 +166,7 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
     Parameters
     ----------
     logs : paths, or recordings read before
-    options : what is asked for
+    options : as requested
     progress : called with the step that begins
 
     Raises
@@ -196,7 +196,7 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
             raise
         name = _path(logs[0]).name
         raise EstimatorError(
-            f"{name}: no rig was found in or beside it, and by the names of its channels {error}"
+            f"{name}: no rig was found in or next to it, and by the names of its channels {error}"
         ) from None
     findings.add(*left_out)
     while read_all is None:
@@ -218,7 +218,7 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
 
 @dataclass(frozen=True, slots=True)
 class _Wanted:
-    """Channels of a log: those that the estimators need, and those that are references for them where they were recorded."""
+    """Channels of a log: those that the estimators need, and references for them if they were recorded."""
 
     needed: set[str]
     welcome: set[str]
@@ -243,7 +243,7 @@ def _channels(rig: Rig, joint: str, log: str, roles: Sequence[str]) -> set[str]:
 
 
 class _MissingChannelError(BindingError):
-    """Channels of a log that are needed are not there, or have no row."""
+    """Channels that are needed are missing in a log, or have no row."""
 
     def __init__(self, message: str, log: Path, channels: Sequence[str]) -> None:
         super().__init__(message)
@@ -308,9 +308,7 @@ def _read(
     if missing:
         known = open_reader(log, options.rate).catalogue()
         if missing[0] in known.channels:
-            message = (
-                f"{log.name}: channel '{missing[0]}' is there, but without a single row: nothing was recorded in it"
-            )
+            message = f"{log.name}: channel '{missing[0]}' has no rows: nothing was recorded in it"
             raise _MissingChannelError(message, log, missing)
         if missing[0] not in known.unread:
             raise _MissingChannelError(
@@ -329,11 +327,11 @@ def _rig(log: Path | Recording, opened: Reader | None, options: Options) -> Rig 
 
 
 def _guess(recording: Recording) -> tuple[Rig, list[Finding]]:
-    """Guess the rig of a log that has none; that it was guessed is said loudly."""
+    """Guess the rig of a log that has none, with a warning that it was guessed."""
     guess, name = guess_roles(recording), recording.path.name
     if not guess.joints:
         raise RigError(
-            f"no rig was found in or beside {name}, and no channel of it looks like a joint's position or deflection."
+            f"no rig was found in or next to {name}, and no channel of it looks like a joint's position or deflection."
             f" 'vsalog inspect {name}' lists the channels; describe the joint in a rig file and give it with --rig"
         )
     roles = "; ".join(
@@ -375,7 +373,7 @@ def _toml_value(text: str) -> str:
 
 
 def _without_setpoint(rig: Rig, joints: Sequence[str]) -> Rig:
-    """Take out what the rig says of the set-point, so that nothing of it is mixed with what was asked for."""
+    """Remove the rig's entries for the set-point, so that only the requested one applies."""
     changed = dict(rig.joints)
     for name in joints:
         joint = changed[name]

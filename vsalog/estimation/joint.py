@@ -41,15 +41,15 @@ from vsalog.rig.schema import Joint, RigFile
 
 Sink = Callable[[Trace], None]
 
-# What asks for the values that a method's paper prints, among the values of its tuning.
+# The tuning key for the values of a method's paper.
 PRESET, PAPER = "preset", "paper"
-# What asks any method for estimates from the samples before alone.
+# The tuning key for causal estimates by any method.
 CAUSAL = "causal"
 # The estimator of `auto` for estimates that need not be causal.
 SMOOTHER = "smoother"
-# What one more sensor would add.
+# The benefit of one more sensor.
 SENSOR_ADDS = (
-    "a joint torque sensor would judge the motor's torque and show the link's inertia and damping too (impedance)"
+    "a joint torque sensor would check the motor's torque and show the link's inertia and damping too (impedance)"
 )
 
 
@@ -71,7 +71,7 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class JointEstimate:
-    """What was learnt of one joint.
+    """The estimate of one joint.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class JointEstimate:
     settings : its tuning
     model : the fitted model, frozen at the end of the log
     summary : key figures per transmission
-    findings : what a person should know
+    findings : about its signals and its fit
     kept : the estimates over time, `trace`; None where they went to a sink instead
     """
 
@@ -103,25 +103,25 @@ class JointEstimate:
             They went to a sink.
         """
         if self.kept is None:
-            raise EstimatorError(f"the trace of joint '{self.joint}' was handed on as it was made, and is not kept")
+            raise EstimatorError(f"the trace of joint '{self.joint}' went to a sink, and is not kept")
         return self.kept
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a person should know, in sentences."""
+        """The findings, in sentences."""
         return tuple(sentence(finding) for finding in self.findings)
 
 
 def choose(name: str, joint: Joint, estimator: str, tuning: Mapping[str, str], rig: RigFile | None = None) -> Choice:
-    """Choose the estimator for a joint by the roles its rig offers, or take the one asked for.
+    """Choose the estimator for a joint by the roles its rig offers, or take the requested one.
 
     Parameters
     ----------
     name, joint : of the rig
     estimator : a method's name or ``auto``
-    tuning : NAME → VALUE of the method's tuning; ``preset=paper`` puts what its paper prints beneath the others, and
-        ``causal=true`` asks any method for estimates from the samples before alone
-    rig : the whole rig, for methods that look at the joint's neighbours in an arm
+    tuning : NAME → VALUE of the method's tuning; ``preset=paper`` takes its paper's values as defaults, and
+        ``causal=true`` makes any method causal
+        rig : the whole rig, for methods that read the joint's neighbours in an arm
 
     Raises
     ------
@@ -143,12 +143,12 @@ def tuning(preset: str | None, tune: Mapping[str, str], causal: bool) -> dict[st
 
 
 def no_preset(preset: str) -> str:
-    """Say that there is no such preset tuning."""
-    return f"there is no preset tuning '{preset}': '{PAPER}' takes the values that a method's paper prints"
+    """Return the message that there is no such preset tuning."""
+    return f"there is no preset tuning '{preset}': '{PAPER}' takes the values of a method's paper"
 
 
 def with_causal(found: Method, tuning: Mapping[str, str]) -> dict[str, str]:
-    """Return the tuning with which a method is causal, where ``causal=true`` asks for it: a causal filter before it.
+    """Return the tuning with which a method is causal, if ``causal=true`` requests it: a causal filter before it.
 
     Raises
     ------
@@ -159,9 +159,7 @@ def with_causal(found: Method, tuning: Mapping[str, str]) -> dict[str, str]:
     if tuning.get(CAUSAL) != "true":
         return dict(tuning)
     if "filter" not in names:
-        raise EstimatorError(
-            f"{found.NAME} has no causal filter before it: leave out --causal, or take another estimator"
-        )
+        raise EstimatorError(f"{found.NAME} has no causal filter: leave out --causal, or use another estimator")
     if tuning.get("filter", "kinematic") != "kinematic":
         raise EstimatorError(
             f"{found.NAME}: filter={tuning['filter']} is not causal: leave it out, or leave out --causal"
@@ -171,7 +169,7 @@ def with_causal(found: Method, tuning: Mapping[str, str]) -> dict[str, str]:
 
 
 def with_printed(found: Method, device: Device, tuning: Mapping[str, str]) -> dict[str, str]:
-    """Put what a method's paper prints beneath what is tuned, where ``preset=paper`` asks for it.
+    """Take the values of a method's paper as defaults of the tuning, if ``preset=paper`` requests it.
 
     Raises
     ------
@@ -194,16 +192,16 @@ def _automatic(device: Device, offered: Collection[str], tuning: Mapping[str, st
     views = device.transmissions
     causal = tuning.get(CAUSAL) == "true" or tuning.get("filter", "savitzky-golay") != "savitzky-golay"
     if device.pneumatic is not None:
-        return "pam-ukf", "the joint has pneumatic muscles, whose pressures tell its state" + (
+        return "pam-ukf", "the joint has pneumatic muscles, whose pressures determine its state" + (
             ""
             if "link_position" in offered
-            else "; with an encoder on the joint (link_position) 'vsalog validate' would judge the angle"
+            else "; with an encoder on the joint (link_position) 'vsalog validate' would check the angle"
         )
     missing = _missing(device, offered)
     if missing and told_by_the_link(device, offered):
         # The one that needs no basis needs no set-point.
         return "grioli-bicchi" if "setpoint" in missing else SMOOTHER, (
-            "neither the motor's torque nor the joint's is recorded, but what pushes the link is, and the rig has the link's"
+            "neither the motor's torque nor the joint's is recorded, but the external torque is, and the rig has the link's"
             " inertia"
         )
     if missing and senses_acceleration(device, offered):
@@ -226,7 +224,7 @@ def _automatic(device: Device, offered: Collection[str], tuning: Mapping[str, st
 
 
 def _whole_log(device: Device, offered: Collection[str], motors: bool, sensor: bool, known: bool) -> str:
-    """Say what a smoother has to learn from, and what would add to it."""
+    """Return the equations that a smoother can use, and which sensors would add to them."""
     if sensor and motors:
         return "the torque sensor's and the motor's equations together, and every instant from the whole log" + (
             "" if known else "; the motor's inertia is not known, and is estimated, too"
@@ -265,7 +263,7 @@ def _missing(device: Device, offered: Collection[str]) -> list[str]:
 
 
 def _refuse(device: Device, missing: Collection[str]) -> None:
-    """Refuse a joint that no method can do anything with, naming each missing role."""
+    """Refuse a joint that no method can estimate, naming each missing role."""
     if not missing:
         return
     listed = "; ".join(f"{role}: {meaning(role)}" for role in dict.fromkeys(missing))
@@ -292,7 +290,7 @@ def estimate_joint(
 
     Parameters
     ----------
-    recordings : in order; what is learnt from one goes on in the next; where one is in files, memory does not grow with them
+    recordings : in order; a fit continues from one to the next; where one is in files, memory does not grow with them
     name, joint : of the rig
     choice : the estimator, of `choose`
     setpoints : a fixed set-point per recording [SI], None for none
@@ -327,14 +325,14 @@ def estimate_joint(
     kept: list[Trace] = []
     summarizer = Summarizer(device)
     external = ExternalStiffness.of(recordings, joint, device, signals, stated)
-    # Where numbers run out of range the estimate is infinite or none, and the trace says so; numpy need not.
+    # Where numbers overflow the estimate is infinite or none, as the trace shows; numpy's warnings add nothing.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         fold = choice.method.build(device, look, choice.tuning)
         fold.conditioner.check_length(signals.longest_run)
         checks = Checks(Context(recordings, setpoints, device, joint, choice.name, choice.roles, signals, look, fold))
         pass_on = kept.append if sink is None else sink
         subject = Subject(choice.method, device, look, choice.tuning, fold)
-        # A short log is estimated once, and its trace kept until it is known how far perturbations move it.
+        # A short log is estimated once, and its trace kept until the effect of perturbations is known.
         short = run(fold, look, block) if signals is look and len(look) <= TRIED_SAMPLES else None
         trials = run_trials(subject, PERTURBATIONS, short)
 
@@ -361,12 +359,12 @@ def estimate_joint(
             state = short.state
         summary = summarizer.result(signals)
         whole = whole_windows(look, fold.conditioner.window)
-        learnt, checked = fold.findings(state), checks.findings()
-        void = {finding.part for finding in (*checked, *learnt) if finding.severity == "invalidates"}
+        fit_findings, checked = fold.findings(state), checks.findings()
+        void = {finding.part for finding in (*checked, *fit_findings) if finding.severity == "invalidates"}
         found = (
             *signals.findings,
             *findings_of(summary, device, whole, void),
-            *learnt,
+            *fit_findings,
             *trials.findings(),
             *checked,
         )
@@ -390,7 +388,7 @@ def _invalidated(parts: Set[str], transmissions: Set[str]) -> Set[str]:
 
 
 def _stands_still(values: NDArray[np.float64] | None) -> bool:
-    """Tell whether a signal is there and has one value only, but for rounding."""
+    """Return whether a signal exists and has one value only, except for rounding."""
     known = np.empty(0) if values is None else values[np.isfinite(values)]
     return known.size > 0 and bool(np.ptp(known) <= ROUNDING * np.abs(known).max())
 

@@ -26,7 +26,7 @@ class LiveEstimate:
 
     Parameters
     ----------
-    rig : as it is believed to be
+    rig : as the estimator assumes it
     joint : in it
     estimator : name
     tune : NAME → VALUE
@@ -52,7 +52,7 @@ class LiveEstimate:
         self.state, self.period = self.fold.start(), signals.period
 
     def take(self, k: int, said: Said) -> dict[str, float]:
-        """Return what the estimator says after sample `k`; empty while it says nothing."""
+        """Return the estimate after sample `k`; empty while there is none."""
         roles = {}
         for name, wanted in self.reads.items():
             offered = offered_roles(self.rig.joint[name])

@@ -1,4 +1,4 @@
-"""Channels that a rig names and a log does not have."""
+"""Channels that a rig names and a log lacks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stiffness by the motor's equation and by the torque sensor: they know of each other only through the rig."""
+"""The stiffness by the motor's equation and by the torque sensor: they are independent except for the rig."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def stiffness_traces(name: str, joint: Any, recording: Recording) -> Traces:
     Parameters
     ----------
     name, joint : of a rig, as it is written
-    recording : that was not used for the fit, where there is one; no more than its first 32768 samples are looked at
+    recording : that was not used for the fit, where there is one; no more than its first 32768 samples are used
 
     Returns
     -------
@@ -51,7 +51,7 @@ def stiffness_traces(name: str, joint: Any, recording: Recording) -> Traces:
 
 
 def stiffness_change(after: Traces, without: Traces) -> float | None:
-    """Return by which part the joint's stiffness changes, in root mean square, if the extended rig lacks a cause.
+    """Return the relative RMS change of the joint's stiffness if the extended rig lacks a cause.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def stiffness_change(after: Traces, without: Traces) -> float | None:
 
     Returns
     -------
-    That of the modality which changes more; None where neither supports a stiffness with both rigs
+    That of the modality which changes more; None where neither excites a stiffness with both rigs
     """
     changes = []
     for modality in after.keys() & without.keys():
@@ -73,10 +73,10 @@ def stiffness_change(after: Traces, without: Traces) -> float | None:
 
 
 def differences(pair: tuple[Trace, ...], transmission: str, stamps: Stamps) -> tuple[Array, Array]:
-    """Return the first − the second of two traces at some stamps, NaN where either is not supported; and the variance of that.
+    """Return the first − the second of two traces at some stamps, NaN where either is not excited; and its variance.
 
-    A delay that one rig knows of and the other does not leaves traces that begin and end apart. In the first half of a log
-    estimators settle.
+    If only one rig has a delay, the traces begin and end at different times. In the first half of a log estimators
+    settle.
     """
     columns = [
         {k: _at(stamps, trace, trace.transmissions[transmission][k]) for k in ("excited", "stiffness", "stiffness_std")}

@@ -1,4 +1,4 @@
-"""Repeating a run from what its own result says of it: `vsalog estimate --from OUT.parquet`."""
+"""Repeating a run from the provenance in its result: `vsalog estimate --from OUT.parquet`."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def repeated(result: Path, logs: Sequence[Path] = ()) -> tuple[tuple[Path, ...],
     Parameters
     ----------
     result : a Parquet trace that `estimate` wrote
-    logs : where its logs are now; else they are looked for in the current folder and beside the result
+    logs : where its logs are now; else they are searched in the current folder and next to the result
 
     Raises
     ------
     ReadError
-        The file is no trace, says too little, or a log is missing or not what it was.
+        The file is no trace, lacks provenance, or a log is missing or has changed.
     RigError
         The rig in it does not load.
     """
@@ -36,16 +36,14 @@ def repeated(result: Path, logs: Sequence[Path] = ()) -> tuple[tuple[Path, ...],
         raise ReadError(f"{result}: cannot be read: {error.strerror or error}") from error
     except pa.ArrowInvalid as error:
         raise ReadError(f"{result}: is no Parquet file: {error}") from error
-    told = {key.decode("utf-8", "replace"): value.decode("utf-8", "replace") for key, value in metadata.items()}
-    missing = [key for key in ("vsalog.rig", "vsalog.options", "vsalog.input") if key not in told]
+    provenance = {key.decode("utf-8", "replace"): value.decode("utf-8", "replace") for key, value in metadata.items()}
+    missing = [key for key in ("vsalog.rig", "vsalog.options", "vsalog.input") if key not in provenance]
     if missing:
-        raise ReadError(
-            f"{result}: does not say how it was made ({missing[0]} is missing): no trace of 'vsalog estimate'"
-        )
+        raise ReadError(f"{result}: lacks its provenance ({missing[0]} is missing): no trace of 'vsalog estimate'")
     try:
-        inputs, asked = json.loads(told["vsalog.input"]), json.loads(told["vsalog.options"])
+        inputs, asked = json.loads(provenance["vsalog.input"]), json.loads(provenance["vsalog.options"])
         options = Options(
-            Rig.from_toml(told["vsalog.rig"], f"the rig in {result.name}"),
+            Rig.from_toml(provenance["vsalog.rig"], f"the rig in {result.name}"),
             tuple(asked["joints"]),
             asked["estimator"],
             asked["tune"],
@@ -57,23 +55,23 @@ def repeated(result: Path, logs: Sequence[Path] = ()) -> tuple[tuple[Path, ...],
         )
         names = dict(inputs)
     except (KeyError, TypeError, ValueError) as error:
-        raise ReadError(f"{result}: what it says of how it was made cannot be read: {error}") from error
+        raise ReadError(f"{result}: its provenance cannot be read: {error}") from error
     return _found(result, names, logs), options
 
 
 def _found(result: Path, inputs: dict[str, str], logs: Sequence[Path]) -> tuple[Path, ...]:
-    """Find each log and see that it is what it was."""
+    """Find each log and check that it has not changed."""
     if logs and len(logs) != len(inputs):
         raise ReadError(f"{result}: was made from {len(inputs)} logs, but {len(logs)} are given")
     found = []
     for i, (name, digest) in enumerate(inputs.items()):
-        # The name is only looked up, in these two folders and without any path of its own.
+        # Only the name is searched, in these two folders, never a path.
         plain = Path(name).name
         places = [logs[i]] if logs else [Path(plain), result.parent / plain]
         log = next((place for place in places if place.exists()), None)
         if log is None:
-            raise ReadError(f"{result}: its log '{plain}' is neither here nor beside it; give its path too")
+            raise ReadError(f"{result}: its log '{plain}' is neither here nor next to it; give its path too")
         if sha256(log) != digest:
-            raise ReadError(f"{log}: is not the log that {result.name} was made from: its contents are others")
+            raise ReadError(f"{log}: is not the log that {result.name} was made from: its content differs")
         found.append(log)
     return tuple(found)

@@ -1,4 +1,4 @@
-"""Key figures of a trace, gathered while it goes by."""
+"""Key figures of a trace, gathered block by block."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ Array = NDArray[np.float64]
 
 
 class TransmissionSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """Key figures of one transmission ("1", "2") or of the device ("total"); None where the log cannot tell.
+    """Key figures of one transmission ("1", "2") or of the device ("total"); None where the log does not determine them.
 
     Attributes
     ----------
     transmission : name
     samples : rows of the trace
-    excited_share : share of them at which the estimate is supported by the data so far
-    stiffness_low, stiffness_high : 1 % and 99 % quantile over the supported rows [N·m/rad]
+    excited_share : share of them at which the estimate is excited by the data so far
+    stiffness_low, stiffness_high : 1 % and 99 % quantile over the excited rows [N·m/rad]
     stiffness_last : at the last of them [N·m/rad]
     negative_share : share of all rows with a stiffness that is negative beyond its uncertainty
-    relative_std : root mean square of stiffness_std / stiffness over the supported rows
-    fit_rms : of the flexibility torque fed minus fitted [N·m], after the first supported row; a residual is compared with
+    relative_std : root mean square of stiffness_std / stiffness over the excited rows
+    fit_rms : of the measured minus the fitted flexibility torque [N·m], after the first excited row; a residual is compared with
         the fit behind the residual's own lag
-    fit_mean : mean of fed minus fitted [N·m]
+    fit_mean : mean of measured minus fitted [N·m]
     fit_share : fit_rms as a share of the torque's own standard deviation
     deflection_span : greatest minus least deflection [rad]
     external_stiffness_low, external_stiffness_high : as of the stiffness, with the link's weight [N·m/rad]; of the device
@@ -120,7 +120,7 @@ class Summarizer:
             sigma, std = np.asarray(columns["stiffness"], float), np.asarray(columns["stiffness_std"], float)
             s.samples += len(trace)
             with np.errstate(invalid="ignore"):
-                # A stiffness below zero is never supported, however well it is known.
+                # A stiffness below zero never counts as excited, however well it is known.
                 s.negative += int(np.count_nonzero(SUPPORTED_SHARE * sigma < -std))
             if excited.any():
                 s.stiffness.add(sigma[excited])
@@ -136,7 +136,7 @@ class Summarizer:
             fit = np.asarray(columns.get("residual_fit", columns["flexibility_torque_fit"]), float)
             both = np.isfinite(fed) & np.isfinite(fit)
             if not s.excited:
-                # Before anything is known the fit's error says nothing about the fit.
+                # Before anything is known the fit's error has no meaning.
                 both &= np.logical_or.accumulate(excited)
             s.excited += int(np.count_nonzero(excited))
             s.fit_count += int(np.count_nonzero(both))
@@ -183,13 +183,13 @@ def _known(x: float) -> float | None:
 
 
 def findings_of(summary: JointSummary, device: Device, whole: float, void: Collection[str] = ()) -> Iterator[Finding]:
-    """Yield what the key figures show.
+    """Yield the findings from the key figures.
 
     Parameters
     ----------
     summary, device : of a joint
     whole : the share of the filters' windows in which no sample is missing
-    void : transmissions of which another finding says that their estimate is not to be used
+    void : transmissions whose estimate another finding invalidates
     """
     odd = 0 not in device.basis.powers
     for p in (p for p in summary.transmissions if p.transmission != "total"):

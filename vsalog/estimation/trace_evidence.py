@@ -1,4 +1,4 @@
-"""What the figures of an estimate draw, read back out of its trace's file."""
+"""The data of an estimate's figures, read back from its trace's file."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MOTOR = ("motor_inertia", "motor_damping")
 
 
 def evidence_of(trace: Path | pa.Table, estimate: JointEstimate, setpoint_unit: str = "rad") -> JointEvidence:
-    """Read what the figures draw back out of a trace's file, column by column: an hour's trace is never held twice.
+    """Read the data of figures back from a trace's file, column by column: an hour's trace is never held twice.
 
     Of a longer trace only each n-th row is read (`thinned`).
 
@@ -48,13 +48,13 @@ def evidence_of(trace: Path | pa.Table, estimate: JointEstimate, setpoint_unit: 
 def joint_evidence(
     columns: TraceColumns, names: Sequence[str], model: JointModel | None, setpoint_unit: str
 ) -> JointEvidence:
-    """Return what the figures draw of a joint's columns.
+    """Return the data of the figures from a joint's columns.
 
     Parameters
     ----------
     columns : of the joint
     names : of its transmissions, the device last
-    model : that was fitted; None where it is not at hand
+    model : that was fitted; None where it is not available
     setpoint_unit : of the joint: rad, or m where it is a lever arm
     """
     time = columns.of(names[0], "time")
@@ -87,12 +87,12 @@ def _part(columns: TraceColumns, n: str, measured_by: str) -> TransmissionEviden
 
 
 def thinned(estimate: JointEstimate) -> int:
-    """Return n where figures show each n-th row of a joint's trace, for its columns to fit in memory; 1 for all rows."""
+    """Return n if figures show each n-th row of a joint's trace, for its columns to fit in memory; 1 for all rows."""
     return every_nth(max(t.samples for t in estimate.summary.transmissions))
 
 
 def every_nth(samples: int) -> int:
-    """Return n where figures show each n-th of so many samples, for their columns to fit in memory; 1 for all."""
+    """Return n if figures show each n-th of so many samples, for their columns to fit in memory; 1 for all."""
     row = np.dtype(np.float64).itemsize * len(fields(TransmissionEvidence))
     return max(1, -(-samples * row // AT_ONCE_BYTES))
 
@@ -151,5 +151,5 @@ class Convergence(Mapping[Parameter, Array]):
 
 
 def distinct(parts: Sequence[TransmissionSummary]) -> Sequence[TransmissionSummary]:
-    """Leave out the device where it has a single transmission, which it would repeat."""
+    """Leave out a device with a single transmission, which it would repeat."""
     return [p for p in parts if p.transmission != "total"] if len(parts) == 2 else parts

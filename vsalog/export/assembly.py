@@ -1,4 +1,4 @@
-"""A rig's joints taken apart for a model, whatever its format."""
+"""The parts of a rig's joints for a model of any format."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from vsalog.rig.schema import (
 
 Movable = RigidJoint | ElasticJoint | SerialJoint | AntagonisticJoint
 STOOD_FOR = ("inertia", "gravity_torque", "gravity_angle")
-"""Keys of a link that the chain's stand for."""
+"""Keys of a link that the chain's replace."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class Spring:
     motor : key of the motor that it ends at
     transmission : with its law
     arm : lever arm [m] of one that has a lever
-    parts : what its effects become
+    parts : the model's terms for its effects
     """
 
     motor: str
@@ -74,7 +74,7 @@ class Taken:
     one_body: bool
 
     def driven_by_current(self, motor: str) -> bool:
-        """Tell whether a motor's torque is recorded as a current."""
+        """Return whether a motor's torque is recorded as a current."""
         signal = getattr(self.joint.signals, motor.replace("motor", "motor_torque"), None)
         unit = signal.unit if isinstance(signal, Signal) else None
         return unit is not None and matching(unit, ("N*m", "A")) == "A"
@@ -88,7 +88,7 @@ class Assembly:
     ----------
     rig : it
     joints : by name, those of the chain in its order and first
-    lacking : what the model's format has nothing like
+    lacking : keys that the model's format does not support
     """
 
     rig: Rig
@@ -218,7 +218,7 @@ def _parts(
 
 
 def _rubbing_once(motor: Motor, link: Link) -> tuple[Motor, Link]:
-    """Give the dry friction of a motor and a link that are one to one of them, as the simulation does."""
+    """Assign the dry friction of a rigidly coupled motor and link to one of them, as the simulation does."""
     both = motor.friction.along_with(link.friction)
     if motor.friction == Friction():
         return motor, replace(link, friction=both)

@@ -1,4 +1,4 @@
-"""Links as rigid bodies: where they are, about which axis they turn, and how their mass lies."""
+"""Links as rigid bodies: their frames, axes and mass distribution."""
 
 from __future__ import annotations
 
@@ -65,15 +65,15 @@ def gravity_of(chain: Chain | None) -> Array:
 
 
 def is_earthly(gravity: Array) -> bool:
-    """Tell whether a gravity is as strong as what links that move alone are weighed by, to a hundredth; shape (3,) [m/s²]."""
+    """Return whether a gravity has the magnitude of that for single links, to a hundredth; shape (3,) [m/s²]."""
     return bool(np.isclose(np.linalg.norm(gravity), GRAVITY, rtol=1e-2))
 
 
 def alone(joint: str, inertia: float, weight: float, angle: float, payload: Payload | None, gravity: Array) -> Body:
     """Return a link that no other carries: with a vertical axis where it has no weight, a horizontal one where it has.
 
-    Rigs give the inertia about the axis and the torque that holds the link; a mass that has both is one of many. Here half of the
-    inertia is that of the centre of mass.
+    Rigs give the inertia about the axis and the torque that holds the link; many masses have both. Here half of the inertia
+    is that of the centre of mass.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a rig's keys become in a model: effects say it of their own keys, and a key of which none says anything is lacking."""
+"""The model's terms for a rig's keys: each effect exports its own keys; a key without an effect is not supported."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from vsalog.effects.counterpart import Counterpart, Dialect, Lack, Term
 from vsalog.rig.decode import Path
 from vsalog.rig.schema import TransmissionEffects
 
-REASON: dict[Dialect, str] = {"mjcf": "MJCF has nothing like it", "urdf": "URDF has nothing like it"}
+REASON: dict[Dialect, str] = {"mjcf": "MJCF does not support it", "urdf": "URDF does not support it"}
 ONCE = ("joint", "inertial", "actuator", "spring", "rotor", "dynamics", "transmission")
 """Elements of which a part has one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """What one or two parts of a joint become.
+    """The terms of one or two parts of a joint.
 
     Attributes
     ----------
-    numbers : (element, attribute) → what terms of elements that a part has once add up to; a gain is their product
+    numbers : (element, attribute) → sum of the terms of elements that a part has once; of a gain their product
     terms : of further elements
     """
 
@@ -36,7 +36,7 @@ class Parts:
         return self.numbers.get((element, attribute), float(attribute == "gain"))
 
     def take(self, one: Term) -> None:
-        """Add a term to what there is."""
+        """Add a term."""
         if one.element not in ONCE:
             self.terms.append(one)
             return
@@ -45,40 +45,40 @@ class Parts:
             self.numbers[one.element, name] = there * value if name == "gain" else there + value
 
     def absorb(self, other: Parts) -> None:
-        """Add what another part becomes that turns as one with this."""
+        """Add the terms of another part that turns as one with this."""
         for (element, name), value in other.numbers.items():
             self.take(Term(element, {name: value}))
         self.terms.extend(other.terms)
 
 
 Lacking = dict[Path, str]
-"""Path of a key of the rig → why a model has nothing like it."""
+"""Path of a key of the rig → why a model does not support it."""
 
 
 def collect(
     dialect: Dialect, kind: str, part: Any, path: Path, into: Parts, lacking: Lacking, leave: tuple[str, ...] = ()
 ) -> None:
-    """Add what a part of a rig becomes.
+    """Add the terms of a part of a rig.
 
     Parameters
     ----------
     dialect : of the model
     kind : ``motor``, ``drive``, ``link`` or ``transmission``
-    part : as the joint feels it
+    part : reduced to the joint
     path : of the part in the rig
-    into, lacking : what is added to
-    leave : keys that something else stands for
+    into, lacking : added to
+    leave : keys that something else replaces
     """
     stated = {name for name in _stated(kind, part) if name not in leave}
-    for told in _counterparts(kind):
-        if stated.isdisjoint(told.keys):
+    for counterpart in _counterparts(kind):
+        if stated.isdisjoint(counterpart.keys):
             continue
-        stated -= set(told.keys)
-        say = told.mjcf if dialect == "mjcf" else told.urdf
-        if say is None:
-            lacking.update({(*path, key): REASON[dialect] for key in told.keys if key in _stated(kind, part)})
+        stated -= set(counterpart.keys)
+        export = counterpart.mjcf if dialect == "mjcf" else counterpart.urdf
+        if export is None:
+            lacking.update({(*path, key): REASON[dialect] for key in counterpart.keys if key in _stated(kind, part)})
             continue
-        for one in say(part):
+        for one in export(part):
             if isinstance(one, Lack):
                 lacking[(*path, *one.key.split("."))] = one.reason
             else:
@@ -87,7 +87,9 @@ def collect(
 
 
 def _counterparts(kind: str) -> Iterator[Counterpart]:
-    return (told for effect in effects().values() for told in effect.counterparts if told.part == kind)
+    return (
+        counterpart for effect in effects().values() for counterpart in effect.counterparts if counterpart.part == kind
+    )
 
 
 def _stated(kind: str, part: Any) -> list[str]:

@@ -33,7 +33,7 @@ def comment(parent: ET.Element, text: str) -> None:
 
 
 def plain_names(names: Iterable[str]) -> dict[str, str]:
-    """Return names → names of letters, digits and underscores, each another one."""
+    """Return names → unique names of letters, digits and underscores."""
     found: dict[str, str] = {}
     for name in names:
         plain = re.sub(r"\W", "_", name, flags=re.ASCII) or "_"

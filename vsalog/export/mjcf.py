@@ -20,7 +20,7 @@ from vsalog.mechanics.rigid_body import mass_matrix
 
 
 def mjcf(found: Assembly) -> tuple[Element, list[str]]:
-    """Return a rig as MJCF, and what a user should know of the model.
+    """Return a rig as MJCF, and notes on the model.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class _Model:
 
     def build(self) -> tuple[Element, list[str]]:
         chain = self.found.rig.file.chain
-        # What has no mass of its own, as a motor beside its armature, gets the least that MuJoCo can do with.
+        # A body without mass of its own, as a motor next to its armature, gets the least that MuJoCo accepts.
         child(self.root, "compiler", angle="radian", boundmass=1e-9, boundinertia=1e-12)
         option = child(self.root, "option", timestep=self.step, integrator="implicitfast", gravity=gravity_of(chain))
         child(option, "flag", contact="disable")
@@ -108,13 +108,13 @@ class _Model:
 
     def _joint(self, body: Element, name: str, axis: Any, parts: Parts) -> None:
         numbers = {key: parts.of("joint", key) for key in ("armature", "damping", "frictionloss")}
-        # The tendon of a coupling adds its armature to both ends, which are not to have more.
+        # The tendon of a coupling adds its armature to both ends, which must not have more.
         numbers["armature"] -= sum(abs(inertia) for ends, inertia in self.couplings.items() if name in ends)
-        told: dict[str, Any] = {key: value for key, value in numbers.items() if value}
+        attributes: dict[str, Any] = {key: value for key, value in numbers.items() if value}
         if numbers["frictionloss"]:
             # As hard as the time step allows; softer friction creeps where it should stick.
-            told |= {"solreffriction": (2.0 * self.step, 1.0), "solimpfriction": (0.99, 0.999, 0.001)}
-        child(body, "joint", name=name, type="hinge", axis=axis, **told)
+            attributes |= {"solreffriction": (2.0 * self.step, 1.0), "solimpfriction": (0.99, 0.999, 0.001)}
+        child(body, "joint", name=name, type="hinge", axis=axis, **attributes)
 
     def _drives(self, actuators: Element, name: str, taken: Taken) -> None:
         own = self.names[name]
@@ -124,27 +124,33 @@ class _Model:
             quantity = "torque [N·m], on the joint's side of the gear"
             if taken.driven_by_current(key):
                 gain, quantity = gain * parts.of("actuator", "current"), "current [A]"
-            told: dict[str, Any] = {}
+            attributes: dict[str, Any] = {}
             kp, kd, limit = (parts.of("actuator", what) for what in ("kp", "kd", "limit"))
             if kp:
                 quantity = "position [rad], on the joint's side of the gear"
-                told |= {"gainprm": gain * kp, "biastype": "affine", "biasprm": (bias, -gain * kp, -gain * kd)}
+                attributes |= {"gainprm": gain * kp, "biastype": "affine", "biasprm": (bias, -gain * kp, -gain * kd)}
             elif gain != 1.0 or bias:
-                told |= {"gainprm": gain, "biastype": "affine", "biasprm": bias}
+                attributes |= {"gainprm": gain, "biastype": "affine", "biasprm": bias}
             if limit:
-                told |= {"forcelimited": "true", "forcerange": (bias - gain * limit, bias + gain * limit)}
+                attributes |= {"forcelimited": "true", "forcerange": (bias - gain * limit, bias + gain * limit)}
             if delay:
-                # Linear between samples: what is exactly a sample's age is that sample, whichever way it is rounded.
+                # Linear between samples: an age of exactly a sample gives that sample, whichever way it is rounded.
                 samples = int(np.ceil(delay / self.step - 1e-9)) + 2
-                told |= {"delay": delay, "nsample": str(samples), "interp": "linear"}
-            child(actuators, "general" if "gainprm" in told else "motor", name=f"{own}_{key}", joint=joint, **told)
+                attributes |= {"delay": delay, "nsample": str(samples), "interp": "linear"}
+            child(
+                actuators,
+                "general" if "gainprm" in attributes else "motor",
+                name=f"{own}_{key}",
+                joint=joint,
+                **attributes,
+            )
             self.notes.append(f"control {own}_{key}: the motor's {quantity}")
             if not taken.one_body:
                 self._passive(actuators, f"{own}_{key}", parts, joint=joint)
         self._passive(actuators, f"{own}_link", taken.link, joint=f"{own}_link")
 
     def _passive(self, actuators: Element, name: str, parts: Parts, **target: str) -> None:
-        """Add what acts without being driven: LuGre friction and cogging are a motor's without current."""
+        """Add passive torques: LuGre friction and cogging act on a motor without current."""
         for i, one in enumerate(term for term in parts.terms if term.element == "dcmotor"):
             child(
                 actuators, "dcmotor", name=f"{name}_passive_{i}", **target, input="none", motorconst=0.0, resistance=1.0,

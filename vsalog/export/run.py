@@ -24,8 +24,8 @@ class Exported:
     ----------
     text : of its file
     joints : of the rig that it has
-    notes : what a user should know of it
-    left_out : key of the rig → why the format has nothing like it
+    notes : on the model
+    left_out : key of the rig → why the format does not support it
     """
 
     text: str
@@ -41,19 +41,19 @@ def export(rig: Rig, dialect: Dialect, *, leave_out: bool = False) -> Exported:
     ----------
     rig : it
     dialect : the model's format
-    leave_out : whether what the format has nothing like is left out, and stands as a comment in the text
+    leave_out : whether unsupported keys are left out, and listed as a comment in the text
 
     Raises
     ------
     ExportError
-        The rig lacks what any model needs, or says what the format has nothing like, and that is not to be left out.
+        The rig lacks what any model needs, or has keys that the format does not support, and `leave_out` is False.
     """
     found = take_apart(rig, dialect)
     root, notes = (mjcf if dialect == "mjcf" else urdf)(found)
     left_out = {key_path(path): reason for path, reason in found.lacking.items()}
     if left_out and not leave_out:
-        told = "; ".join(f"{key}: {reason}" for key, reason in left_out.items())
-        raise ExportError(f"{rig.where}: {told} ('--unsupported comment' leaves it out)")
+        reasons = "; ".join(f"{key}: {reason}" for key, reason in left_out.items())
+        raise ExportError(f"{rig.where}: {reasons} ('--unsupported comment' leaves it out)")
     head = root.makeelement("head", {})
     comment(head, f"{rig.name or rig.where}: written by vsalog {__version__} of {rig.where}. All units are SI.")
     for note in notes:

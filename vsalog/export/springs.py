@@ -1,4 +1,4 @@
-"""Springs as sums of polynomials of third order outside of dead bands, which is what MuJoCo's tendons can do.
+"""Springs as sums of polynomials of third order outside of dead bands, the form of MuJoCo's tendons.
 
 A law that is no such polynomial becomes a cubic spline: with knots d_j its torque is a u + b u² + c u³ + Σ c_j max(0, u − d_j)³,
 and each term is a tendon.
@@ -49,7 +49,7 @@ class Piece:
 def pieces(
     transmission: KnownTransmission, arm: float | None, cubic: float, asymmetry: float, gap: float
 ) -> tuple[list[Piece], float]:
-    """Return what a spring is the sum of, and up to which deflection beyond the gap that holds [rad].
+    """Return the terms of a spring, and up to which deflection beyond the gap they hold [rad].
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def pieces(
     # One tendon has both directions where no sign of the deflection matters, or where it is the polynomial's own.
     if not asymmetry and (law is not None or forward == backward):
         return [Piece((a, b, c), -0.5 * gap - d, 0.5 * gap + d) for d, a, b, c in forward], reach
-    far = 2.0 * np.pi * 1e3  # a dead band that ends on the other side only: no joint winds up as far
+    far = 2.0 * np.pi * 1e3  # the far end of a one-sided dead band: no joint winds up so far
     up, down = 1.0 + asymmetry, 1.0 - asymmetry
     one_way = [Piece((up * a, up * b, up * c), -far, 0.5 * gap + d) for d, a, b, c in forward]
     other_way = [Piece((down * a, -down * b, down * c), -0.5 * gap - d, far) for d, a, b, c in backward]
@@ -88,7 +88,7 @@ def _polynomial(transmission: KnownTransmission) -> tuple[float, float, float] |
 
 
 def _reach(transmission: KnownTransmission) -> float:
-    """Return up to which deflection a law is followed [rad]."""
+    """Return the deflection up to which a law is followed [rad]."""
     match transmission:
         case Vsa2Transmission(geometry=c):
             return float(0.9 * 2.0 * np.arcsin(1.0 / c))  # its torque grows without bound towards the singularity
@@ -123,10 +123,10 @@ def _half(torque: Callable[[Array], Array], slopes: tuple[float, float], reach: 
     checked = np.linspace(0.0, reach, 1001)
     wanted = torque(checked)
     # The error of a cubic over a part goes with the fourth derivative and the part's length to the fourth.
-    bent = wanted
+    derivative = wanted
     for _ in range(4):
-        bent = np.gradient(bent, checked)
-    density = np.abs(bent) ** 0.25
+        derivative = np.gradient(derivative, checked)
+    density = np.abs(derivative) ** 0.25
     passed = np.cumsum(density + 1e-3 * np.max(density))
     for parts in range(2, 65):
         knots = np.interp(np.linspace(passed[0], passed[-1], parts + 1), passed, checked)

@@ -10,11 +10,11 @@ from vsalog.export.elements import Element, child, number, plain_names
 
 
 def urdf(found: Assembly) -> tuple[Element, list[str]]:
-    """Return a rig as URDF, and what a user should know of the model.
+    """Return a rig as URDF, and notes on the model.
 
     Parameters
     ----------
-    found : the rig, taken apart for URDF; it gets what the chain has that URDF lacks
+    found : the rig, taken apart for URDF; it gets the chain's keys that URDF lacks
     """
     names, chain = plain_names(found.joints), found.rig.file.chain
     root = Element("robot", name=plain_names([found.rig.name or "rig"]).popitem()[1])

@@ -1,1 +1,1 @@
-"""What figures show: charts as data, out of arrays, thinned to what a screen shows; and their files for papers."""
+"""Figures: charts as data, from arrays, thinned to a screen's resolution; and their files for papers."""

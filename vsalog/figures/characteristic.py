@@ -137,7 +137,7 @@ def _surface(joint: JointEvidence, part: TransmissionEvidence, recorded: Array, 
 def _grid(region: Array) -> tuple[Array, Array, Array]:
     """Return deflection (M, M), set-point (M,) and set-point (M, M) that fill a region of vertices (φ, set-point)."""
     setpoint = np.linspace(region[:, 1].min(), region[:, 1].max(), NODES)
-    # Each row of the grid reaches from edge to edge of the region, whose outline is smooth that way.
+    # Each row of the grid reaches from edge to edge of the region, which keeps its outline smooth.
     P = np.array([np.linspace(*_reach(region, float(c)), NODES) for c in setpoint])
     return P, setpoint, np.repeat(setpoint[:, None], NODES, axis=1)
 
@@ -151,7 +151,7 @@ def _slices(joint: JointEvidence, part: TransmissionEvidence, setpoint: Array, f
     values = setpoint[known] if known.any() else region[:, 1]
     width = _span(setpoint) / (NODES - 1)  # up to the surface's next lines
     panels: list[Axes] = []
-    said: list[str] = []
+    slopes: list[str] = []
     unit = f" {joint.setpoint_unit}".rstrip()
     for c in _apart(values):
         ends = _reach(region, c)
@@ -163,13 +163,13 @@ def _slices(joint: JointEvidence, part: TransmissionEvidence, setpoint: Array, f
         curves.insert(1, points(label, part.deflection[near], torque[near]))
         if panels:
             curves = [replace(curve, label="") for curve in curves]
-        # The label is on the axis: what the slice is must not lie over the data.
+        # The label is on the axis: the slice's name must not cover the data.
         panels.append(Axes(f"φ [rad] at {number(c)}{unit}", TORQUE, tuple(curves)))
         stiffness = float(model.stiffness(fitted.name, [float(np.mean(phi))], [c])[0][0])
-        said.append(f"{number(stiffness)} N·m/rad at {number(c)}{unit}")
+        slopes.append(f"{number(stiffness)} N·m/rad at {number(c)}{unit}")
     words = f"Slices of the surface at fixed set-points, with data from within {number(width, 2)}{unit}"
-    if said:
-        words += f". Slope in the middle: {', '.join(said)}"
+    if slopes:
+        words += f". Slope in the middle: {', '.join(slopes)}"
     return Chart("slices", "Slices of the surface", f"{words}.", tuple(panels), side_by_side=True)
 
 

@@ -1,4 +1,4 @@
-"""What a figure shows, apart from how it is drawn: plotly draws those of pages, matplotlib those for papers."""
+"""The content of a figure, apart from its drawing: plotly draws those of pages, matplotlib those for papers."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Curve:
     colour : a name out of the palette: model, measured, truth, error, or 0, 1, 2 … for one of several
     kind : line, marked (a line with its points), points, area (the outline of an area) or bars
     dashed : line style
-    shade : shape (N,), what the colour of each point tells, or None
+    shade : shape (N,), the value for the colour of each point, or None
     width : of each bar, shape (N,), or None
     symbol : of large points: circle, diamond, …; small dots when empty
     """
@@ -75,13 +75,13 @@ def outline(label: str, x: Array, low: ArrayLike, high: ArrayLike, colour: str =
 
 
 def points(label: str, x: Array, y: Array, colour: str = "measured", shade: Array | None = None) -> Curve:
-    """Return points that cover the same area as all of them, shape (N,), do."""
+    """Return points that cover the same area as all of them, shape (N,)."""
     at = scattered(x, y)
     return Curve(label, x[at], y[at], colour, "points", shade=None if shade is None else shade[at])
 
 
 def strokes(*ends: ArrayLike) -> Array:
-    """Return what joins the points of each stroke, and NaN between strokes.
+    """Return a line through the points of each stroke, with NaN between strokes.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class Axes:
     x_ticks : places that are marked, and with what; plotly's own when empty
     rows : names of the rows of a chart that has no y: row i is at y = −i
     x_log, y_log : logarithmic
-    title, y_range : above them, and what is shown of y, in files for papers
+    title, y_range : above them, and the shown range of y, in files for papers
     """
 
     x_label: str
@@ -145,7 +145,7 @@ class Chart:
     ----------
     name : of its kind; files are named after it, never after anything in a log
     title : a few words
-    words : what is to be seen, in sentences with figures: the alternative text, and the caption
+    words : a description in sentences with figures: the alternative text, and the caption
     axes : one below the other, or side by side
     side_by_side : side by side
     linked : the axes share x: zooming one zooms all
@@ -169,7 +169,7 @@ def span_words(values: NDArray[np.float64], unit: str) -> str:
     """Return the range of values, shape (N,), in words; where there is none, that."""
     low, high, _ = extent(values)
     if low > high:
-        return "nothing that is known"
+        return "no known value"
     return f"{number(low)} to {number(high)} {unit}".rstrip()
 
 

@@ -1,4 +1,4 @@
-"""Fewer points that look the same: what a figure draws of millions of samples."""
+"""Thins millions of samples to fewer points that look the same."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def decimated(x: Array, y: Array, columns: int, gaps: Indices | None = None) -> 
     """Thin a line to the least and the greatest sample of each pixel column, so that nothing is aliased.
 
     Kept: every sample while there are no more than two per column; else each column's extremes, in their order, and the ends.
-    Where a NaN (or an infinity) or a gap of time stood between two samples that are kept, one NaN stands between them too.
+    Where a NaN (or an infinity) or a gap of time was between two samples that are kept, one NaN is between them too.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def band(x: Array, low: Array, high: Array, columns: int, gaps: Indices | None =
 
 
 def _broken(kept: Indices, rank: Indices, gaps: Indices | None) -> Flags:
-    """Tell between which samples that are kept, of this rank among those that are known, another one stood or a gap of time."""
+    """Return between which kept samples, of this rank among the known ones, there was an unknown one or a gap of time."""
     broken = np.diff(kept) > np.diff(rank)
     if gaps is not None and gaps.size:
         broken |= np.diff(np.searchsorted(gaps, kept, side="left")) > 0

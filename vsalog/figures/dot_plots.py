@@ -32,7 +32,7 @@ def gain_chart(gains: Sequence[Gain], where: str) -> Chart | None:
     Parameters
     ----------
     gains : of one joint
-    where : what they were measured on, in words
+    where : the log of the measurement, in words
     """
     known = [g for g in gains if g.noise_floor > 0.0 and np.isfinite([g.rmse_before, g.rmse_after]).all()]
     rows, each = [], []
@@ -41,7 +41,7 @@ def gain_chart(gains: Sequence[Gain], where: str) -> Chart | None:
         rows.append(
             Row(signal_name(g.signal), g.rmse_before / g.noise_floor, g.rmse_after / g.noise_floor, (low, high))
         )
-        each.append(f"{_change(rows[-1])}, less by {reduction_text(g)}")
+        each.append(f"{_change(rows[-1])}, reduced by {reduction_text(g)}")
     words = (
         f"Error of the simulation (root mean square) on {where}, as a multiple of the noise floor: {'; '.join(each)}."
     )
@@ -79,7 +79,7 @@ def logs_chart(lines: Sequence[Line]) -> Chart:
     x, low, high = (np.array([getattr(f, end) for _, f in known], np.float64) for end in ("value", "low", "high"))
     y = _places(len(known))
     curves = (
-        _limit("up to here a model holds", HOLDING_ERROR, len(known)),
+        _limit("limit of a model that holds", HOLDING_ERROR, len(known)),
         Curve("95 % interval", strokes(low, high), np.repeat(y, 3), "model"),
         Curve("error", x, y, "model", "points", symbol="circle"),
     )
@@ -96,7 +96,7 @@ def identified_chart(numbers: Sequence[IdentifiedNumber]) -> Chart | None:
     x, low, high = np.array([_relative(n) for n in known]).T
     y = _places(len(known))
     curves = (
-        _limit("as the rig has it", 1.0, len(known)),
+        _limit("value in the rig", 1.0, len(known)),
         Curve("95 % interval", strokes(low, high), np.repeat(y, 3), "model"),
         Curve("identified", x, y, "model", "points", symbol="circle"),
     )
@@ -128,12 +128,12 @@ def _before_and_after(kind: str, title: str, words: str, label: str, rows: Seque
     if not rows:
         return None
     y = _places(len(rows))
-    # The axis is logarithmic: what is zero or less, as an interval's end may be, is a thousandth of the noise.
+    # The axis is logarithmic: values of zero or less, as an interval's end may be, are drawn at a thousandth of the noise.
     before, after, low, high = np.maximum([(r.before, r.after, *r.interval) for r in rows], 1e-3).T
     curves = [
         _limit("noise alone", 1.0, len(rows)),
         Curve("", strokes(before, after), np.repeat(y, 3), "error", dashed=True),
-        Curve("rig as it stands", before, y, "error", "points", symbol="diamond-open"),
+        Curve("original rig", before, y, "error", "points", symbol="diamond-open"),
     ]
     if np.isfinite(low).any():
         # Bars with caps, a little below, where the mark does not hide them.

@@ -22,12 +22,12 @@ FOLLOWS = 0.95
 """A shape is drawn as lines where at least this part of its square follows from the variable, or from it and its direction."""
 # Causes with a memory make loops, large ones and small ones, over a variable: of those the path of some rows is drawn.
 LOOPS = {"transmission.hysteresis": "deflection"}
-SHAPE, WITHOUT, WITH = "what this cause makes", "residual without this cause", "residual with it"
+SHAPE, WITHOUT, WITH = "effect of this cause", "residual without this cause", "residual with it"
 
 
 @dataclass(frozen=True, slots=True)
 class Means:
-    """Means over intervals of a variable that hold equally many rows; and how much of the square they leave."""
+    """Means over intervals of a variable with equally many rows; and the share of the square that they leave."""
 
     x: Array
     y: Array
@@ -64,8 +64,8 @@ def cause_chart(joint: JointEvidence, cause: CauseEvidence) -> Chart | None:
     words = (
         f"The residual of the equation of the {name}, over {signal_name(variable)}"
         f" ({span_words(x, unit_of(x_unit).strip())}): above without this cause, {span_words(cause.without, unit.strip())},"
-        f" and what this cause makes of it, {span_words(cause.shape, unit.strip())}, {drawn}; below with it. Its root mean"
-        f" square goes from {number(rms(cause.without))} to {number(rms(left))}{unit}; noise alone makes"
+        f" and the effect of this cause, {span_words(cause.shape, unit.strip())}, {drawn}; below with it. Its root mean"
+        f" square changes from {number(rms(cause.without))} to {number(rms(left))}{unit}; the noise floor is"
         f" {number(equation.noise)}{unit}."
     )
     title = f"{name[:1].upper()}{name[1:]} equation over {signal_name(variable)}"
@@ -99,7 +99,7 @@ def _points(x: Array, cause: CauseEvidence) -> tuple[list[Curve], str]:
         path = _widest(x)
         words = f"loops, of which the line follows {path.stop - path.start} averages that are in one piece and wide"
         return [residual, Curve(f"{SHAPE}, for a while", x[path], shape[path], "model")], words
-    words = f"points, for only {share_text(1.0 - one.left)} of it follows from this variable alone"
+    words = f"points, since only {share_text(1.0 - one.left)} of it follows from this variable alone"
     return [residual, points(SHAPE, x, shape, "model")], words
 
 
@@ -115,7 +115,7 @@ def _widest(x: Array) -> slice:
 
 
 def bins_for(count: int) -> int:
-    """Return how many intervals show a distribution of so many values (Rice's rule)."""
+    """Return the number of intervals for the distribution of so many values (Rice's rule)."""
     return max(2, round(2.0 * math.cbrt(count)))
 
 
@@ -141,7 +141,7 @@ def means_over(x: Array, y: Array) -> Means:
 
 
 def remainder_chart(left: Unexplained, equation_unit: str) -> Chart | None:
-    """Return the curve of what no cause explains, over the variable that it depends on most.
+    """Return the curve of the unexplained residual, over the variable that it depends on most.
 
     Parameters
     ----------
@@ -164,11 +164,11 @@ def remainder_chart(left: Unexplained, equation_unit: str) -> Chart | None:
     if left.curve_back:
         curves += _steps(left.curve_back, f"{on} falling", dashed=True)
     axes = Axes(axis_label(on, left.unit), axis_label("residual", equation_unit), tuple(curves))
-    return Chart("unexplained", f"What is left, over {on}", words, (axes,))
+    return Chart("unexplained", f"Unexplained residual over {on}", words, (axes,))
 
 
 def _steps(bins: Sequence[Bin], label: str, dashed: bool = False) -> list[Curve]:
-    """Return means over intervals, as steps since nothing is claimed in between, with a band of two standard deviations."""
+    """Return means over intervals, as steps since the values in between are unknown, with a band of two standard deviations."""
     x = np.array([end for b in bins for end in (b.low, b.high)])
     y, std = (np.repeat([getattr(b, name) for b in bins], 2) for name in ("mean", "std"))
     area = outline("" if dashed else f"{TWO_STD} of the {label}", x, y - 2.0 * std, y + 2.0 * std, "error")

@@ -1,4 +1,4 @@
-"""Figures of the error: how it is distributed, and what it is over deflection, set-point and speed."""
+"""Figures of the error: its distribution, and its dependence on deflection, set-point and speed."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def _distribution(error: Array, of: str) -> Chart:
     curves = [Curve("error", 0.5 * (edges[:-1] + edges[1:]), density, "error", "bars", width=np.diff(edges))]
     if std > 0.0:
         bell = np.exp(-0.5 * ((x - mean) / std) ** 2) / (std * np.sqrt(2.0 * np.pi))
-        curves.append(Curve("normal of the same spread", x, bell, "model"))
+        curves.append(Curve("normal of the same standard deviation", x, bell, "model"))
     shares = (np.arange(NODES) + 0.5) / NODES
     normal = special.ndtri(shares)
     quantiles = (
@@ -65,7 +65,7 @@ def _distribution(error: Array, of: str) -> Chart:
     tails = "heavier than" if kurtosis > 1.0 else "lighter than" if kurtosis < -0.5 else "about as heavy as"
     quarter, three = (number(float(np.quantile(few, share))) for share in (0.25, 0.75))
     words = (
-        f"The error {of}: mean {number(mean)} N·m, standard deviation {number(std)} N·m, half of them between {quarter} and"
+        f"The error {of}: mean {number(mean)} N·m, standard deviation {number(std)} N·m, half of it between {quarter} and"
         f" {three} N·m. On the right its quantiles over those of a normal distribution, a straight line if it is one; its tails"
         f" are {tails} a normal one's."
     )
@@ -79,7 +79,7 @@ def _distribution(error: Array, of: str) -> Chart:
 def _dependence(joint: JointEvidence, part: TransmissionEvidence, few: Indices, error: Array, of: str) -> Chart:
     """The error over each variable, both of some samples only."""
     panels: list[Axes] = []
-    said: list[str] = []
+    ranges: list[str] = []
     for name, label, x in _variables(joint, part, few):
         both = np.isfinite(x)
         if not both.any() or np.ptp(x[both]) == 0.0:
@@ -97,8 +97,8 @@ def _dependence(joint: JointEvidence, part: TransmissionEvidence, few: Indices, 
             _intervals(middle, bias, ""),
         )
         panels.append(Axes(label, ERROR, curves))
-        said.append(f"over the {name} its root mean square is {number(roots.min())} to {number(roots.max())} N·m")
-    words = f"The error {of}, in intervals that hold equally many of them: {'; '.join(said)}."
+        ranges.append(f"over the {name} its root mean square is {number(roots.min())} to {number(roots.max())} N·m")
+    words = f"The error {of}, in intervals with equally many samples: {'; '.join(ranges)}."
     return Chart("error_dependence", "What the error depends on", words, tuple(panels), side_by_side=True)
 
 

@@ -54,7 +54,7 @@ def interactive(chart: Chart) -> Figure:
         if axes.rows:
             named = {"tickvals": [-k for k in range(len(axes.rows))], "ticktext": [label(row) for row in axes.rows]}
             figure.update_yaxes(range=[0.6 - len(axes.rows), 0.6], zeroline=False, **named, **place)
-    # A legend at the right would lie over the colours' scale.
+    # A legend at the right would cover the colour scale.
     legend = {"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom"}
     return figure.update_layout(title=title, template="simple_white", barmode="overlay", legend=legend)
 

@@ -26,7 +26,7 @@ class Drawings:
     ----------
     model : whose transmissions will come
     joints : names of those that are wanted; all when empty
-    logs : how many
+    logs : number of logs
     paper : whether figures are wanted as files, too
 
     Attributes

@@ -21,7 +21,7 @@ from vsalog.writers.atomic import atomic_path, write_text
 
 FORMATS = ("svg", "png", "pdf")
 
-# Okabe and Ito's colours; dashes tell curves apart in print.
+# Okabe and Ito's colours; dashes distinguish the curves in print.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#000000")
 COLOURS = {"model": "#0072B2", "measured": "#D55E00", "truth": "#009E73", "error": "#5F5F5F"}
 DASHES = ("-", "--", ":", "-.")
@@ -48,7 +48,7 @@ STYLE: Any = BASE | {"font.size": 8.0}
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """How large a figure is drawn.
+    """The size of a figure.
 
     Attributes
     ----------
@@ -62,13 +62,13 @@ class Style:
 
     @property
     def settings(self) -> Any:
-        """What matplotlib is told."""
+        """The settings of matplotlib."""
         ticks = {f"{axis}tick.major.{what}": value for axis in "xy" for what, value in (("width", 0.6), ("size", 2.5))}
         return BASE | ticks | {"font.size": self.font, "legend.fontsize": self.font, "axes.xmargin": 0.02}
 
     @property
     def lines(self) -> float:
-        """How many lines fit above one another into the first pair of axes; what is narrower than one cannot be seen."""
+        """How many lines fit above one another into the first pair of axes; a narrower band cannot be seen."""
         return 72.0 * self.row / float(BASE["lines.linewidth"])
 
 
@@ -83,7 +83,7 @@ METADATA: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationD
 
 
 class FigureError(VsalogError):
-    """Figures are asked for, but cannot be drawn."""
+    """Figures are requested, but cannot be drawn."""
 
 
 def check_matplotlib(option: str = "--figures") -> None:
@@ -91,7 +91,7 @@ def check_matplotlib(option: str = "--figures") -> None:
 
     Parameters
     ----------
-    option : that asks for figures
+    option : that requests figures
 
     Raises
     ------
@@ -110,13 +110,13 @@ def write_figures(
     logs: Sequence[str] = (),
     formats: Sequence[str] = FORMATS,
 ) -> list[Path]:
-    """Write every figure of a report into a folder, which is made, and `figures.txt`, which says what each shows.
+    """Write every figure of a report into a folder, which is made, and `figures.txt`, which describes each.
 
-    Files are named after what they show and counted, ``log1_joint1_part1_torque.svg``; no name out of a log is part of one.
+    Files are named after their charts and numbered, ``log1_joint1_part1_torque.svg``; no name from a log is part of one.
 
     Parameters
     ----------
-    folder : where to
+    folder : of the files
     drawn : per log, its joints' figures
     logs : their names, for `figures.txt`
     formats : out of svg, png, pdf
@@ -154,12 +154,12 @@ def write_figures(
 
 
 def prepare_folder(folder: Path, option: str) -> None:
-    """See, before anything is computed, that figures can be drawn and written; makes the folder.
+    """Check, before anything is computed, that figures can be drawn and written; makes the folder.
 
     Parameters
     ----------
     folder : where to
-    option : that asks for figures
+    option : that requests figures
 
     Raises
     ------
@@ -178,9 +178,9 @@ def prepare_folder(folder: Path, option: str) -> None:
 
 
 def write_reproduced(folder: Path, figures: Sequence[Reproduced]) -> list[Path]:
-    """Write figures like the papers' as NAME.svg into a folder that is there, each whole or not at all; return the files.
+    """Write figures like the papers' as NAME.svg into an existing folder, each whole or not at all; return the files.
 
-    The caption, under each figure and in `figures.txt`, says what is simulated and what was chosen.
+    The caption, under each figure and in `figures.txt`, describes the simulation and what was chosen.
 
     Raises
     ------
@@ -220,7 +220,7 @@ def _captioned(canvas: Any, caption: str) -> None:
     """Put a caption under a figure, which grows by it."""
     if not caption:
         return
-    # Of the small font's letters some 18 fit into an inch.
+    # About 18 letters of the small font fit into an inch.
     text = fill(caption, int(18.0 * canvas.get_figwidth()))
     height = canvas.get_figheight()
     more = 0.125 * (text.count("\n") + 2)
@@ -314,21 +314,21 @@ def draw(canvas: Any, chart: Chart, style: Style) -> None:
             _few_ticks(canvas.axes[0], style.width, style.font)
         return
     # Axes side by side need a page's width.
-    beside = chart.side_by_side and style.width > SIZES["column"].width
-    ratios = [1.0] if beside else _ratios(chart)
+    in_row = chart.side_by_side and style.width > SIZES["column"].width
+    ratios = [1.0] if in_row else _ratios(chart)
     named = max((len(panel.rows) for panel in chart.axes), default=0)
     height = style.row * sum(ratios) / ratios[0] + 2.5 * style.font / 72.0 * named
     canvas.set_size_inches(style.width, height)
     canvas.set_layout_engine("constrained")
-    _fill(canvas, chart, beside)
+    _fill(canvas, chart, in_row)
     for axes, panel in zip(canvas.axes, chart.axes, strict=False):
         if not panel.x_log and not panel.x_ticks:
-            _few_ticks(axes, style.width / (len(chart.axes) if beside else 1), style.font)
+            _few_ticks(axes, style.width / (len(chart.axes) if in_row else 1), style.font)
     legends = [axes.get_legend() for axes in canvas.axes if axes.get_legend() is not None]
     tall = [legend.get_window_extent().height / canvas.dpi for legend in legends] or [0.0]
     # Three lines below the axes: their numbers, their label, and some room.
-    canvas.set_size_inches(style.width, height + (max(tall) if beside else sum(tall)) + 3.0 * style.font / 72.0)
-    canvas.draw_without_rendering()  # the numbers on axes depend on their size, and it on them
+    canvas.set_size_inches(style.width, height + (max(tall) if in_row else sum(tall)) + 3.0 * style.font / 72.0)
+    canvas.draw_without_rendering()  # the tick labels depend on the size of the axes, and it on them
 
 
 def _few_ticks(axes: Any, width: float, font: float) -> None:
@@ -341,7 +341,7 @@ def _few_ticks(axes: Any, width: float, font: float) -> None:
 
 
 def write_chart(path: Path, chart: Chart, style: Style) -> None:
-    """Write a chart into a file of the kind that its name ends in, which appears whole or not at all.
+    """Write a chart into a file of the format of its suffix, which appears whole or not at all.
 
     Raises
     ------
@@ -398,7 +398,7 @@ def _legend(canvas: Any, axes: Any) -> None:
     for columns in range(min(4, len(handles)), 0, -1):
         legend = axes.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns)
         for handle in legend.legend_handles:
-            if hasattr(handle, "set_sizes"):  # points of the size that the figure has would hardly show
+            if hasattr(handle, "set_sizes"):  # points of the figure's size would hardly show
                 handle.set_sizes([20])
         # It ends with the axes, and may begin above their labels.
         if legend.get_window_extent().width <= 0.97 * canvas.bbox.width * place.x1:
@@ -438,7 +438,7 @@ def _polygons(curve: Curve) -> list[Any]:
 
 
 def _map(canvas: Any, surface: Surface) -> None:
-    """Draw a surface as seen from above: z as colour with its contours, and where the data are."""
+    """Draw a surface as a map: z as colour with its contours, and the positions of the data."""
     axes = canvas.subplots()
     y = np.repeat(surface.y[:, None], surface.x.shape[1], axis=1)
     z = np.ma.masked_invalid(surface.z)

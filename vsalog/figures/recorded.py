@@ -1,4 +1,4 @@
-"""Figures of what was recorded, or simulated: channels over time, those of one unit in one pair of axes."""
+"""Figures of recorded or simulated channels over time, those of one unit in one pair of axes."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ def recorded_chart(title: str, recording: Recording, named: Sequence[tuple[str, 
     ----------
     title : a few words
     recording : whose channels they are
-    named : what each is called, and the channel
+    named : pairs of a name and its channel
     """
     begin = min((int(c.stamps[0]) for c in recording.channels.values() if c.stamps.size), default=0)
     groups: dict[str, list[Curve]] = {}
-    said = []
+    parts = []
     for name, channel in named:
         curves, unit = groups.setdefault(channel.unit or "", []), channel.unit or ""
         over = OverTime(np.asarray((channel.stamps - begin) * 1e-9, np.float64), FIGURE_COLUMNS)
         values = np.asarray(channel.values, np.float64)
         curves.append(over.line(name, values, str(len(curves))))
-        said.append(f"{name} {span_words(values, unit_of(unit).strip())}")
+        parts.append(f"{name} {span_words(values, unit_of(unit).strip())}")
     axes = tuple(Axes(TIME, axis_label("as recorded", unit), tuple(curves)) for unit, curves in groups.items())
-    return Chart("recorded", title, f"{'; '.join(said)}.", axes, linked=True)
+    return Chart("recorded", title, f"{'; '.join(parts)}.", axes, linked=True)

@@ -38,7 +38,7 @@ def window(chart: Chart, style: Style) -> Any:
     with rc_context(style.settings):
         figure = pyplot.figure(FigureClass=_figure_class(), style=style)
         draw(figure, chart, style)
-    # A notebook displays what a cell returns, and what pyplot has open: it would be there twice.
+    # A notebook displays a cell's result and pyplot's open figures: it would appear twice.
     if "inline" in pyplot.get_backend().lower():
         pyplot.close(figure)
     return figure
@@ -50,7 +50,7 @@ def _figure_class() -> Any:
     from matplotlib.figure import Figure
 
     class StyledFigure(Figure):
-        """A figure that is saved as it was drawn: which fonts a PDF embeds is asked for when it is written."""
+        """A figure that is saved as it was drawn: matplotlib reads the setting of a PDF's fonts when it is written."""
 
         def __init__(self, *args: Any, style: Style, **named: Any) -> None:
             super().__init__(*args, **named)

@@ -1,4 +1,4 @@
-"""Figures of signals over time: measured, simulated with the rig as it stands, and with the extended one."""
+"""Figures of signals over time: measured, simulated with the original rig, and with the extended one."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from vsalog.figures.time_series import TIME
 
 Array = NDArray[np.float64]
 
-BEFORE, AFTER = "simulated, rig as it stands", "simulated, extended rig"
+BEFORE, AFTER = "simulated, original rig", "simulated, extended rig"
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """The samples of a joint that lie in windows.
+    """The samples of a joint inside the windows.
 
     Attributes
     ----------
@@ -44,8 +44,8 @@ def signal_charts(joint: JointEvidence, noise: Mapping[str, float], columns: int
 
     Parameters
     ----------
-    joint : what is drawn
-    noise : role → error that noise alone makes of its simulation
+    joint : the evidence to draw
+    noise : role → noise floor of its simulation
     columns : of pixels
     """
     stretch = in_windows(joint)
@@ -58,7 +58,7 @@ def signal_charts(joint: JointEvidence, noise: Mapping[str, float], columns: int
 
 
 def in_windows(joint: JointEvidence) -> Stretch:
-    """Return the samples that windows hold, where they are drawn: with time between windows, side by side."""
+    """Return the samples of the windows and their places: with time between windows, or side by side."""
     known = np.zeros(joint.time.size, dtype=np.bool_)
     for signal in joint.signals.values():
         known |= np.isfinite(signal.measured)
@@ -76,7 +76,7 @@ def in_windows(joint: JointEvidence) -> Stretch:
 
 
 def _part(signal: SignalEvidence, which: NDArray[np.bool_] | slice) -> SignalEvidence:
-    """Return some of the samples; a rig that was not extended is there once."""
+    """Return some of the samples; a rig that was not extended appears once."""
     before, after = (None if v is None else v[which] for v in (signal.before, signal.after))
     if before is not None and after is not None and np.array_equal(before, after, equal_nan=True):
         after = None
@@ -100,26 +100,28 @@ def _errors(over: OverTime, signal: SignalEvidence, noise: float | None, shown: 
 
 
 def _over_time(stretch: Stretch, role: str, noise: float | None, over: OverTime) -> Chart:
-    """One signal, and how far the simulations are from it."""
+    """One signal, and the errors of the simulations."""
     signal, name = stretch.signals[role], signal_name(role)
     unit = unit_of(signal.unit)
-    # What was measured lies under what explains it.
+    # The measurement is drawn below the simulations.
     curves = (over.line("measured", signal.measured, "measured"), *_simulated(over, signal))
     axes = [Axes(stretch.label, axis_label(name, signal.unit), curves, x_ticks=stretch.ticks)]
     words = f"Measured: {span_words(signal.measured, unit.strip())}."
     errors = _errors(over, signal, noise, {c.label for c in curves})
     if errors:
         axes.append(Axes(stretch.label, axis_label("error", signal.unit), errors, x_ticks=stretch.ticks))
-        kinds = (("rig as it stands", signal.before), ("extended rig", signal.after))
-        said = [f"{number(rms(v - signal.measured))}{unit} with the {label}" for label, v in kinds if v is not None]
-        words += f" Simulated − measured, root mean square: {', '.join(said)}"
-        words += f"; noise alone makes {number(noise)}{unit}." if noise else "."
+        kinds = (("original rig", signal.before), ("extended rig", signal.after))
+        rms_words = [
+            f"{number(rms(v - signal.measured))}{unit} with the {label}" for label, v in kinds if v is not None
+        ]
+        words += f" Simulated − measured, root mean square: {', '.join(rms_words)}"
+        words += f"; the noise floor is {number(noise)}{unit}." if noise else "."
     words += " Each window of the simulation begins with the state that fits it best."
     return Chart("simulation", f"{name[:1].upper()}{name[1:]} over time", words, tuple(axes), linked=True)
 
 
 def _expanded(stretch: Stretch, noise: Mapping[str, float], columns: int) -> Chart | None:
-    """The errors of all signals around the place where the rig as it stands is furthest off, every sample of it."""
+    """The errors of all signals around the largest error of the original rig, every sample of it."""
     worst = worst_place(stretch, noise)
     seen = None if worst is None else around(worst, stretch.time.size, columns)
     if worst is None or seen is None:
@@ -136,14 +138,14 @@ def _expanded(stretch: Stretch, noise: Mapping[str, float], columns: int) -> Cha
     words = (
         f"Simulated − measured for {number(float(over.time[-1] - over.time[0]))} s around"
         f" t = {number(float(stretch.time[worst]), 4)} s,"
-        " where the simulation with the rig as it stands is furthest off, in multiples of its noise."
+        " where the error of the simulation with the original rig is largest, in multiples of its noise."
     )
     # Not zoomed with the others: their axes may not be time.
-    return Chart("simulation_expanded", "Where the simulation is worst", words, axes, linked=not stretch.ticks)
+    return Chart("simulation_expanded", "Largest error of the simulation", words, axes, linked=not stretch.ticks)
 
 
 def worst_place(stretch: Stretch, noise: Mapping[str, float]) -> int | None:
-    """Return the sample at which the simulations with the rig as it stands are furthest off; None where there are none."""
+    """Return the sample of the largest error with the original rig; None where there are none."""
     total = np.zeros(stretch.time.size)
     for role, signal in stretch.signals.items():
         if signal.before is None:

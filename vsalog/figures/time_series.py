@@ -30,7 +30,7 @@ MEASURED = {
 
 
 def measured_name(part: TransmissionEvidence) -> str:
-    """Return what the torque was held against, in words."""
+    """Return the reference of the torque, in words."""
     return MEASURED.get(part.measured_by, "measured")
 
 
@@ -51,7 +51,7 @@ def torque_chart(joint: JointEvidence, part: TransmissionEvidence, columns: int)
 
 
 def expanded_chart(joint: JointEvidence, part: TransmissionEvidence, columns: int) -> Chart | None:
-    """The stretch around the largest error, every sample of it; none where nothing is measured, or all is drawn anyway."""
+    """The stretch around the largest error, every sample of it; none without a measurement, or where all is drawn anyway."""
     if part.measured is None:
         return None
     error = np.abs(part.predicted - part.measured)
@@ -86,7 +86,7 @@ def stiffness_chart(joint: JointEvidence, part: TransmissionEvidence, columns: i
     shown = _near(part.stiffness, sigma, 0.4)
     area = over.band(TWO_STD, shown - 2.0 * part.stiffness_std, shown + 2.0 * part.stiffness_std)
     if sigma.size:
-        # Before anything is known the band is as wide as the prior: it must not squeeze the rest.
+        # Initially the band is as wide as the prior: it must not determine the scale.
         area = replace(area, y=np.clip(area.y, *_around(sigma, 0.4)))
     curves = [area, over.line("stiffness", shown)]
     where = ", where the model was fitted," if joint.excited is None and sigma.size < everywhere else ""
@@ -103,7 +103,7 @@ def stiffness_chart(joint: JointEvidence, part: TransmissionEvidence, columns: i
         )
         if has_std:
             covered = 100.0 * float((np.abs(error) <= 2.0 * std).mean())
-            words += f", and the band holds the truth for {number(covered)} % of the time"
+            words += f", and the band contains the truth for {number(covered)} % of the time"
     axes = Axes(TIME, STIFFNESS, tuple(curves), *_shaded(joint, part, columns))
     return Chart("stiffness", "Stiffness over time", f"{words}.{_share_words(joint, part)}", (axes,))
 
@@ -135,12 +135,12 @@ def stiffnesses_chart(title: str, lines: Iterable[tuple[str, str, Array, Array]]
     lines : name, colour, time and stiffness [N·m/rad] of each, the last two of shape (N,); the truth is dashed
     columns : of pixels
     """
-    curves, said = [], []
+    curves, ranges = [], []
     for label, colour, time, values in lines:
         is_true = colour == "truth"
         curves.append(OverTime(time, columns).line(label, values, colour, dashed=is_true))
-        said.append(f"{'the truth' if is_true else label} {span_words(values, 'N·m/rad')}")
-    words = f"{title}: the stiffness by every estimator, where it is excited: {'; '.join(said)}."
+        ranges.append(f"{'the truth' if is_true else label} {span_words(values, 'N·m/rad')}")
+    words = f"{title}: the stiffness by every estimator, where it is excited: {'; '.join(ranges)}."
     return Chart("stiffness", "Stiffness by all estimators", words, (Axes(TIME, STIFFNESS, tuple(curves)),))
 
 
@@ -149,7 +149,7 @@ def convergence_charts(joint: JointEvidence, columns: int) -> list[Chart]:
     over = OverTime(joint.time, columns)
     several = len({parameter.transmission for parameter in joint.convergence}) > 1
     groups: dict[str, list[Curve]] = {}
-    said: dict[str, list[str]] = {}
+    last_values: dict[str, list[str]] = {}
     for parameter in joint.convergence:
         values, unit = joint.convergence[parameter], unit_text(parameter.unit)
         label = f"{parameter.transmission}: {term_name(parameter.name)}" if several else term_name(parameter.name)
@@ -157,17 +157,17 @@ def convergence_charts(joint: JointEvidence, columns: int) -> list[Chart]:
         if known.size:
             curves = groups.setdefault(unit, [])
             curves.append(over.line(label, _near(values, known[known.size // 20 :]), str(len(curves))))
-            said.setdefault(unit, []).append(f"{label} {number(float(known[-1]))} {unit}".strip())
+            last_values.setdefault(unit, []).append(f"{label} {number(float(known[-1]))} {unit}".strip())
     if not groups:
         return []
     axes = tuple(Axes(TIME, f"parameter [{unit}]", tuple(curves)) for unit, curves in groups.items())
-    last = ", ".join(text for texts in said.values() for text in texts)
-    words = f"The estimator's parameters while it learns; at the end: {last}."
+    last = ", ".join(text for texts in last_values.values() for text in texts)
+    words = f"The estimator's parameters over time; at the end: {last}."
     return [Chart("convergence", "Convergence of the parameters", words, axes, linked=True)]
 
 
 def _around(known: Array, share: float) -> tuple[float, float]:
-    """Return a range about what is known that is wider by this share of it on either side; all numbers where nothing is."""
+    """Return the range of the known values, wider by this share of it on either side; all numbers where none is known."""
     low, high, _ = extent(known)
     if low > high:
         return -np.inf, np.inf
@@ -176,7 +176,7 @@ def _around(known: Array, share: float) -> tuple[float, float]:
 
 
 def _near(values: Array, known: Array, share: float = 1.0) -> Array:
-    """Leave out what lies far off the range of what is known: the first guesses of a recursion."""
+    """Leave out values far outside the known range: the first guesses of a recursion."""
     low, high = _around(known, share)
     return np.where((values >= low) & (values <= high), values, np.nan)
 
@@ -195,13 +195,13 @@ def _torque_axes(joint: JointEvidence, part: TransmissionEvidence, columns: int)
 def _shaded(
     joint: JointEvidence, part: TransmissionEvidence, columns: int
 ) -> tuple[tuple[tuple[float, float], ...], str]:
-    """Return stretches that excite no estimate, or that the model extrapolates into, and what these are; the unknown are none."""
+    """Return stretches that excite no estimate, or where the model extrapolates, and their name; unknown samples are none."""
     out = ~part.inside & np.isfinite(part.stiffness)
     return tuple(spans(joint.time, out, min(columns, 200))), outside_name(joint)
 
 
 def outside_name(joint: JointEvidence) -> str:
-    """Return what samples are called that lie outside of what an estimate was learnt from, or a model was fitted in."""
+    """Return the name of samples that are not excited, or outside the region that a model was fitted in."""
     return "outside the model's region" if joint.excited is None else "not excited so far"
 
 

@@ -1,4 +1,4 @@
-"""What a trace's file draws: its joints, and the fitted model next to it where it is of the same run."""
+"""The data of figures in a trace's file: its joints, and the fitted model next to it if it is of the same run."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from vsalog.readers.opened import for_arrow
 from vsalog.rig import Rig
 from vsalog.validation.frozen import frozen
 
-# What every trace has, and no log that somebody recorded.
+# Columns that every trace has, and no recorded log.
 OWN = ("time", "joint", "transmission", "deflection", "flexibility_torque_fit", "stiffness", "stiffness_std", "excited")
 
 
 def is_trace(path: Path) -> bool:
-    """Tell whether a file is a trace that `estimate` wrote, whatever its name."""
+    """Return whether a file is a trace that `estimate` wrote, whatever its name."""
     try:
         return path.is_file() and set(OWN) <= set(pq.read_schema(for_arrow(path)).names)
     except (OSError, UnicodeError, pa.ArrowException):
@@ -40,8 +40,8 @@ class TraceFile:
     ----------
     path : of the file
     joints : name → transmissions, the device last
-    rig : with which it was estimated; None where the file does not say
-    model : that was fitted along with it; None where it does not lie next to it
+    rig : with which it was estimated; None where the file lacks it
+    model : that was fitted along with it; None where it is not next to it
     """
 
     path: Path
@@ -51,7 +51,7 @@ class TraceFile:
 
     @classmethod
     def of(cls, path: Path) -> TraceFile:
-        """Look what a file holds.
+        """Read the contents of a file.
 
         Raises
         ------
@@ -61,18 +61,18 @@ class TraceFile:
         if not is_trace(path):
             raise ReadError("is no trace that 'vsalog estimate' wrote", path)
         try:
-            told = _metadata(path)
+            metadata = _metadata(path)
             joints: dict[str, list[str]] = {}
             for joint, transmission in _parts(path):
                 joints.setdefault(joint, []).append(transmission)
-            text = told.get("vsalog.rig")
+            text = metadata.get("vsalog.rig")
             rig = None if text is None else Rig.from_toml(text, f"the rig in {path.name}")
         except (OSError, UnicodeError, pa.ArrowException) as error:
             raise ReadError(f"cannot be read: {error}", path) from error
-        return cls(path, joints, rig, _model(path, told))
+        return cls(path, joints, rig, _model(path, metadata))
 
     def evidence(self, joint: str) -> JointEvidence:
-        """Read what the figures draw of a joint; of a long trace each n-th row.
+        """Read the data of the figures of a joint; of a long trace each n-th row.
 
         Raises
         ------
@@ -110,14 +110,14 @@ def _parts(path: Path) -> Iterator[tuple[str, str]]:
     yield from found
 
 
-def _model(path: Path, told: dict[str, str]) -> ModelFile | None:
+def _model(path: Path, metadata: dict[str, str]) -> ModelFile | None:
     """Return the model next to a trace, where it was fitted to the same logs with the same rig."""
-    beside = path.with_name(re.sub(r"(\.stiffness)?\.parquet$", "", path.name) + ".model.toml")
+    model_path = path.with_name(re.sub(r"(\.stiffness)?\.parquet$", "", path.name) + ".model.toml")
     try:
-        model = frozen(beside) if beside.is_file() else None
+        model = frozen(model_path) if model_path.is_file() else None
         same = model is not None and (model.rig, model.log) == (
-            told.get("vsalog.rig"),
-            json.loads(told["vsalog.input"]),
+            metadata.get("vsalog.rig"),
+            json.loads(metadata["vsalog.input"]),
         )
     except (VsalogError, KeyError, ValueError):
         return None

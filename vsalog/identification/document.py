@@ -71,7 +71,7 @@ class SimulationError(_Part, frozen=True):
     part : "whole", "last third" where no log was held out, of a fit to the rest; "itself" where it is too short for that
     signal : role
     unit : SI
-    rig, identified : root mean square error of the rig as given, and with the numbers that were identified
+    rig, identified : root mean square error of the original rig, and with the numbers that were identified
     noise_floor : error from noise alone
     spread : standard deviation of what was recorded
     """

@@ -228,7 +228,7 @@ def _scales(joint: Any, windows: Windows) -> Scales:
 def _errors(
     name: str, joint: Any, fit: Fit, where: str, part: Any, windows: Windows, lever: Lever | None
 ) -> list[ErrorThere]:
-    """Return how far the rig as given, and with a fit, is from windows that it was not fitted to."""
+    """Return how far the original rig, and with a fit, is from windows that it was not fitted to."""
     windows = dataclasses.replace(windows, scale=fit.windows.scale, hold=fit.windows.hold)
     after = as_felt(placed(joint, fit.unknowns, fit.values))
     try:

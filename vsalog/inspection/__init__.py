@@ -1,1 +1,1 @@
-"""What is in a log: the data of `inspect`."""
+"""The contents of a log: the data of `inspect`."""

@@ -94,7 +94,7 @@ class SampleReport(Struct, frozen=True):
     Attributes
     ----------
     size, of : bytes read, and of the log
-    stretches : pieces that do not join; 1 is the log's beginning alone
+    stretches : number of separate pieces; 1 is the log's beginning alone
     """
 
     size: int
@@ -139,10 +139,10 @@ class LogReport(Struct, frozen=True):
     absolute_time : whether stamps count from the epoch
     duration : [s], from the first stamp of all streams to the last; None where no stream has a time
     has_rig : the log carries a rig
-    sample : what all of this was found in; None for the whole log
+    sample : the part of the log that was read; None for the whole log
     streams : with their channels
     joints : as guessed
-    head : the first samples of each stream, where they were asked for
+    head : the first samples of each stream, if requested
     unread : fields that are no signal, and why
     findings : of the reader and of the guess
     notes : those of the reader, in sentences
@@ -177,7 +177,7 @@ class Inspection(Struct, frozen=True):
     Attributes
     ----------
     logs : in the order they were named
-    repaired : what was written, where that was asked for
+    repaired : what was written, if requested
     unreadable : those of the logs that cannot be read
     """
 

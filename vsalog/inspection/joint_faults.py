@@ -1,4 +1,4 @@
-"""What is wrong with the channels of joints that were guessed, by the checks that the other commands use."""
+"""Faults in the channels of guessed joints, by the checks of the other commands."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ BOUND = ("sensor.stuck", "recording.outliers")
 
 
 def joint_faults(recording: Recording, guess: Guess) -> Iterator[Finding]:
-    """Yield what is wrong with the channels of the joints that were guessed, as they were recorded."""
+    """Yield the faults in the channels of the guessed joints, as recorded."""
     try:
         joints = Rig.from_toml(_rig_of_all_channels(recording, guess), "the guessed rig").joints
     except VsalogError:
@@ -38,7 +38,7 @@ def joint_faults(recording: Recording, guess: Guess) -> Iterator[Finding]:
     plain = {name: _as_recorded(joint) for name, joint in joints.items()}
     for name, joint in plain.items():
         roles = [role for role in offered_roles(joint) if _is_recorded(recording, joint, role)]
-        # What cannot be bound is said by those who need it.
+        # Callers that need a role report if it cannot be bound.
         with suppress(VsalogError):
             if read := read_roles(roles):
                 signals = bind([recording], name, joint, read, acting=False)
@@ -51,7 +51,7 @@ def joint_faults(recording: Recording, guess: Guess) -> Iterator[Finding]:
 
 
 def _rig_of_all_channels(recording: Recording, guess: Guess) -> str:
-    """Return a rig in which currents and counts have channels, too, though no number makes them torques and angles."""
+    """Return a rig in which currents and counts have channels, too, though their scale is unknown."""
     joints = tuple(
         replace(joint, roles={r: replace(g, unit=None) if g.unit == "counts" else g for r, g in joint.roles.items()})
         for joint in guess.joints
@@ -65,7 +65,7 @@ def _rig_of_all_channels(recording: Recording, guess: Guess) -> str:
 def _alone(
     recording: Recording, name: str, joint: Joint, signals: JointSignals, put_right: JointSignals
 ) -> Iterator[Finding]:
-    """Yield what is wrong with one joint's channels; `put_right` has those of another joint where they belong."""
+    """Yield the faults of one joint's channels; `put_right` has exchanged channels corrected."""
     currents = [role for role, signal in offered_roles(joint).items() if signal.unit == "A"]
     found = [finding for finding in signals.findings if finding.code in BOUND]
     found += channel_findings([recording], name, joint)
@@ -79,7 +79,7 @@ def _alone(
 
 
 def _as_recorded(joint: Joint) -> Joint:
-    """Return a guessed joint without what the guess did about signs and gears; a current counts as it is."""
+    """Return a guessed joint without the guessed signs and gears; a current is used as it is."""
     plain = {role: replace(signal, sign=1, side="joint") for role, signal in offered_roles(joint).items()}
     motors = {motor: replace(getattr(joint, motor) or Motor(), torque_constant=1.0) for motor in motors_of(joint)}
     return replace(joint, signals=replace(joint.signals, **plain), **motors)

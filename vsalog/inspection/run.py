@@ -1,4 +1,4 @@
-"""Looks at a recording: its clocks, its channels, and what they probably are."""
+"""Inspects a recording: its clocks, its channels, and their probable roles."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from vsalog.rig.guess_types import Guess
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What can be asked of `inspect`; the command line's options of the same names.
+    """The options of `inspect`, named as on the command line.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Options:
 
 
 def inspect(logs: Sequence[Path], options: Options, progress: Callable[[str], None] = lambda _: None) -> Inspection:
-    """Look at logs. Of several, one that cannot be read is reported, and the others are looked at.
+    """Inspect logs. Of several, one that cannot be read is reported, and the others are inspected.
 
     Parameters
     ----------
@@ -80,13 +80,13 @@ def inspect(logs: Sequence[Path], options: Options, progress: Callable[[str], No
                 raise
             unreadable.append(Unreadable(str(log), words_of(error)))
             continue
-        progress(f"looking at {log.name}")
+        progress(f"inspecting {log.name}")
         reports.append(inspect_recording(recording, guess_roles(recording), sample, options.head))
     return Inspection(tuple(reports), None, tuple(unreadable))
 
 
 def looked_at(log: Path, options: Options) -> tuple[Recording, Sample | None]:
-    """Read what is looked at of a log, and return what part of it that is; None for the whole."""
+    """Read the inspected part of a log, and return which part it is; None for the whole."""
     if options.full or options.start is not None or options.end is not None:
         return read(log, None, options.time, options.rate, options.start, options.end), None
     return read_sample(log, options.time, options.rate)
@@ -94,13 +94,13 @@ def looked_at(log: Path, options: Options) -> tuple[Recording, Sample | None]:
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a log may hold any number
 def inspect_recording(recording: Recording, guess: Guess, sample: Sample | None = None, head: int = 0) -> LogReport:
-    """Return what is in a recording.
+    """Return the contents of a recording.
 
     Parameters
     ----------
     recording : as read
     guess : the roles of its channels
-    sample : what part of the log it is; None for the whole
+    sample : which part of the log it is; None for the whole
     head : number of first samples of each stream in the report
     """
     roles = _roles(guess)
@@ -152,7 +152,7 @@ def _stream(
 ) -> StreamReport:
     stream = stream or Stream(name, "", 0, "none")
     has_time = stream.time_source != "none" and bool(channels)
-    # Channels of one stream share their stamps; the longest tells most where a format cuts them apart.
+    # Channels of one stream share their stamps; the longest has most of them where a format splits them.
     stamps = max((c.stamps for c in channels), key=lambda s: s.size, default=np.empty(0, np.int64))
     seams = 0 if sample is None else sample.stretches - 1
     clock = clock_of(stamps, seams) if has_time else Clock(math.nan, math.nan, 0, 0.0, math.nan)

@@ -1,4 +1,4 @@
-"""Logs → recordings. The format is told by content, never by the name's ending."""
+"""Logs → recordings. The format is detected from the content, never from the file name."""
 
 from vsalog.readers.base import Block, Catalogue, ChannelInfo, Reader
 from vsalog.readers.reading import open_container, open_reader, read

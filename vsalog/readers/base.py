@@ -1,4 +1,4 @@
-"""What every reader offers, and the structures it hands over."""
+"""The interface of every reader, and the structures it returns."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DOUBTFUL = frozenset(
         "compressed.rows_doubtful",
     )
 )
-"""Codes of damage that may be in any number, so that it is told ahead of the numbers."""
+"""Codes of damage of which there may be many, so that it is reported before the numbers."""
 
 CLOCKS = ("header", "log", "publish", "column", "rate", "none")
 """Kinds of time stamps, best first."""
@@ -25,7 +25,7 @@ CLOCKS = ("header", "log", "publish", "column", "rate", "none")
 
 @dataclass(frozen=True, slots=True)
 class ChannelInfo:
-    """What a catalogue knows of a channel before its values are read.
+    """The properties of a channel that are known before its values are read.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class ChannelInfo:
 
 @dataclass(frozen=True, slots=True)
 class Catalogue:
-    """What a log holds, told from its head and its definitions without decoding everything.
+    """The contents of a log, from its head and its definitions without decoding everything.
 
     Attributes
     ----------
@@ -69,15 +69,15 @@ class Block:
     clocks : mapping of str to int64 array, shape (n,)
         Nanoseconds by kind of clock (one of `CLOCKS`), each where the format has it.
     columns : mapping of str to float64 array, shape (n,)
-        By channel name, NaN where a sample has no such value (`vsalog.core.column.ABSENT` where a message does not carry it).
+        By channel name, NaN where a sample has no such value (`vsalog.core.column.ABSENT` where a message lacks it).
     units : mapping of str to str
         Units of the columns that state one.
     timeless : Finding or None
-        Why there is no clock, where that is worth telling.
+        The reason if there is no clock, where it is worth reporting.
     expected : int
-        How many samples the stream has in all, as the log says, which may be wrong; 0 where it does not.
+        Samples of the stream in all according to the log, which may be wrong; 0 where it does not state them.
     whole : bool
-        Each message surely carries every one of the columns.
+        Each message surely contains every one of the columns.
     """
 
     stream: str
@@ -113,7 +113,7 @@ class Reader(Protocol):
     def rig_text(self) -> str | None: ...  # noqa: D102
 
     def catalogue(self) -> Catalogue:
-        """Return what the log holds, without decoding all of it.
+        """Return the contents of the log, without decoding all of it.
 
         Raises
         ------

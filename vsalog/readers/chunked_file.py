@@ -1,4 +1,4 @@
-"""Files of records in which most messages are in chunks: what MCAP files and ROS 1 bags have in common."""
+"""Files of records in which most messages are in chunks: the common part of MCAP files and ROS 1 bags."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ class ChunkedFile(ABC):
 
     WALK: ClassVar[type[RecordWalk]]
     DEFINITIONS: ClassVar[tuple[int, ...]]
-    """Kinds of records that tell what messages outside of chunks mean."""
+    """Kinds of records that describe the messages outside of chunks."""
     NO_INDEX: ClassVar[str]
-    """Code of what is found of a file without an index."""
+    """Code of the finding for a file without an index."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -62,7 +62,7 @@ class ChunkedFile(ABC):
 
     @abstractmethod
     def has_index(self) -> bool:
-        """Tell whether there is a sound index at the end, and read it."""
+        """Return whether there is a sound index at the end, and read it."""
 
     @abstractmethod
     def connections(self) -> list[Connection]:

@@ -1,7 +1,7 @@
-"""Which values of a stream come in the same messages, and so make a stream of their own.
+"""Groups the values of a stream that come in the same messages into streams.
 
-Several may publish on one topic, each for joints of its own, and one may send a message per joint. What comes together has
-a clock of its own then: with the messages of the others in between, every second sample of a joint would be none.
+Several nodes may publish on one topic, each for its own joints, and one may send a message per joint. Values that come together
+then have their own clock: with the messages of the others in between, every second sample of a joint would be missing.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from vsalog.core.recording import Values
 from vsalog.readers.limits import MOST_PARTS
 
 LEAST_TOGETHER = 0.75
-"""Values come together that share this part of the messages that have either; the others of these lack it, NaN."""
+"""Values form a group if they share this part of the messages that have either; in the other messages they are NaN."""
 
 
 _Bits = NDArray[np.uint8]
@@ -47,14 +47,14 @@ class Together:
         return self.messages if self.bits is None else _count(self.bits)
 
     def has(self, first: int, last: int) -> NDArray[np.bool_]:
-        """Tell which rows from one to another, that one excluded, any of the columns is in."""
+        """Return which rows from one to another, that one excluded, any of the columns is in."""
         if self.bits is None:
             return np.ones(last - first, np.bool_)
         return np.unpackbits(self.bits[first // 8 : -(-last // 8)])[first % 8 :][: last - first].astype(np.bool_)
 
 
 def lacks_any(values: Values) -> bool:
-    """Tell whether a message does not carry a value."""
+    """Return whether a message lacks a value."""
     return bool((values.view(np.int64) == ABSENT_BITS).any())
 
 
@@ -103,7 +103,7 @@ def together(columns: Sequence[str], partial: Mapping[str, _Bits], messages: int
 
 
 def _are_together(one: bytes, other: bytes, counts: int) -> bool:
-    """Tell whether most messages with either of two columns have both; `counts` is the sum of their numbers."""
+    """Return whether most messages with either of two columns have both; `counts` is the sum of their numbers."""
     both = _count(np.frombuffer(one, np.uint8) & np.frombuffer(other, np.uint8))
     return both >= LEAST_TOGETHER * (counts - both)
 
@@ -113,7 +113,7 @@ def _count(bits: _Bits) -> int:
 
 
 def part_stream(stream: str, part: Together) -> str:
-    """Return what a stream's part is called: as the stream where it is in most of its messages."""
+    """Return the name of a stream's part: the stream's name for the part in most of its messages."""
     if part.count >= LEAST_TOGETHER * part.messages:
         return stream
     return f"{stream} ({part.columns[0].removeprefix(f'{stream}.')} …)"

@@ -1,4 +1,4 @@
-"""Decompression that never makes more than was announced."""
+"""Decompression that never returns more than was announced."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ codecs either."""
 
 
 class DamagedDataError(Exception):
-    """Compressed data cannot be read; its text says why."""
+    """Compressed data cannot be read; the message has the reason."""
 
 
 def decompress(kind: str, data: bytes, size: int) -> bytes:
@@ -32,7 +32,7 @@ def decompress(kind: str, data: bytes, size: int) -> bytes:
     data : bytes
         Compressed.
     size : int
-        How many bytes are announced to come out.
+        Announced number of decompressed bytes.
 
     Raises
     ------
@@ -53,12 +53,12 @@ def decompress(kind: str, data: bytes, size: int) -> bytes:
     except Exception as error:  # each compression library has exceptions of its own
         raise DamagedDataError((str(error).splitlines() or [type(error).__name__])[0]) from error
     if len(whole) != size:
-        raise DamagedDataError(f"it holds {len(whole)} bytes or more where {size} are announced")
+        raise DamagedDataError(f"it contains {len(whole)} bytes or more, but {size} are announced")
     return whole
 
 
 def beginning(kind: str, data: bytes, most: int) -> bytes:
-    """Return what comes first out of compressed data, of which there may be only a beginning; "" where nothing does.
+    """Return the beginning of decompressed data, of which there may be only a part; "" where there is nothing.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def beginning(kind: str, data: bytes, most: int) -> bytes:
                 return reader.read(most)
         if kind in _STREAMING:
             return bytes(_STREAMING[kind]().decompress(data, max_length=most))
-    except Exception:  # each compression library has its own; that the data are damaged is told when they are read
+    except Exception:  # each compression library has its own; the damage is reported when the data are read
         return b""
     return data[:most] if kind in ("", "none") else b""
 
@@ -108,7 +108,7 @@ def decompress_message(data: bytes) -> bytes:
 
 
 def unfolded_size(data: bytes) -> int:
-    """Return how many bytes a message has once it is decompressed; an upper bound where it does not say."""
+    """Return the size of a message after decompression; an upper bound where it does not state it."""
     import zstandard
 
     try:
@@ -127,7 +127,7 @@ def _zstd(data: bytes, size: int) -> bytes:
 
     stated = zstandard.frame_content_size(data)
     if stated not in (-1, size):  # what the frame states is allocated at once
-        raise DamagedDataError(f"it holds {stated} bytes where {size} are announced")
+        raise DamagedDataError(f"it contains {stated} bytes, but {size} are announced")
     return zstandard.ZstdDecompressor().decompress(data, max_output_size=size, allow_extra_data=False)
 
 

@@ -1,4 +1,4 @@
-"""What a file of serialised messages is to those who read it: connections, packets of messages, and an index of chunks."""
+"""The interface of a file of serialised messages: connections, packets of messages, and an index of chunks."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from vsalog.readers.sampling_pieces import Sample
 MOST_CONNECTIONS = 2**14
 """Connections or topics that a log has at most; more would take minutes and memory to prepare for."""
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-"""How messages and files begin that ROS 2 has compressed."""
+"""The first bytes of messages and files that ROS 2 has compressed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """What the index tells of a chunk.
+    """The index entry of a chunk.
 
     Attributes
     ----------
     first, last : int
         Least and largest log time in it [ns].
     connections : frozenset of int, or None
-        Which have messages in it; None where that is not told.
+        Which have messages in it; None where the index does not list them.
     """
 
     first: int
@@ -34,7 +34,7 @@ class Chunk:
     connections: frozenset[int] | None
 
     def may_hold(self, ids: Collection[int]) -> bool:
-        """Tell whether messages of some connections may be in it."""
+        """Return whether messages of some connections may be in it."""
         return self.connections is None or not self.connections.isdisjoint(ids)
 
 
@@ -47,7 +47,7 @@ class Part:
     throughout: frozenset[int] = frozenset()
 
     def leaves_out(self, chunk: Chunk) -> bool:
-        """Tell whether no message of this part is in a chunk."""
+        """Return whether no message of this part is in a chunk."""
         outside = chunk.last < self.low or chunk.first > self.high
         return outside and not (self.throughout and chunk.may_hold(self.throughout))
 
@@ -63,7 +63,7 @@ def some_of(chunks: Mapping[int, Chunk], ids: Collection[int]) -> Iterator[int]:
 
 @dataclass(frozen=True, slots=True)
 class Connection:
-    """Who publishes what: one per topic, type, definition and publisher.
+    """A publication: one per topic, type, definition and publisher.
 
     Attributes
     ----------
@@ -78,9 +78,9 @@ class Connection:
     definition : str
         Text, "" where the log has none; descriptors of protobuf with a character for each byte.
     metadata : mapping of str to str
-        What else the log says; ``unit`` and ``unit:FIELD`` are units.
+        Further metadata; ``unit`` and ``unit:FIELD`` are units.
     publisher : str
-        Who publishes, as far as the log tells it: a node's name or a number.
+        The publisher, if the log has it: a node's name or a number.
     """
 
     id: int
@@ -96,7 +96,7 @@ class Connection:
 class Container(Protocol):
     """A file of serialised messages.
 
-    `has_publish` tells whether it keeps a publish time beside the log time.
+    `has_publish` is whether it keeps a publish time in addition to the log time.
     """
 
     format: str
@@ -123,15 +123,15 @@ class Container(Protocol):
         ...
 
     def beginnings(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield the first messages of connections, as far as an index says where they are."""
+        """Yield the first messages of connections, as far as an index has their positions."""
         ...
 
     def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield some messages of connections from all over the file, where they can be had without reading it all."""
+        """Yield some messages of connections from all over the file, where that is possible without reading it all."""
         ...
 
     def narrow(self, part: Part) -> bool:
-        """From now on pass by messages that are surely in no part of the log; tells whether that can be done."""
+        """From now on skip messages that are surely in no part of the log; return whether that is possible."""
         ...
 
     def sample(self, budget: int) -> Sample | None:

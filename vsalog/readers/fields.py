@@ -1,6 +1,6 @@
 """The fields of a stream: which become channels, and which do not, with the reason.
 
-A log may claim any number of fields with names of any length. No recording has so many, and memory is not for the asking.
+A hostile log may claim any number of fields with names of any length, so that both are limited.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from vsalog.core.printable import LONGEST_TEXT
 from vsalog.readers.limits import DECODED_BYTES
 
 MAX_FIELDS = 4096
-"""Channels of a stream, and fields of it that are told to be none."""
+"""Largest number of a stream's channels, and of its fields reported as none."""
 LONG_NAMES = f"names longer than {LONGEST_TEXT} characters"
 LARGE_MESSAGES = f"its messages are larger than {DECODED_BYTES // 2**20} MiB"
 
 
 class Fields:
-    """What was met in a stream so far.
+    """The fields of a stream found so far.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class Fields:
     Attributes
     ----------
     unread : dict of str to str
-        What is no channel, by full name, with the reason.
+        Fields that are no channel, by full name, with the reason.
     """
 
     def __init__(self, prefix: str, wanted: Collection[str] | None) -> None:
@@ -38,7 +38,7 @@ class Fields:
         self._channels: set[str] = set()
 
     def take(self, name: str) -> bool:
-        """Tell whether a field becomes a channel: it is wanted, and there is room for it."""
+        """Return whether a field becomes a channel: it is wanted, and there is room for it."""
         if name in self._channels:
             return True
         if self.wanted is not None and name not in self.wanted:

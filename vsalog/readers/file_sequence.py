@@ -27,9 +27,9 @@ class SeveralContainer:
     format : str
         Of all together.
     findings : Findings
-        What is known so far.
+        The findings so far.
     stated : mapping of str to int, optional
-        How many messages each topic has, where something beside the files says so.
+        Messages of each topic, where metadata next to the files count them.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class SeveralContainer:
         return sum(container.size() for container in self.parts)
 
     def narrow(self, part: Part) -> bool:
-        """Pass by what lies outside of a part of the log, in all files that can."""
+        """Skip messages outside of a part of the log, in all files that can."""
         able = [
             container.narrow(replace(part, throughout=frozenset(_own(numbers, part.throughout))))
             for numbers, container in self._numbered()
@@ -87,7 +87,7 @@ class SeveralContainer:
         return self._narrowed
 
     def sample(self, budget: int) -> Sample | None:
-        """From now on read stretches of each file; what cannot be cut is only taken where it is small."""
+        """From now on read stretches of each file; a file that cannot be cut is only read if it is small."""
         whole, cuts = self.size(), []
         for part in self.parts:
             size = part.size()
@@ -104,7 +104,7 @@ class SeveralContainer:
         findings = Findings()
         findings.add(*(one for cut in cuts for one in cut.findings))
         self._narrowed = True
-        # What stretches of two files have between them is a seam, too.
+        # Between stretches of two files there is a seam, too.
         return Sample(sum(cut.size for cut in cuts), sum(cut.stretches for cut in cuts), totals, tuple(findings))
 
     def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
@@ -131,7 +131,7 @@ class SeveralContainer:
             self.findings.add(*self._missing(set(ids), found))
 
     def _missing(self, ids: set[int], found: Mapping[int, int]) -> list[Finding]:
-        """Return of which topics that were read messages are missing; nothing where none are."""
+        """Return the read topics with missing messages; nothing where none are missing."""
         topics: dict[str, set[int]] = {topic: set() for topic in self._stated}
         for one in self.connections():
             topics.setdefault(one.topic, set()).add(one.id)

@@ -1,8 +1,8 @@
-"""How far header stamps are from the log's times, estimated from samples of a log.
+"""The differences of header stamps from the log's times, estimated from samples of a log.
 
-A part of a log is asked for by header stamps, and its index knows log times. Where the two are close in samples from all over
-the log, only what lies around that part is read. What is read is held against what the samples promised, so that a stamp
-farther off makes the whole log be read; only where a message is neither among the samples nor read, nobody sees its stamp.
+A part of a log is requested by header stamps, but its index has log times. Where the two are close in samples from all over
+the log, only the surroundings of that part are read. They are compared with the samples, and a stamp farther from the log's
+time makes the whole log be read; only the stamp of a message that is neither in the samples nor read is not checked.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Delays:
         self._levels: dict[str, _Range] = {}
 
     def add(self, stream: str, stamps: Stamps, log: Stamps) -> None:
-        """Take note of a sample, shape (n,) [ns] each."""
+        """Record a sample, shape (n,) [ns] each."""
         if not stamps.size:
             return
         delay = log - stamps
@@ -45,7 +45,7 @@ class Delays:
             ranges[stream] = min(before[0], int(low)), max(before[1], int(high))
 
     def standing(self) -> set[str]:
-        """Return the streams that have always the same stamp."""
+        """Return the streams whose stamp is always the same."""
         return {stream for stream, (low, high) in self._stamps.items() if low == high and self._rows[stream] > 2}
 
     def locate_messages(self) -> bool:
@@ -57,15 +57,15 @@ class Delays:
         return near and not self.standing() and all(b - a <= DELAY_VARIATION for a, b in self._levels.values())
 
     def rare(self, streams: Iterable[str]) -> set[str]:
-        """Return those of some streams that are in too few samples to know them by."""
+        """Return those of some streams that are in too few samples."""
         return {stream for stream in streams if self._samples[stream] < REPEATS}
 
     def widened(self, low: int, high: int) -> tuple[int, int]:
-        """Return between which log times [ns] all messages lie whose stamps are in a window."""
+        """Return the range of log times [ns] of all messages whose stamps are in a window."""
         return max(low + self.least - LARGEST_LEAP, -Stamp.FARTHEST), min(
             high + self.most + LARGEST_LEAP, Stamp.FARTHEST
         )
 
     def promised(self, read: Delays) -> bool:
-        """Tell whether stamps that were read are no farther from the log's times than samples promised."""
+        """Return whether the stamps that were read are no farther from the log's times than those of the samples."""
         return self.least - LARGEST_LEAP <= read.least and read.most <= self.most + LARGEST_LEAP

@@ -16,14 +16,14 @@ from vsalog.readers.packets import Bytes, Integers, Messages
 class At(IntEnum):
     """Byte of a message at which a part of it begins (std_msgs/Header).
 
-    Ahead of the stamp is a sequence number (ROS 1) or the encapsulation header with the byte order (ROS 2).
+    Before the stamp is a sequence number (ROS 1) or the encapsulation header with the byte order (ROS 2).
     """
 
     FRAME = 4 + 8
 
 
 def has_frame(root: Struct, cdr: bool) -> bool:
-    """Tell whether messages of a type begin with a header that names a frame."""
+    """Return whether messages of a type begin with a header that names a frame."""
     first = root.fields[0][1] if root.fields else None
     kinds = [type(node) for _, node in first.fields] if isinstance(first, Struct) else []
     return kinds == ([Time, Text] if cdr else [Scalar, Time, Text])
@@ -46,14 +46,14 @@ def header_frames(messages: Messages, cdr: bool) -> Messages:
 
 
 def stated_frames(frames: Sequence[object]) -> Messages:
-    """Return frames as `header_frames` does; what is no text is none."""
+    """Return frames as `header_frames` does; bytes that are no text are none."""
     texts = [frame.encode("utf-8", "surrogatepass") if isinstance(frame, str) else None for frame in frames]
     joined = Messages.of([text or b"" for text in texts])
     return Messages(joined.data, joined.start, np.where([text is None for text in texts], -1, joined.length))
 
 
 class Frames:
-    """The frames met in a channel so far.
+    """The frames found in a channel so far.
 
     Parameters
     ----------

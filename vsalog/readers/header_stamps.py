@@ -1,9 +1,9 @@
-"""Header stamps held against the log's times: which of them are none, and whether the others can be times of measurements.
+"""Compares header stamps with the log's times: which of them are invalid, and whether the others can be measurement times.
 
-The criterion is the *delay* of a sample, its log time minus its header stamp. A few stamps with a delay unlike that of their
-neighbours are none: nobody filled them in, or a bit of them flipped. Where the delay changes for good at once, since stamps step
-back or ahead, the header's clock was set, as by NTP or a restarted controller. Samples that come late step as well; but after
-those the delay is what it was before, or the log's times come in a burst.
+The criterion is the *delay* of a sample, its log time minus its header stamp. A few stamps with another delay than their
+neighbours are invalid: they were not filled in, or have a flipped bit. Where the delay changes permanently, since stamps step
+back or ahead, the header's clock was set, as by NTP or a restarted controller. Late samples step as well; but after
+them the delay returns to its former value, or the log's times come in a burst.
 """
 
 from __future__ import annotations
@@ -22,39 +22,39 @@ from vsalog.readers.limits import MOST_EXCEPTIONS, MOST_PARTS
 from vsalog.readers.reach import Nanoseconds, Stamp
 
 LARGEST_LEAP = 60_000_000_000
-"""A stamp that is farther [ns] from those around it is none; less may be a message that was late."""
+"""A stamp that is farther [ns] from those around it is invalid; less may be a late message."""
 
 DELAY_VARIATION = 1_000_000_000
-"""So much [ns] do the delays of samples vary by themselves."""
+"""The usual variation of the delays of samples [ns]."""
 
 DELAY_SAMPLES = round(REPEATS / MOST_EXCEPTIONS)
-"""Samples that tell how far stamps are from the log's times: on either side as many are exceptions as show a pattern."""
+"""Samples for the difference of stamps and the log's times: on either side as many are exceptions as show a pattern."""
 
 MOST_BAD_STAMPS = 0.05
-"""Part of the stamps that may be none; of more, it is the clock that is not believed."""
+"""Part of the stamps that may be invalid; with more, the clock is rejected."""
 
 MANY_BAD = Finding(code="clock.many_stamps_far", limit=round(1 / MOST_BAD_STAMPS))
 
 
 def are_few(bad: int, count: int) -> bool:
-    """Tell whether so few of the stamps are none that the others are believed."""
+    """Return whether so few of the stamps are invalid that the others are accepted."""
     return 0 < bad <= MOST_BAD_STAMPS * count
 
 
 @dataclass(slots=True)
 class HeaderStamps:
-    """What there is to say of a stream's header stamps.
+    """Statistics of a stream's header stamps.
 
     Attributes
     ----------
     count, zero, distant, off : int
-        Stamps; those that are zero, over a day off the log's times, and off in any way, which are none.
+        Stamps; those that are zero, over a day from the log's times, and invalid for any reason.
     latest, earliest_log : int
         The latest stamp and the earliest log time [ns].
     standing : bool
         Stamps never change, while log times do.
     back, ahead : int
-        How far the clock was set [ns], at most; 0 for never.
+        The largest steps of the clock [ns]; 0 for none.
     """
 
     count: int = 0
@@ -70,11 +70,11 @@ class HeaderStamps:
 
     @classmethod
     def of(cls, header: Stamps, log: Stamps) -> HeaderStamps:
-        """Look at header stamps and log times [ns], shape (n,), in the order of the log."""
+        """Add header stamps and log times [ns], shape (n,), in the order of the log."""
         found = cls(len(header), standing=stand_still(header) and not stand_still(log))
         lowest = float("inf")
         for first, last in parts(header, log):
-            # With the rows next to them that those at the ends are held against.
+            # With the next rows, for the comparison at the ends.
             begin, end = max(0, first - DELAY_SAMPLES), min(len(header), last + DELAY_SAMPLES)
             stamps, times = header[begin:end], log[begin:end]
             off = far_from_others(times - stamps)
@@ -91,7 +91,7 @@ class HeaderStamps:
         return np.concatenate(self._rows) if few else np.empty(0, np.int64)
 
     def doubt(self) -> Finding | None:
-        """Return why the stamps cannot be the times of their samples, None where they can, but for a few."""
+        """Return why the stamps cannot be the times of their samples, None where they can, except for a few."""
         evidence = {"stamps": self.count}
         many = self.off > 0 and not are_few(self.off, self.count)
         if many and self.distant:
@@ -113,13 +113,13 @@ class HeaderStamps:
         self.latest, self.earliest_log = max(self.latest, int(header.max())), min(self.earliest_log, int(log.min()))
 
     def _take_off(self, rows: Stamps) -> None:
-        """Take note of rows whose stamp is none; of no more than are needed to see that they are not few."""
+        """Record rows whose stamp is none; of no more than are needed to see that they are not few."""
         if self.off <= MOST_BAD_STAMPS * self.count:
             self._rows.append(rows)
         self.off += rows.size
 
     def _look_for_steps(self, header: Stamps, log: Stamps, own: slice, lowest: float) -> float:
-        """Look for steps behind a slice of samples; takes and returns the lowest level of the delay that was ever before."""
+        """Find steps after a slice of samples; takes and returns the lowest earlier level of the delay."""
         if header.size <= 2 * LONGEST_OUTLIER:
             return lowest
         delay, steps = log - header, np.diff(header)
@@ -143,12 +143,12 @@ class HeaderStamps:
 
 
 def stand_still(stamps: Stamps) -> bool:
-    """Tell whether all stamps of a stream are the same."""
+    """Return whether all stamps of a stream are the same."""
     return len(stamps) > 2 and all(bool((stamps[a:b] == stamps[0]).all()) for a, b in parts(stamps))
 
 
 def far_from_others(delay: Stamps) -> NDArray[np.bool_]:
-    """Tell which header stamps cannot be the time of their samples by the delays [ns], shape (n,), of all."""
+    """Return which header stamps cannot be the time of their samples by the delays [ns], shape (n,), of all."""
     off: NDArray[np.bool_] = np.abs(delay) > Nanoseconds.DAY
     if delay.size > 2 * LONGEST_OUTLIER and delay.max() - delay.min() > LARGEST_LEAP:
         # At either end the neighbours of the last sample count twice, so that it does not confirm itself.
@@ -167,7 +167,7 @@ def _lowest(delay: Stamps) -> float:
 
 
 def _moved(before: Stamps, after: Stamps) -> int:
-    """Return how much more delay [ns] samples have behind a step than before it, 0 where that may be jitter."""
+    """Return the increase of the delay [ns] at a step, 0 where that may be jitter."""
     if min(before.size, after.size) <= LONGEST_OUTLIER:
         return 0
     low, level, high = np.quantile(before, (MOST_EXCEPTIONS, 0.5, 1 - MOST_EXCEPTIONS))
@@ -176,5 +176,5 @@ def _moved(before: Stamps, after: Stamps) -> int:
 
 
 def _is_burst(header: Stamps, log: Stamps, *sides: slice) -> bool:
-    """Tell whether samples on either side of a step were recorded in less than half of the time in which they were taken."""
+    """Return whether samples on either side of a step were recorded in less than half of the time in which they were taken."""
     return any(2 * np.ptp(log[side]) < np.ptp(header[side]) for side in sides)

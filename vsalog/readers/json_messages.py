@@ -17,7 +17,7 @@ _FRAME = b"frame_id"
 
 
 class JsonDecoder(TreeDecoder):
-    """Decodes JSON objects, as text or as Python writes what JSON has not; see `TreeDecoder`.
+    """Decodes JSON objects, in text or in Python's extensions of JSON; see `TreeDecoder`.
 
     A time stamp is an object with the members ``sec`` and ``nanosec`` (or ``nsec``).
     """
@@ -60,7 +60,7 @@ class JsonDecoder(TreeDecoder):
 
 @cache
 def _frame_decoder() -> msgspec.json.Decoder[Any]:
-    """Return what decodes nothing of a message but its frame, which is several times as fast."""
+    """Return a decoder of a message's frame alone, which is several times as fast."""
     import msgspec
 
     header = msgspec.defstruct("Header", [("frame_id", str | None, None)])
@@ -70,7 +70,7 @@ def _frame_decoder() -> msgspec.json.Decoder[Any]:
 
 
 def _leniently(raw: bytes) -> Any:
-    """Return what is in a message as Python reads it, NaN, numbers beyond infinity and halves of characters too, or None."""
+    """Return a message's content as Python reads it, with NaN, numbers beyond infinity and halves of characters, or None."""
     try:
         return json.loads(raw)
     except (ValueError, RecursionError):

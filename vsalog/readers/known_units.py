@@ -1,7 +1,7 @@
 """The units that ROS message types imply.
 
-Only where the definition of the message leaves no choice: the position in a ``JointState`` may be radians or metres, so
-that one is silent.
+Only where the definition of the message is unambiguous: the position in a ``JointState`` may be radians or metres, so
+that it has none here.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""MATLAB files: every structure that holds vectors of equal length is a stream."""
+"""MATLAB files: every structure that contains vectors of equal length is a stream."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from vsalog.readers.tables.row_times import row_clock
 from vsalog.readers.tables.text import unique_names
 
 V73 = b"MATLAB 7.3 MAT-file"
-"""How files begin that are HDF5 within."""
+"""The first bytes of files that are HDF5 inside."""
 
 _WHAT = {"nested": "nested too deeply", "other": "MATLAB object that is no array of numbers"}
 
@@ -42,8 +42,8 @@ Clocks = Mapping[int, Clock]
 class MatlabReader:
     """Reads a MATLAB file, v4, v5 or v7.3; see `vsalog.readers.base.Reader`.
 
-    A vector whose name tells of time and which rises strictly is the clock of the vectors of the same length
-    beside it and in structures below.
+    A vector that is named as a time and increases strictly is the clock of the vectors of the same length
+    next to it and in structures below.
 
     Parameters
     ----------
@@ -138,18 +138,18 @@ class MatlabReader:
             times = vectors.pop(clock)
             clocks[len(times)] = self._clock(clock, times)
             if vectors and not inner and all(len(values) != len(times) for values in vectors.values()):
-                self.unread[clock] = f"a clock of {len(times)} values; no vector beside it has as many"
+                self.unread[clock] = f"a clock of {len(times)} values; no vector next to it has as many"
         yield from self._streams(path, vectors, clocks, wanted)
         for full, value in inner:
             for element, content in _elements(full, value):
                 yield from self._structure(element, content, clocks, wanted, depth + 1)
 
     def _clock(self, name: str, times: Values) -> Clock:
-        """Return the clock that a vector is."""
+        """Return a vector as a clock."""
         rows = np.isfinite(times)
         whole = self._whole.get(name)
-        stamps, told = stamps_of(name, times[rows], None if whole is None else whole[rows])
-        self.findings.add(*told)
+        stamps, findings = stamps_of(name, times[rows], None if whole is None else whole[rows])
+        self.findings.add(*findings)
         if not rows.all():
             dropped = int(np.count_nonzero(~rows))
             self.findings.add(Finding(code="clock.rows_without_time", part=name, value=dropped))
@@ -209,7 +209,7 @@ class MatlabReader:
 def _by_label(members: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return members of a structure; of one that Simulink logs ("Structure With Time"), signals by their labels.
 
-    A signal without a label is called as the block that logs it; where none has a name, they stay numbered.
+    A signal without a label gets the name of the block that logs it; where none has a name, they stay numbered.
     """
     signals = members.get("signals")
     listed: list[Any] = signals if isinstance(signals, list) else [signals]

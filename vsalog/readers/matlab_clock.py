@@ -1,4 +1,4 @@
-"""Which vector of a MATLAB structure is its clock, and in which unit."""
+"""The clock of a MATLAB structure, and its unit."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _STATED = re.compile(r"_(s|ms|us|ns)$", re.IGNORECASE)
 
 
 def find_clock(vectors: Mapping[str, Values]) -> tuple[str | None, Finding | None]:
-    """Return the vector that is the time, called so and rising, and why another one that is called so is not.
+    """Return the vector that is the time, by its name and because it increases, and why another one with such a name is not.
 
-    What only has "time" in its name has to rise strictly. Values that are no numbers are passed over.
+    A vector with "time" only as a part of its name has to increase strictly. Values that are no numbers are ignored.
     """
     trouble = None
     for test in (_is_time_name, _tells_of_time):
@@ -35,14 +35,14 @@ def find_clock(vectors: Mapping[str, Values]) -> tuple[str | None, Finding | Non
 
 
 def stamps_of(name: str, values: Values, whole: Stamps | None = None) -> tuple[Stamps, list[Finding]]:
-    """Return a clock's stamps [ns], and what to tell of its unit; all values are numbers.
+    """Return a clock's stamps [ns], and findings about its unit; all values are numbers.
 
     Parameters
     ----------
     name : str
-        What it is called.
+        Its name.
     values : float64 array, shape (n,)
-        What it says.
+        Its values.
     whole : int64 array, shape (n,), or None
         The same as whole numbers, where they are stored as such: floating point rounds those of 64 bits.
     """
@@ -52,12 +52,12 @@ def stamps_of(name: str, values: Values, whole: Stamps | None = None) -> tuple[S
 
 
 def is_called_time(name: str) -> bool:
-    """Tell whether a vector may be a clock by its path."""
+    """Return whether a vector may be a clock by its path."""
     return _tells_of_time(name) or _is_time_name(name.rpartition(".")[2])
 
 
 def _unit(name: str, values: Values) -> tuple[str, list[Finding]]:
-    """Return the unit of a clock, or how it counts days, and what to tell of it."""
+    """Return the unit of a clock, or how it counts days, and findings about it."""
     stated = _STATED.search(name)
     return (stated[1].lower(), []) if stated else guessed_unit(name, values, "{}_{}")
 

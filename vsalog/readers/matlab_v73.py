@@ -25,7 +25,7 @@ _TYPES = {
         for bits in (8, 16, 32, 64)
     },
 }
-"""MATLAB's classes of numbers; in these old layouts nothing else vouches for what describes the numbers."""
+"""MATLAB's classes of numbers; these old layouts have no other check of the numbers' description."""
 
 
 _OWN = "#"
@@ -35,7 +35,7 @@ _OWN = "#"
 def load(path: Path, more: int) -> tuple[dict[str, Any], list[str]]:
     """Return a file's variables as `matlab_variables.load` does.
 
-    What is damaged, absurdly large or not within the file is left out.
+    Damaged, absurdly large or external variables are left out.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def load(path: Path, more: int) -> tuple[dict[str, Any], list[str]]:
 
 
 def _read(h5py: Any, path: Path, most: int) -> tuple[dict[str, Any], list[str]]:
-    """Return the variables, and what is wrong with the others."""
+    """Return the variables, and the faults of the others."""
     with h5py.File(path, "r") as file:
         walk = _Walk(h5py, most)
         return walk.members(file, 0), walk.damage
@@ -84,7 +84,7 @@ class _Walk:
         self._walked = set[tuple[int, int]]()
 
     def members(self, group: Any, depth: int) -> dict[str, Any]:
-        """Return what is in a group; links to other places are not followed.
+        """Return the contents of a group; links to other places are not followed.
 
         Raises
         ------
@@ -103,7 +103,7 @@ class _Walk:
                 continue
             if depth == 0 and name.startswith(_OWN):
                 continue
-            # There is no link where the name is listed, but damage lets it not be found.
+            # The name is listed, but damage prevents finding the link.
             if isinstance(group.get(name, getlink=True), self._h5py.HardLink | None):
                 self._add(found, str(name), group, depth)
         return found
@@ -128,7 +128,7 @@ class _Walk:
         if "MATLAB_empty" in node.attrs:
             return np.zeros((0, 0))
         if not kind:
-            raise ValueError("it does not say what kind of array it is")
+            raise ValueError("it does not state the class of its array")
         if bytes(kind) not in _TYPES:
             return None
         if not node.id.get_type().equal(getattr(self._h5py.h5t, _TYPES[bytes(kind)])):
@@ -198,13 +198,13 @@ def _refuse_gaps(node: Any) -> None:
     lines = [range(0, size, step) for size, step in zip(node.shape, node.chunks, strict=True)]
     if node.id.get_num_chunks() < prod(map(len, lines)):
         raise ValueError("parts of its values are missing")
-    if not node.id.get_create_plist().get_nfilters():  # or it was lost that there are filters
+    if not node.id.get_create_plist().get_nfilters():  # or the list of filters was lost
         sizes: set[int] = set()
         node.id.chunk_iter(lambda chunk: sizes.add(chunk.size))
         if sizes != {prod(node.chunks) * node.dtype.itemsize}:
             raise ValueError("parts of its values are not as large as they should be")
     for place in product(*lines):
-        # Found as the library finds it: what lists the chunks may be sound where what leads to them is not.
+        # Searched as the library does: the list of chunks may be sound where the path to them is not.
         try:
             node.id.read_direct_chunk(place)
         except Exception as error:  # HDF5's library raises whatever damage provokes

@@ -33,7 +33,7 @@ _NAME = re.compile(rb"[A-Za-z]\w*\0+", re.ASCII)
 
 
 class Part(NamedTuple):
-    """Where a variable lies in a file, the header that it needs to be a file by itself, and to how many bytes it unfolds.
+    """The position of a variable in a file, the header that makes it a file by itself, and its unpacked size [bytes].
 
     There are no bytes of a header where the file has none.
     """
@@ -45,7 +45,7 @@ class Part(NamedTuple):
 
 
 def is_v4(head: bytes) -> bool:
-    """Tell whether a file begins with a matrix of version 4."""
+    """Return whether a file begins with a matrix of version 4."""
     if len(head) < _V4:
         return False
     for number, order in enumerate("<>"):
@@ -59,7 +59,7 @@ def is_v4(head: bytes) -> bool:
 
 
 def load(path: Path, more: int) -> tuple[dict[str, Any], list[str]]:
-    """Return a file's variables, and what is wrong with the others.
+    """Return a file's variables, and the faults of the others.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def load(path: Path, more: int) -> tuple[dict[str, Any], list[str]]:
     Returns
     -------
     dict of array, dict, list, str or None
-        Numbers; a structure; a cell array or an array of structures, of which the first elements; a text; what is none of these.
+        Numbers; a structure; the first elements of a cell array or an array of structures; a text; None for anything else.
     list of str
         A reason for each variable that is left out.
     """
@@ -83,7 +83,7 @@ def load(path: Path, more: int) -> tuple[dict[str, Any], list[str]]:
     parts, refused = _that_fit(parts, more)
     try:
         results = sandboxed(partial(_read, path, parts), more)
-    except SandboxError:  # one of them is to blame
+    except SandboxError:  # one of them is the cause
         results = [one for part in parts[:MOST_PARTS] for one in _apart(path, part, more)]
     found = {name: value for one in results if isinstance(one, dict) for name, value in one.items()}
     return found, [one for one in results if isinstance(one, str)] + refused
@@ -102,7 +102,7 @@ def _that_fit(parts: Sequence[Part], more: int) -> tuple[list[Part], list[str]]:
 
 
 def _apart(path: Path, part: Part, more: int) -> list[dict[str, Any] | str]:
-    """Return what `_read` does of one variable, also where it ends the process."""
+    """Return the result of `_read` for one variable, also where it ends the process."""
     try:
         results: list[dict[str, Any] | str] = sandboxed(partial(_read, path, [part]), more)
     except SandboxError as error:
@@ -111,7 +111,7 @@ def _apart(path: Path, part: Part, more: int) -> list[dict[str, Any] | str]:
 
 
 def _read(path: Path, parts: Sequence[Part]) -> list[dict[str, Any] | str]:
-    """Return each variable, by its name, or in words what is wrong with it; none where it is MATLAB's own."""
+    """Return each variable, by its name, or its fault in words; none where it is MATLAB's own."""
     from scipy.io import loadmat
 
     results: list[dict[str, Any] | str] = []
@@ -132,7 +132,7 @@ def _read(path: Path, parts: Sequence[Part]) -> list[dict[str, Any] | str]:
 
 
 def _name(name: str, value: Any) -> str:
-    """Return a variable's name; that of an object of a class lies where scipy does not look for it."""
+    """Return a variable's name; that of an object of a class is at a place that scipy does not read."""
     from scipy.io.matlab import MatlabOpaque
 
     return value["s0"].flat[0].decode("utf-8", "replace") if isinstance(value, MatlabOpaque) else name
@@ -157,7 +157,7 @@ def _plain(value: Any, depth: int) -> Any:
 
 
 def _parts(file: IO[bytes], size: int) -> Iterator[Part]:
-    """Yield the variables of a file of version 5, whose elements tell how long they are; of empty ones in a row the first."""
+    """Yield the variables of a file of version 5, whose elements state their length; of empty ones in a row the first."""
     file.seek(0)
     head = file.read(V5.HEADER)
     if size < V5.HEADER:

@@ -1,7 +1,7 @@
 """MCAP files, whole or damaged.
 
-The file is walked from the start rather than by its index: a recording that was cut off has no index, and one bad chunk
-must not hide those behind it.
+The file is walked from the start rather than by its index: a truncated recording has no index, and one bad chunk
+must not hide those after it.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class McapContainer(ChunkedFile):
         return [self._connection(channel) for channel in self.channels.values()]
 
     def counts(self) -> Mapping[int, int]:
-        """Return how many messages channels have, as the summary at the end says."""
+        """Return how many messages channels have, by the summary at the end."""
         self._scan()
         return self.counted if self._pieces is None else {}
 
@@ -88,12 +88,12 @@ class McapContainer(ChunkedFile):
             raise ReadError("is no MCAP file", self.path)
 
     def has_index(self) -> bool:
-        """Tell whether there is a sound summary at the end, and read it."""
+        """Return whether there is a sound summary at the end, and read it."""
         if self._indexed is None:
             try:
                 self._indexed = self._summary()
             except (ValueError, LookupError, OSError, struct.error, McapError):
-                self._indexed = False  # damage anywhere in the summary: the walk will find what there is
+                self._indexed = False  # damage anywhere in the summary: the walk finds the contents
         return self._indexed
 
     def _messages(self, data: Bytes, ids: Collection[int]) -> Packet:
@@ -136,7 +136,7 @@ class McapContainer(ChunkedFile):
         )
 
     def _scan(self) -> None:
-        """Learn channels, schemas and the rig: from the summary at the end, or else by walking the file."""
+        """Read channels, schemas and the rig: from the summary at the end, or else by walking the file."""
         if self._scanned:
             return
         self._scanned = True
@@ -209,7 +209,7 @@ class McapContainer(ChunkedFile):
     def records(self, spans: Spans | None = None) -> Iterator[tuple[int, bytes]]:
         """Yield the records of the data section, a chunk as its own records, decompressed.
 
-        `findings` tells what was skipped, unless only some spans of the file are read.
+        `findings` reports what was skipped, unless only some spans of the file are read.
         """
         with self.open() as file:
             passed = self._passed_by(file)
@@ -233,7 +233,7 @@ class McapContainer(ChunkedFile):
         self._end = walk.end
 
     def _passed_by(self, file: IO[bytes]) -> frozenset[int]:
-        """Return where chunks are that surely hold no message in the window: summary and chunk agree on their times."""
+        """Return the positions of chunks that surely contain no message in the window: summary and chunk agree on their times."""
         if self._part is None:
             return frozenset()
         found = []
@@ -254,12 +254,12 @@ def _statistics(content: bytes) -> Statistics:
 
 
 def _definition(schema: Schema) -> str:
-    """Return a schema's text; bytes that are none, such as those of protobuf, one character each."""
+    """Return a schema's text; other bytes, such as those of protobuf, as one character each."""
     return schema.data.decode("latin-1") if schema.encoding == "protobuf" else schema.data.decode("utf-8", "replace")
 
 
 def _flags(ids: Collection[int]) -> NDArray[np.bool_]:
-    """Return of each channel that there can be whether it is among some."""
+    """Return for each possible channel whether it is among some."""
     flags = np.zeros(2**16, dtype=np.bool_)
     flags[list(ids)] = True
     return flags
@@ -292,7 +292,7 @@ def summary_records(file: IO[bytes], start: int | None = None) -> Iterator[tuple
 
 
 def _chunk_in(content: bytes) -> tuple[int, Chunk]:
-    """Return the position of the chunk that a chunk index record is of, and what the record tells of it."""
+    """Return the position of the chunk of a chunk index record, and the record's data about it."""
     first, last, position, _, size = _CHUNK_INDEX.unpack_from(content)
     offsets = content[_CHUNK_INDEX.size : _CHUNK_INDEX.size + size]
     channels = frozenset(channel for channel, _ in _OFFSET.iter_unpack(offsets[: size // _OFFSET.size * _OFFSET.size]))
@@ -300,7 +300,7 @@ def _chunk_in(content: bytes) -> tuple[int, Chunk]:
 
 
 def _states_checksum(file: IO[bytes]) -> bool:
-    """Tell whether there may be a checksum of the data section."""
+    """Return whether there may be a checksum of the data section."""
     found = _footer(file)
     if found is None:
         return False

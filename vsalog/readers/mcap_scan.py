@@ -36,7 +36,7 @@ class Width(IntEnum):
 
 
 class Found(IntEnum):
-    """Rows of what is found of messages."""
+    """Rows of the table of messages."""
 
     CHANNEL, LOG, PUBLISH, START, LENGTH = range(5)
 
@@ -62,7 +62,7 @@ def messages_in(data: Bytes, wanted: NDArray[np.bool_]) -> Packet:
 
 
 def ends_whole(data: Bytes) -> bool:
-    """Tell whether the last record ends where the chunk does."""
+    """Return whether the last record ends where the chunk does."""
     kind, at = 0, 0
     while kind >= 0:
         kind, start, length = _next_other(data, at)
@@ -101,7 +101,7 @@ def _record(data: Bytes, at: int) -> int:
 
 @compiled
 def _messages(data: Bytes, at: int, wanted: NDArray[np.bool_], found: NDArray[np.int64]) -> tuple[int, bool]:
-    """Write down where the wanted messages are, from a record on and as far as there is room.
+    """Store the positions of the wanted messages, from a record on and as far as there is room.
 
     Returns their number, and whether one of them begins as compressed ones do.
     """
@@ -142,14 +142,14 @@ def _next_other(data: Bytes, at: int) -> tuple[int, int, int]:
 
 
 def next_sure_record(data: Bytes, rest: int, loose: bool) -> int:
-    """Return where the first record surely begins, -1 where none does.
+    """Return the position where the first record surely begins, -1 for none.
 
     Parameters
     ----------
     data : uint8 array
         A stretch of a file.
     rest : int
-        How many bytes the file has from the beginning of the stretch.
+        Bytes of the file from the beginning of the stretch.
     loose : bool
         Messages outside of chunks count, where another record follows.
     """
@@ -184,7 +184,7 @@ def _next_sure(data: Bytes, rest: int, loose: bool) -> int:
 
 @compiled
 def _next_fits(data: Bytes, at: int, rest: int) -> bool:
-    """Tell whether a message or the end of the data can be at a place."""
+    """Return whether a message or the end of the data can be at a place."""
     length = _number(data, at + 1, Width.LONG)
     if data[at] == Opcode.MESSAGE:
         return Size.MESSAGE <= length <= rest - at - Size.HEAD

@@ -1,7 +1,7 @@
 """The records of an MCAP file one after the other, past damage.
 
-A record tells its length twice: in its head, and by the lengths of its parts. Where the two disagree, or no record can begin
-where it ends, bytes have changed; the walk then goes on at the next place where a record surely begins.
+A record states its length twice: in its head, and by the lengths of its parts. Where the two disagree, or no record can begin
+where it ends, bytes have changed; the walk then continues at the next place where a record surely begins.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ MAGIC = b"\x89MCAP0\r\n"
 
 
 KEPT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA)
-"""Records that are handed over if nothing else is asked for."""
+"""Records that are returned by default."""
 
-# The parts of each record: so many bytes, or (negative) as many as a number of so many bytes says.
+# The parts of each record: a number of bytes, or (negative) the size of a number that states the bytes.
 _PARTS: dict[int, tuple[int, ...]] = {
     Opcode.HEADER: (-4, -4),
     Opcode.FOOTER: (20,),
@@ -53,7 +53,7 @@ class Walk(RecordWalk):
     verify : bool
         Compute the checksum of the data section.
     kept : collection of int
-        Kinds of records that are handed over; the others are passed by.
+        Kinds of records that are returned; the others are skipped.
     chunked : bool
         It is known that messages are in chunks.
 
@@ -93,7 +93,7 @@ class Walk(RecordWalk):
         return content[_CHUNK_HEAD.size : start - 8].decode("ascii", "replace"), content[start:]
 
     def note_joined(self) -> None:
-        """Look whether another file begins behind the end of this one."""
+        """Check whether another file begins after the end of this one."""
         end = self._size if self.end is None else self.end
         for _, _, following in self.heads(end):
             end = following
@@ -113,7 +113,7 @@ class Walk(RecordWalk):
         return found
 
     def _next_sure(self, data: bytes, position: int) -> int:
-        """See `RecordWalk`; messages count only as long as no chunk was seen: within one, nothing would vouch for them."""
+        """See `RecordWalk`; messages count only as long as no chunk was seen: within one, nothing would confirm them."""
         return next_sure_record(np.frombuffer(data, np.uint8), self._size - position, not self._chunked)
 
     def _sound(self, position: int) -> Place | None:
@@ -124,7 +124,7 @@ class Walk(RecordWalk):
             least = _least_length(place.kind, beginning)
             if least == length and place.kind != Opcode.MESSAGE:
                 return place
-            # Records may have grown by parts that are not known yet, but hardly to twice their head.
+            # Later versions may add parts to records, but hardly up to twice their head.
             grown = least <= length and (place.kind != Opcode.CHUNK or length - least <= Size.CHUNK)
             if grown and (place.end == self._size or self._head(place.end) is not None):
                 return place
@@ -132,7 +132,7 @@ class Walk(RecordWalk):
         return None
 
     def _resembles_chunk(self, position: int) -> bool:
-        """Tell whether a damaged record was a chunk: by its kind, or by its lengths."""
+        """Return whether a damaged record was a chunk: by its kind, or by its lengths."""
         self._file.seek(position)
         head = self._file.read(_HEAD.size + GLANCE_BYTES)
         if len(head) < _HEAD.size:
@@ -193,7 +193,7 @@ class Walk(RecordWalk):
 
 
 def _least_length(kind: int, beginning: bytes) -> int:
-    """Return how long a record's content has to be at least by its parts, as far as its beginning tells."""
+    """Return the least length of a record's content by its parts, as far as its beginning shows it."""
     at = 0
     for part in _PARTS.get(kind, ()):
         if part > 0:

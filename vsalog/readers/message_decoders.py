@@ -1,4 +1,4 @@
-"""Which decoder a connection's messages need."""
+"""The decoder of a connection's messages."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from vsalog.readers.protobuf_messages import ProtobufDecoder
 
 
 def decoder_of(connection: Connection, stream: str, wanted: frozenset[str] | None) -> Decoder:
-    """Return what decodes a connection's messages.
+    """Return the decoder of a connection's messages.
 
     Raises
     ------
     DefinitionError
-        Nothing does; its text says why.
+        There is none; the message has the reason.
     """
     if connection.encoding == "json":
         return JsonDecoder(stream, wanted)
     if connection.encoding == connection.language == "protobuf":
         return ProtobufDecoder(connection.type, connection.definition.encode("latin-1"), stream, wanted)
     if not connection.encoding:
-        raise DefinitionError("the log does not say how its messages are encoded")
+        raise DefinitionError("the log does not state the encoding of its messages")
     if connection.encoding not in ("cdr", "ros1"):
         raise DefinitionError(f"messages encoded as '{printable(connection.encoding)}' are not supported")
     if connection.definition.strip() and connection.language not in ("msg", "idl"):

@@ -45,7 +45,7 @@ class Kind(IntEnum):
     BASIC, MESSAGE, FIXED_ARRAY = range(1, 4)
 
 
-# What the parser passes over or misunderstands, and what it means nothing in.
+# Text that the parser skips or misunderstands, and where it has no meaning.
 _REMARK = {
     "msg": re.compile(r"#[^\n]*|\"[^\"\n]*\"|'[^'\n]*'"),
     "idl": re.compile(r"//[^\n]*|/\*.*?\*/|\"(?:[^\"\\]|\\.)*\"", re.DOTALL),
@@ -58,7 +58,7 @@ _RULE = "=" * 80
 
 
 class DefinitionError(Exception):
-    """A message definition cannot be understood; its text says why."""
+    """A message definition cannot be understood; the message has the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ class Time:
 
 @dataclass(frozen=True, slots=True)
 class Array:
-    """`count` elements, or as many as the message says (None)."""
+    """`count` elements, or as many as the message states (None)."""
 
     element: Node
     count: int | None
@@ -96,7 +96,7 @@ class Array:
 
 @dataclass(frozen=True, slots=True)
 class Struct:
-    """Named fields in order; `named` tells that it has an array of strings beside another array."""
+    """Named fields in order; `named` is whether it has an array of strings next to another array."""
 
     name: str
     fields: tuple[tuple[str, Node], ...]
@@ -123,7 +123,7 @@ def parse_definition(name: str, text: str, language: str, ros1: bool) -> Struct:
     name : str
         Type name as the log gives it.
     text : str
-        Definition with those of the types it contains; "" means the type is one that every ROS knows.
+        Definition with those of the types it contains; "" means the type is one of ROS itself.
     language : str
         ``msg`` or ``idl``.
     ros1 : bool
@@ -232,7 +232,7 @@ class _Builder:
         if len(outer) > MAX_DEPTH:
             raise DefinitionError(f"{outer[0]} is nested too deeply")
         if name not in self.table:
-            raise DefinitionError(f"the log does not hold the definition of {name or 'its messages'}")
+            raise DefinitionError(f"the log lacks the definition of {name or 'its messages'}")
         if any(len(field) > LONGEST_TEXT for field, _ in self.table[name][1]):
             raise DefinitionError(f"{name} has field {LONG_NAMES}")
         fields = [
@@ -241,7 +241,7 @@ class _Builder:
             if field != _PLACEHOLDER
         ]
         if not fields and not self.ros1:
-            fields = [(_PLACEHOLDER, Scalar("u1", 1))]  # CDR has no empty structure: one byte stands for it
+            fields = [(_PLACEHOLDER, Scalar("u1", 1))]  # CDR has no empty structure: it has one byte
         strings = sum(isinstance(node, Array) and isinstance(node.element, Text) for _, node in fields)
         arrays = sum(isinstance(node, Array) for _, node in fields)
         found = self.built[name] = Struct(name, tuple(fields), named=strings > 0 and arrays > 1)
@@ -265,5 +265,5 @@ class _Builder:
 
 
 def is_placeholder(field: str) -> bool:
-    """Tell whether a field only stands for an empty structure."""
+    """Return whether a field is the placeholder of an empty structure."""
     return field == _PLACEHOLDER

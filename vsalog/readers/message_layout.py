@@ -1,4 +1,4 @@
-"""Where the numbers lie in a serialised ROS message.
+"""The positions of the numbers in a serialised ROS message.
 
 Most messages of a topic have the same shape. One of them is walked with its definition, which gives nested `Place`s, and the
 *guards*, the bytes that have to be the same in another message for the places to hold there too (array lengths, text lengths,
@@ -35,7 +35,7 @@ class DamagedMessageError(Exception):
 
 
 class EncodingError(DamagedMessageError):
-    """A message is encoded in a way that is not read; its text says which."""
+    """A message has an unsupported encoding; the message names it."""
 
 
 class TooManyPartsError(DamagedMessageError):
@@ -43,7 +43,7 @@ class TooManyPartsError(DamagedMessageError):
 
 
 class PlacedText(str):
-    """A text in a message, and in which bytes it lies with its length."""
+    """A text in a message, and its bytes with its length."""
 
     __slots__ = ("bytes",)
     bytes: Range
@@ -70,14 +70,14 @@ class PlacedNumbers(Sequence[Place]):
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where the numbers lie in messages of one length whose guards equal those of `sample`.
+    """The positions of the numbers in messages of one length whose guards equal those of `sample`.
 
     Attributes
     ----------
     mask : uint8 array
         255 for the bytes that must be equal, the guards; up to the last of them.
     sample : uint8 array, of the mask's shape
-        How the message begins that the layout was learnt from.
+        The beginning of the message that the layout is from.
     stamp : Place or None
         The header's time stamp.
     names : tuple of (str, str or None)
@@ -112,7 +112,7 @@ class Layout:
         )
 
     def matches(self, data: Bytes, start: Integers) -> NDArray[np.bool_]:
-        """Tell which messages of its length, beginning at `start`, shape (n,), in a buffer, this layout holds for."""
+        """Return which messages of its length, beginning at `start`, shape (n,), in a buffer, have this layout."""
         out = np.empty(start.size, dtype=np.bool_)
         _equal(data, start, self.mask, self.sample, out)
         return out
@@ -120,7 +120,7 @@ class Layout:
 
 @compiled
 def _equal(data: Bytes, start: Integers, mask: Bytes, sample: Bytes, out: NDArray[np.bool_]) -> None:
-    """Tell which messages have the sample's bytes where the mask is set.
+    """Return which messages have the sample's bytes where the mask is set.
 
     To the mask's end, without a way out before, and with unsigned indices: the compiler compares many bytes at once.
     """
@@ -132,7 +132,7 @@ def _equal(data: Bytes, start: Integers, mask: Bytes, sample: Bytes, out: NDArra
 
 
 def places_in(raw: bytes, root: Struct, cdr: bool) -> tuple[dict[str, Any], list[Range]]:
-    """Return where the numbers of a message lie, as nested values, and its guards but for names.
+    """Return the positions of a message's numbers, as nested values, and its guards except for names.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def places_in(raw: bytes, root: Struct, cdr: bool) -> tuple[dict[str, Any], list
     places = walk.struct(root, None)
     spare = len(raw) - walk.pos
     if spare < 0 or spare > (3 if cdr else 0):  # CDR may be padded to a multiple of four
-        raise DamagedMessageError("its length differs from what the definition says")
+        raise DamagedMessageError("its length differs from that of the definition")
     return places, walk.guards
 
 
@@ -171,7 +171,7 @@ class _Walk:
 
     def _encapsulation(self) -> None:
         if len(self.raw) < 4 or self.raw[0] != 0 or self.raw[1] >= len(_ENCODINGS):
-            raise DamagedMessageError("its CDR header is none")
+            raise DamagedMessageError("its CDR header is invalid")
         if self.raw[1] > 1:
             kind = f"{_ENCODINGS[self.raw[1]]} (0x{self.raw[1]:04x})"
             raise EncodingError(f"messages encoded as {kind} are not supported, only plain CDR as ROS 2 writes it is")
@@ -180,7 +180,7 @@ class _Walk:
         self.pos = 4
 
     def struct(self, node: Struct, unit: str | None) -> dict[str, Any]:
-        """Walk the fields of a message; what is in it has a unit of its own or that of the message."""
+        """Walk the fields of a message; its parts have a unit of their own or that of the message."""
         places: dict[str, Any] = {}
         for field, child in node.fields:
             self._step()
@@ -221,7 +221,7 @@ class _Walk:
         return place
 
     def _array(self, node: Array, unit: str | None, named: bool) -> Sequence[Any] | NoSignal:
-        """Walk an array; `named` tells that there are texts beside it that may name its elements."""
+        """Walk an array; `named` is whether there are texts next to it that may name its elements."""
         count, element = self._count(node), node.element
         if isinstance(element, Scalar):
             return PlacedNumbers(self._number(element, unit, count), element.size, count) if count else []
@@ -286,5 +286,5 @@ class _Walk:
 
 
 def _tells_its_name(node: Node) -> bool:
-    """Tell whether elements of a type have names of their own."""
+    """Return whether elements of a type have names of their own."""
     return isinstance(node, Struct) and any(f == ELEMENT_NAME and isinstance(child, Text) for f, child in node.fields)

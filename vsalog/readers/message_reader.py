@@ -1,4 +1,4 @@
-"""Containers of serialised messages → blocks. What MCAP, ROS 1 bags and ROS 2 bags have in common."""
+"""Containers of serialised messages → blocks: the common part of MCAP, ROS 1 bags and ROS 2 bags."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class _Batch:
     """A stream's messages of one definition; those `waiting` are decoded when they are enough, `rows` of them at once.
 
     `count` messages wait, of `size` bytes.
-    `expected` is how many there are in all, where the log says so; `total` were decoded, of which `damaged` could not be.
+    `expected` is their number in all, where the log states it; `total` were decoded, of which `damaged` could not be.
     Messages of the first of `frames` are those of other batches, `apart`.
     """
 
@@ -45,7 +45,7 @@ class _Batch:
     waiting: list[Packet] = field(default_factory=list)
     count: int = 0
     size: int = 0
-    rows: int = PACKED_BYTES // (8 * MAX_FIELDS)  # how wide the stream is, its first block tells
+    rows: int = PACKED_BYTES // (8 * MAX_FIELDS)  # the first block shows the stream's width
     expected: int = 0
     total: int = 0
     damaged: int = 0
@@ -58,13 +58,13 @@ class _Batch:
             yield self, packet
             return
         numbers = self.frames.numbers(self.decoder.frames(packet.messages))
-        numbers[numbers >= len(self.apart)] = -1  # other frames are this batch's, as what is of none
+        numbers[numbers >= len(self.apart)] = -1  # other frames are this batch's, as are messages without one
         for k, batch in enumerate((self, *self.apart), -1):
             if (own := numbers == k).any():
                 yield batch, packet.some(np.flatnonzero(own))
 
     def parts(self, packet: Packet) -> Iterator[Packet]:
-        """Yield messages to be decoded at once: many where they lie, and few with others that come before and after them."""
+        """Yield messages to be decoded at once: many in place, and few together with those before and after them."""
         many = len(packet.messages) >= SAMPLE_ROWS
         if many:
             yield from self.rest()
@@ -114,7 +114,7 @@ class BagReader:
         return self._container.rig_text
 
     def catalogue(self) -> Catalogue:
-        """Return the channels of the first messages of each topic, and what is no signal."""
+        """Return the channels of the first messages of each topic, and fields that are no signal."""
         channels: dict[str, ChannelInfo] = {}
         for block in self.heads():
             for name in block.columns:
@@ -136,10 +136,10 @@ class BagReader:
         return self._blocks(None if wanted is None else frozenset(wanted), first_only=False)
 
     def narrow(self, low: int, high: int, time: str, wanted: Collection[str] | None) -> bool:
-        """Pass by what lies outside of a window [ns]; tells whether anything will be.
+        """Skip messages outside of a window [ns]; return whether any will be.
 
-        Where streams have header stamps, samples from all over the log tell how far these are from the log's times. `blocks`
-        then raises ReadError where they turn out to be farther: all has to be read.
+        Where streams have header stamps, samples from all over the log show their difference from the log's times. `blocks`
+        then raises ReadError where it turns out to be larger: all has to be read.
         """
         if time == "publish":
             return False
@@ -157,7 +157,7 @@ class BagReader:
         return self._narrowed
 
     def _delays(self, batches: Mapping[int, _Batch]) -> Delays:
-        """Return how far header stamps are from the log's times in samples."""
+        """Return the difference of header stamps from the log's times in samples."""
         delays = Delays()
         for packet in map(plain, self._container.glimpses(batches.keys())):
             for batch, own in _shared_out(packet, batches):
@@ -181,7 +181,7 @@ class BagReader:
         self._report(batches)
 
     def _first_of(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield first messages of each connection, of those only that begin where an index says, or else of any."""
+        """Yield first messages of each connection, only of those whose beginning an index has, or else of any."""
         counts = self._container.counts()
         missing = {number: count for number in ids if (count := min(FIRST_ROWS, counts.get(number, FIRST_ROWS)))}
         for find in self._container.beginnings, self._container.packets:
@@ -257,7 +257,7 @@ class BagReader:
         return Block(batch.stream, batch.type, clocks, columns, units, expected=batch.expected, whole=decoded.whole)
 
     def _report(self, batches: Mapping[int, _Batch]) -> None:
-        """Tell of streams without messages, and with such as do not fit."""
+        """Report streams without messages, and with messages that do not fit."""
         streams: dict[str, list[_Batch]] = {}
         for batch in _all(batches):
             if not batch.apart or batch.total:

@@ -1,4 +1,4 @@
-"""The numbers of many messages at once, by where a layout says that they lie."""
+"""The numbers of many messages at once, by the positions of a layout."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ def values(data: Bytes, start: Integers, offsets: Integers, code: str) -> NDArra
     Parameters
     ----------
     data : uint8 array
-        Where messages lie.
+        The buffer of the messages.
     start : int64 array, shape (n,)
-        Where each begins.
+        The position of each.
     offsets : int64 array, shape (k,)
-        Where the numbers lie in a message.
+        The positions of the numbers in a message.
     code : str
         As of `Place`.
 
@@ -34,7 +34,7 @@ def values(data: Bytes, start: Integers, offsets: Integers, code: str) -> NDArra
     if "," in code:
         return np.asarray(_nanoseconds(data, start, offsets, code)[0] * 1e-9, dtype=np.float64)
     numbers = _numbers(data, start, offsets, code)
-    with np.errstate(invalid="ignore"):  # NaN of the kind that signals is no number either
+    with np.errstate(invalid="ignore"):  # a signalling NaN is no number either
         return numbers.astype(np.float64, copy=False)
 
 

@@ -73,9 +73,9 @@ MISFIT = ("do not fit the definition in the log", "fits the definition in the lo
 class Decoder(Protocol):
     """Decodes the messages of one type.
 
-    `unread` collects fields that are no signal, by full name, with the reason; `stamped` tells that messages may have a
-    time stamp of their own, `framed` that they may name a frame. `misfit` says of messages that cannot be
-    decoded what they are not, and of one what it should be.
+    `unread` collects fields that are no signal, by full name, with the reason; `stamped` is whether messages may have a
+    time stamp of their own, `framed` whether they may name a frame. `misfit` describes messages that cannot be
+    decoded, and one that can.
     """
 
     unread: dict[str, str]
@@ -144,21 +144,21 @@ class RosDecoder:
         return result
 
     def _decode_alike(self, messages: Messages, rows: Integers, result: Decoded) -> None:
-        """Decode messages of equal length; `rows` tells where they go in the result."""
+        """Decode messages of equal length; `rows` are their places in the result."""
         length, start, data = int(messages.length[0]), messages.start, messages.data
         known = self._layouts.setdefault(length, [])
         for layout in known:
             if len(rows):
                 start, rows = self._take_matching(layout, data, start, rows, result)
         while len(rows):
-            learnt = self._learn(data[start[0] : start[0] + length].tobytes())
-            if learnt is not None and len(known) < MOST_PARTS and self._spare > 0:
-                self._spare -= 1 + len(learnt.names)
-                known.append(learnt)
-                start, rows = self._take_matching(learnt, data, start, rows, result)
+            new = self._learn(data[start[0] : start[0] + length].tobytes())
+            if new is not None and len(known) < MOST_PARTS and self._spare > 0:
+                self._spare -= 1 + len(new.names)
+                known.append(new)
+                start, rows = self._take_matching(new, data, start, rows, result)
                 continue
-            if learnt is not None:
-                self._store(learnt, data, start[:1], rows[:1], result)
+            if new is not None:
+                self._store(new, data, start[:1], rows[:1], result)
             start, rows = start[1:], rows[1:]
 
     def _learn(self, raw: bytes) -> Layout | None:

@@ -1,7 +1,7 @@
 """Nested values, as messages are → their numbers, each named by its path.
 
 Values are numbers (also `Place`, where one lies in a message), texts, structures (mappings), arrays of these or `NoSignal`.
-An array's elements are named by an array of texts beside it, by the field ``name`` of each, or else by their index.
+An array's elements are named by an array of texts next to it, by the field ``name`` of each, or else by their index.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from vsalog.readers.fields import LONG_NAMES, MAX_FIELDS, Fields
 from vsalog.readers.limits import MAX_ARRAY
 
 LABEL_FIELDS = ("name", "names", "joint_names", "interface_names")
-BAD_NAMES = "text; some of its names are empty or there twice: what they name goes by its index"
+BAD_NAMES = "text; some of its names are empty or repeated: their elements are named by index"
 ELEMENT_NAME = "name"
-"""The field by which a structure that is an element of an array tells which one it is."""
+"""The field that names a structure that is an element of an array."""
 STAMPS: tuple[tuple[str, ...], ...] = (("header", "stamp"), ("timestamp",), ("stamp",), ("header", "timestamp"))
 """Where a message may have its time, best first."""
 FRAMES: tuple[tuple[str, ...], ...] = (("header", "frame_id"), ("frame_id",))
@@ -28,14 +28,14 @@ FRAMES: tuple[tuple[str, ...], ...] = (("header", "frame_id"), ("frame_id",))
 
 @dataclass(frozen=True, slots=True)
 class NoSignal:
-    """What a value is that is no signal, in words."""
+    """A description of a value that is no signal."""
 
     reason: str
 
 
 @dataclass(slots=True)
 class Place:
-    """Where a number starts in a message, what it is, and its unit.
+    """The position of a number in a message, its type, and its unit.
 
     `code` is a NumPy type with byte order, or that of seconds and nanoseconds, ``<i4,<u4``.
     """
@@ -60,16 +60,16 @@ class Numbers:
     value : mapping of str to nested values
         The structure.
     fields : Fields
-        Is told what is no signal.
+        Collects fields that are no signal.
     passed_over : collection of str
-        Full names of values that are neither signals nor told to be none.
+        Full names of values that are neither signals nor reported as none.
 
     Attributes
     ----------
     found : dict of str to int, float or Place
         By full name.
     names : list of str
-        Texts that name elements, or were to.
+        Texts that name elements, or should do so.
     """
 
     def __init__(self, value: Mapping[str, Any], fields: Fields, passed_over: Collection[str]) -> None:
@@ -136,7 +136,7 @@ class Numbers:
             self._value(part, f"{path}[{labels[i] if labels else i}]", depth + 1)
 
     def _own_names(self, parts: Sequence[Any]) -> list[str]:
-        """Return the names that elements have themselves; none where these do not tell them apart."""
+        """Return the names in the elements; none where these are not unique."""
         if not 0 < len(parts) <= MAX_FIELDS or not isinstance(parts[0], Mapping):
             return []
         names = [part_at(part, (ELEMENT_NAME,)) for part in parts]
@@ -147,14 +147,14 @@ class Numbers:
 
 
 def usable_labels(labels: list[str]) -> bool:
-    """Tell whether texts can name the elements of an array: none empty or very long, all different."""
+    """Return whether texts can name the elements of an array: none empty or very long, all different."""
     if not 0 < len(labels) <= MAX_FIELDS or "" in labels or len(set(labels)) < len(labels):
         return False
     return max(map(len, labels)) <= LONGEST_TEXT
 
 
 def labels_of(names: list[str]) -> list[str]:
-    """Return what elements go by: their names, or their index where a name is empty or there twice; [] where none has a name."""
+    """Return the labels of elements: their names, or their index where a name is empty or repeated; [] where none has a name."""
     often = Counter(names)
     good = [bool(name) and often[name] == 1 and len(name) <= LONGEST_TEXT for name in names]
     labels = [name if is_good else str(i) for i, (name, is_good) in enumerate(zip(names, good, strict=True))]

@@ -1,4 +1,4 @@
-"""Files whose names libraries cannot be given, for names are bytes, and some of them are no text."""
+"""Files whose names are bytes that are no text, which libraries do not accept."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 
 def is_text(path: Path) -> bool:
-    """Tell whether a path is one that libraries can be given that take text."""
+    """Return whether libraries accept a path, that is, whether it is text."""
     try:
         str(path).encode("utf-8")
     except UnicodeEncodeError:
@@ -18,7 +18,7 @@ def is_text(path: Path) -> bool:
 
 
 def for_arrow(path: Path) -> str | IO[bytes]:
-    """Return what Arrow can read a file by: its path, or the file, opened, where the path is no text."""
+    """Return a file for Arrow: its path, or the opened file, where the path is no text."""
     return str(path) if is_text(path) else path.open("rb")
 
 

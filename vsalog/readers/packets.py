@@ -1,4 +1,4 @@
-"""Serialised messages by the thousand: where they lie in a buffer, instead of one object each."""
+"""Serialised messages by the thousand: positions in a buffer, instead of one object each."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ RawMessage = tuple[int, int, int, bytes]
 """Connection, log time [ns], publish time [ns], the serialised message."""
 
 SWITCH = 2e-4
-"""How long a thread may keep Python to itself while another makes the next item [s]."""
+"""How long a thread may hold Python's lock while another makes the next item [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Messages:
     data : uint8 array
         The buffer.
     start, length : int64 arrays, shape (n,)
-        Where each message lies.
+        The position of each message.
     """
 
     data: Bytes
@@ -86,7 +86,7 @@ class Messages:
         yield from np.split(order, ends)
 
     def beginning_with(self, magic: bytes) -> NDArray[np.bool_]:
-        """Tell which messages begin with some bytes."""
+        """Return which messages begin with some bytes."""
         out = self.length >= len(magic)
         for i, byte in enumerate(magic):
             out[out] = self.data[self.start[out] + i] == byte
@@ -102,7 +102,7 @@ class Packet:
     connection : int64 array, shape (n,)
         The container's own numbers.
     log, publish : int64 arrays, shape (n,)
-        Times [ns]; the formats count them unsigned, nonsense beyond int64 is negative.
+        Times [ns]; the formats count them unsigned, invalid ones beyond int64 are negative.
     messages : of these
     compressed : bool
         Some of them may be compressed one by one.

@@ -26,7 +26,7 @@ STREAM, RIG = b"stream", b"vsalog.rig"
 """Metadata of vsalog's own logs: of a column, the stream whose clock it is on; of the table, its rig."""
 
 _INDEX = "__index_level_0__"
-"""What pandas calls an index without a name."""
+"""The name that pandas gives to an index without one."""
 
 
 class ParquetReader(ColumnarReader):
@@ -44,7 +44,7 @@ class ParquetReader(ColumnarReader):
     Raises
     ------
     ReadError
-        The file cannot be opened, is damaged or holds no rows.
+        The file cannot be opened, is damaged or contains no rows.
     """
 
     format = "parquet"
@@ -53,7 +53,7 @@ class ParquetReader(ColumnarReader):
         super().__init__(path, rate, units)
         try:
             rows = ParquetRows(path)
-        except (pa.ArrowException, OSError, UnicodeError) as error:  # a column's name may have become no text
+        except (pa.ArrowException, OSError, UnicodeError) as error:  # a damaged column name may be no text
             words = printable(str(error).strip())[:200]
             raise ReadError(f"the Parquet file cannot be read: {missing_footer(path) or words}", path) from error
         if not any(rows.sizes):
@@ -81,12 +81,12 @@ class ParquetReader(ColumnarReader):
         self._interpret(plan, [i for i in range(len(schema)) if self._is_signal(i)], keys, streams)
 
     def _find_clocks(self, lost: Sequence[int]) -> ClockPlan:
-        """Return which columns are the clock; of those that are lost no row can be read.
+        """Return which columns are the clock; lost ones have no readable row.
 
         Raises
         ------
         ReadError
-            One of them would be it, and no rate makes up for it.
+            A lost column would be the clock, and no rate is given.
         """
         plan = find_clocks(self._names, self._units, self._sample, by_rise=self.rate is None and not lost)
         if plan.clocks or self.rate is not None or not lost:

@@ -1,4 +1,4 @@
-"""Cells of Parquet columns as numbers, and what their types are."""
+"""Cells of Parquet columns as numbers, and their types."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import pyarrow.compute as pc
 
 
 def plain_type(kind: pa.DataType) -> pa.DataType:
-    """Return the type a column is read as: texts of every kind as text, dates and times of day too, categories as what they
-    stand for.
+    """Return the type a column is read as: texts of every kind as text, dates and times of day too, categories as their
+    values.
     """
     if pa.types.is_dictionary(kind):
         return plain_type(kind.value_type)
@@ -27,7 +27,7 @@ def plain_cells(cells: pa.Array) -> pa.Array:
 
 
 def as_text(cells: pa.Array) -> pa.Array:
-    """Return texts as what they claim to be, UTF-8; a byte that is none becomes the replacement character."""
+    """Return texts as UTF-8, which they claim to be; an invalid byte becomes the replacement character."""
     try:
         cells.validate(full=True)
     except pa.ArrowInvalid:
@@ -37,12 +37,12 @@ def as_text(cells: pa.Array) -> pa.Array:
 
 
 def is_moment(kind: pa.DataType) -> bool:
-    """Tell whether values of a type are times by that alone."""
+    """Return whether values of a type are times by that alone."""
     return bool(pa.types.is_duration(kind) or pa.types.is_timestamp(kind))
 
 
 def is_number(kind: pa.DataType) -> bool:
-    """Tell whether values of a type are a signal."""
+    """Return whether values of a type are a signal."""
     return bool(
         pa.types.is_integer(kind)
         or pa.types.is_floating(kind)

@@ -1,4 +1,4 @@
-"""The rows of a Parquet file with a plain column for every value that structures and lists hold."""
+"""The rows of a Parquet file with a plain column for every value in structures and lists."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class FlatRows:
 
     @property
     def findings(self) -> list[Finding]:
-        """What cannot be read, and what was left out of lists."""
+        """Findings about unreadable cells, and about elements left out of lists."""
         return self._rows.findings + [
             Finding(
                 code="recording.elements_left_out",
@@ -136,7 +136,7 @@ def _is_list(kind: pa.DataType) -> bool:
 
 
 def _is_plain(kind: pa.DataType) -> bool:
-    """Tell whether elements of a list have columns: numbers, and the names of what they are numbers of."""
+    """Return whether elements of a list have columns: numbers, and the names of what they are numbers of."""
     return is_number(kind) or bool(pa.types.is_string(kind))
 
 

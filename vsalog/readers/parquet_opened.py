@@ -1,4 +1,4 @@
-"""Opening Parquet files, also where what Arrow adds to their footer is damaged."""
+"""Opening Parquet files, also with damage in Arrow's additions to their footer."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from vsalog.core.printable import printable
 from vsalog.readers.opened import for_arrow
 
 _KEY = b"ARROW:schema"
-"""Under it the footer tells once more what its columns are, in Arrow's own words, and their units."""
+"""The key under which the footer repeats the columns' types in Arrow's format, and their units."""
 
 _END = b"PAR1"
 
 
 def open_parquet(path: Path) -> tuple[pq.ParquetFile, list[Finding]]:
-    """Return a Parquet file, opened, and what is damaged of its footer.
+    """Return a Parquet file, opened, and the damage of its footer.
 
     Raises
     ------
@@ -46,9 +46,7 @@ def missing_footer(path: Path) -> str:
     if end == b"PARE":
         return "it is encrypted"
     if end != _END:
-        return (
-            "it ends without its footer, which tells where everything lies, as when it is cut off or was never closed"
-        )
+        return "it ends without its footer, the index of all its parts, as when it is cut off or was never closed"
     return ""
 
 
@@ -59,7 +57,7 @@ def _opened(source: Any) -> pq.ParquetFile:
 
 
 def _without_key(path: Path) -> pa.NativeFile:
-    """Return a file with another name for the key, in memory: what has an unknown name is passed over."""
+    """Return a file with another name for the key, in memory: Arrow ignores unknown names."""
     with path.open("rb") as file:
         content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
     begin = content.rfind(_KEY)

@@ -1,4 +1,4 @@
-"""The rows of a Parquet file, whatever of it is damaged: a column that is lost somewhere takes no other one along."""
+"""The readable rows of a damaged Parquet file: damage in one column does not affect the others."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _UNREADABLE = (pa.ArrowException, OSError)
 
 
 class ParquetRows:
-    """A Parquet file as batches of rows; cells that cannot be read are null, and `findings` tells which.
+    """A Parquet file as batches of rows; cells that cannot be read are null, and `findings` reports them.
 
-    Pages have checksums, their headers have none, and Arrow passes by a page that it does not take for one: what is behind it
-    would move up. So no row of a row group is handed out before all of them are counted.
+    Pages have checksums, their headers have none, and Arrow skips a page that it does not recognise: the following rows
+    would move up. So no row of a row group is returned before all of them are counted.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class ParquetRows:
     schema : pyarrow Schema
         Of the file.
     sizes, unpacked : list of int
-        Rows of each row group, and the bytes that it unfolds to.
+        Rows of each row group, and its unpacked bytes.
 
     Raises
     ------
@@ -52,7 +52,7 @@ class ParquetRows:
         self.file, damage = open_parquet(path)
         self.schema = self.file.schema_arrow
         self.findings = Findings(damage)
-        # What the footer says of columns is not asked for: where it contradicts itself, Arrow ends the process.
+        # The footer's statistics of columns are not read: where they contradict themselves, Arrow ends the process.
         groups = [self.file.metadata.row_group(i) for i in range(self.file.num_row_groups)]
         self.sizes = [max(group.num_rows, 0) for group in groups]
         self.unpacked = [group.total_byte_size for group in groups]
@@ -87,7 +87,7 @@ class ParquetRows:
         columns : list of str
             Which to read.
         required : collection of str
-            Those of them without which a row says nothing: rows in which one of these is lost are left out.
+            Those of them that every row needs: rows in which one of these is lost are left out.
 
         Raises
         ------
@@ -126,7 +126,7 @@ class ParquetRows:
         try:
             table = self.file.read_row_group(number, columns)
         except _UNREADABLE:
-            return None  # the columns, one by one, say which it is
+            return None  # reading the columns one by one shows which it is
         return table if table.num_rows == self.sizes[number] else None
 
     def _sound(self, number: int, name: str, lost: _Lost, begin: int) -> int:
@@ -173,7 +173,7 @@ class ParquetRows:
             yield self._of_name(held, name)
 
     def _of_name(self, batches: Sequence[pa.RecordBatch], name: str) -> Sequence[pa.Array]:
-        """Return the columns of a name; asked for 'motor', Arrow gives 'motor.position' too."""
+        """Return the columns of a name; for 'motor', Arrow returns 'motor.position' too."""
         table = pa.Table.from_batches(batches)
         return [table.column(i).combine_chunks() for i in table.schema.get_all_field_indices(name)]
 
@@ -188,7 +188,7 @@ class ParquetRows:
             )
 
     def _bombs(self) -> set[tuple[int, str]]:
-        """Return the row groups and columns of which a page takes more memory than the footer says, as of a small file."""
+        """Return the row groups and columns with a page that takes more memory than the footer states, as of a small file."""
         if self.path.stat().st_size > PIECE_BYTES:
             return set()
         try:
@@ -241,11 +241,11 @@ class _Lost:
         self._stretches.setdefault(name, []).append((begin, end))
 
     def any_of(self, names: Collection[str], row: int) -> bool:
-        """Tell whether a row is lost in any of some columns."""
+        """Return whether a row is lost in any of some columns."""
         return any(begin <= row < end for name in names for begin, end in self._stretches.get(name, ())[-1:])
 
     def all_of(self, name: str) -> bool:
-        """Tell whether every row of a column is lost."""
+        """Return whether every row of a column is lost."""
         return self.rows > 0 and self._count(name) == self.rows
 
     def finding(self, name: str, required: bool) -> Finding:

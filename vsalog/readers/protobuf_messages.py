@@ -20,8 +20,8 @@ _CLOCKS = (("seconds", "nanos"), ("sec", "nsec"), ("sec", "nanosec"))
 class _Field(NamedTuple):
     """A field of a message type.
 
-    `implied` is what it is where a message does not have it, None for nothing; `reason` is why it is no signal, "" where it
-    may be one; `is_time` tells that it is protobuf's own time or duration, `nested` that it holds messages.
+    `implied` is its value where a message lacks it, None for none; `reason` is why it is no signal, "" where it
+    may be one; `is_time` is whether it is protobuf's own time or duration, `nested` whether it contains messages.
     """
 
     name: str
@@ -80,7 +80,7 @@ class ProtobufDecoder(TreeDecoder):
         return self._stamp_path, 0 if time is None else stamp_of(*(int(time.get(name) or 0) for name in self._clock))
 
     def _fields_of(self, descriptor: Any) -> tuple[_Field, ...]:
-        """Return the fields of a message type; those of a type that is met again are remembered."""
+        """Return the fields of a message type; those of a repeated type are cached."""
         name = descriptor.full_name
         if name not in self._types:
             if len(descriptor.fields) > MAX_FIELDS:
@@ -90,9 +90,9 @@ class ProtobufDecoder(TreeDecoder):
 
 
 class _Message(Mapping[str, Any]):
-    """A message as a structure, of which nothing is looked at before it is asked for.
+    """A message as a structure, of which fields are read on access.
 
-    What it has is told by ListFields: an attribute of a hostile name could be one of the library's.
+    ListFields has its fields: an attribute of a hostile name could be one of the library's.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class _Message(Mapping[str, Any]):
         return dict(self._parts()).items()
 
     def get(self, name: str, default: Any = None) -> Any:
-        """Return what has a name, of a text that is left out since it is empty that."""
+        """Return the value of a name; an omitted text is empty."""
         found = (
             self._nested(value) for field, value in type(self._message).ListFields(self._message) if field.name == name
         )

@@ -1,6 +1,6 @@
 """Protobuf descriptors in a log → message classes.
 
-What a log says of its types is data from elsewhere: the library checks it, and it is bounded before.
+A log's types are untrusted data: their size is limited, and the library checks them.
 """
 
 from __future__ import annotations
@@ -52,14 +52,14 @@ def message_class(name: str, descriptors: bytes) -> Any:
 
 
 def _importing_last(files: dict[str, Any]) -> list[Any]:
-    """Return files behind those that they import; what they all may import from the library itself, first."""
+    """Return files after those that they import; the library's own files, which all may import, come first."""
     files = {**_library_files(files), **files}
     ordered: dict[str, Any] = {}
     waiting = list(files)
     while waiting:
         ready = [name for name in waiting if all(one in ordered or one not in files for one in files[name].dependency)]
         if not ready:
-            break  # they import one another: the pool refuses what is left
+            break  # they import one another: the pool refuses the rest
         ordered.update((name, files[name]) for name in ready)
         waiting = [name for name in waiting if name not in ordered]
     return [*ordered.values(), *(files[name] for name in waiting)]

@@ -1,7 +1,7 @@
 """Publishers of one topic that give the same values at the same time, as of two arms, or of one that was started twice.
 
-Mixed, their values would be those of nothing. Publishers of different values, or one after the other, are one stream. Where a log
-tells no publishers apart, the frames in the headers of their messages may.
+Mixed, their values would have no meaning. Publishers of different values, or one after the other, are one stream. Where a log
+does not distinguish publishers, the frames in the headers of their messages may.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages
 
 LEAST_RUNS = 3
-"""Runs of messages that frames by turns have; one publisher that is set up again changes its frame fewer times."""
-_UNNAMED = "unnamed"  # what publishers without a name are called
+"""Runs of messages of alternating frames; one publisher that is configured again changes its frame fewer times."""
+_UNNAMED = "unnamed"  # the name of publishers without one
 
 
 @dataclass(slots=True)
@@ -38,18 +38,18 @@ class _Publisher:
     runs: int = 0
 
     def clashes(self, other: _Publisher) -> bool:
-        """Tell whether both give the same values for a good part of the time; the end of one may overlap the other's begin."""
+        """Return whether both give the same values for most of the time; the end of one may overlap the other's beginning."""
         both = min(self.last, other.last) - max(self.first, other.first)
         shorter = min(self.last - self.first, other.last - other.first)
         return both > 0 and 2 * both >= shorter and bool(self.paths & other.paths)
 
     def alternates(self, other: _Publisher) -> bool:
-        """Tell whether messages of both come by turns, or all of one behind all of the other, as when put together later."""
+        """Return whether messages of both alternate, or all of one come after all of the other, as when merged later."""
         return min(self.runs, other.runs) >= LEAST_RUNS or max(self.runs, other.runs) == 1
 
 
 class _Publishers:
-    """Publishers of a topic, or frames that stand for them; `decoder` gives what decodes messages of a connection."""
+    """Publishers of a topic, or frames that represent them; `decoder` returns the decoder of a connection's messages."""
 
     def __init__(self, decoder: Callable[[Connection], Decoder]) -> None:
         self._decoder = decoder
@@ -57,7 +57,7 @@ class _Publishers:
         self._last = -1
 
     def add(self, numbers: Integers, names: list[str], connection: Connection, messages: Messages, log: Stamps) -> None:
-        """Take note of messages with log times [ns], shape (n,); `numbers` tell whose they are by `names`, -1 where none does."""
+        """Record messages with log times [ns], shape (n,); `numbers` tell whose they are by `names`, -1 where none does."""
         begins = numbers != np.concatenate(([self._last], numbers[:-1]))
         self._last = int(numbers[-1])
         there = np.unique(numbers).tolist() if begins[1:].any() else [int(numbers[0])]
@@ -92,7 +92,7 @@ class _Publishers:
 
 
 class TopicWatch:
-    """Looks at the messages of one topic for publishers, and frames that stand for them, that have to be streams of their own.
+    """Finds publishers in the messages of one topic, or frames that represent them, that have to be separate streams.
 
     Parameters
     ----------
@@ -109,11 +109,11 @@ class TopicWatch:
         self._framed = {one.id for one in connections if self._is_framed(one)}
 
     def looks_at(self, connection: Connection) -> bool:
-        """Tell whether messages of a connection tell anything."""
+        """Return whether messages of a connection are informative."""
         return self.several or connection.id in self._framed
 
     def add(self, connection: Connection, messages: Messages, log: Stamps) -> None:
-        """Take note of a connection's messages, at least one, and their log times [ns], shape (n,)."""
+        """Record a connection's messages, at least one, and their log times [ns], shape (n,)."""
         if self.several:
             self._publishers.add(np.zeros(log.size, np.int64), [connection.publisher], connection, messages, log)
         if connection.id in self._framed:
@@ -143,7 +143,7 @@ def publisher_stream(stream: str, publisher: str) -> str:
 
 
 def told_apart(stream: str, publishers: Collection[str], what: str) -> Finding:
-    """Return that publishers of a stream, or frames, were told apart."""
+    """Return that publishers of a stream, or frames, were separated."""
     names = [publisher_stream(stream, publisher) for publisher in publishers]
     shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
     evidence = {"what": what, "streams": shown}

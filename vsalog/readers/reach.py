@@ -23,8 +23,8 @@ class Nanoseconds(IntEnum):
 class Stamp(IntEnum):
     """Nanoseconds since 1970.
 
-    Stamps up to the FARTHEST before and after 1970 have a difference of 64 bits. NEVER stands for a header's stamp that is none,
-    as with more nanoseconds than a second has: so far off it is not believed. Stamps before YEAR_2000 are not dates.
+    Stamps up to the FARTHEST before and after 1970 have a difference of 64 bits. NEVER is an invalid header's stamp,
+    as with more nanoseconds than a second has: so far away it is rejected. Stamps before YEAR_2000 are not dates.
     """
 
     FARTHEST = np.iinfo(np.int64).max // 2
@@ -32,18 +32,18 @@ class Stamp(IntEnum):
     YEAR_2000 = 10_957 * Nanoseconds.DAY
 
 
-BEYOND = "lie before the year 1823 or after 2116, as no recording's can"
+BEYOND = "are before the year 1823 or after 2116, as no recording's can be"
 
-# A recorder's own clock counts from 1970: what is ahead of that was beyond 64 bits.
+# A recorder's own clock counts from 1970: earlier times exceeded 64 bits.
 _LEAST = {"log": 0}
-# Where these are absurd, there may be another clock that is not.
+# Where these are absurd, there may be another valid clock.
 _SECOND = ("header", "publish")
 
 
 def within_reach(block: Block) -> tuple[Block, int]:
-    """Leave out samples that a recorder cannot have recorded when it says so; returns how many.
+    """Leave out samples with impossible recording times; return how many.
 
-    A header's stamp that is absurd is brought to the border of what can be: so far from the log's time it is not believed.
+    An absurd header stamp is clipped to the possible range: so far from the log's time it is rejected.
 
     Parameters
     ----------

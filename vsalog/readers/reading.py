@@ -1,4 +1,4 @@
-"""Opens and reads logs of whatever format."""
+"""Opens and reads logs of any format."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ TIMES = ("auto", "header", "log", "publish")
 
 
 def open_reader(path: str | PathLike[str], rate: float | None = None) -> Reader:
-    """Open a log of whatever format.
+    """Open a log of any format.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def _open_table(
 
 
 def message_reader(container: Container, rate: float | None) -> BagReader:
-    """Return what reads the messages of a container, which need no rate."""
+    """Return the reader of a container's messages, which need no rate."""
     reader = BagReader(container)
     if rate is not None:
         reader.findings.append(Finding(code="clock.rate_not_used", value=rate, unit="Hz"))
@@ -101,7 +101,7 @@ def read(
     path : path
         A file, the folder of a ROS 2 bag or of tables that belong together, or an address of a file, which is downloaded first.
     wanted : collection of str, optional
-        Names of the channels to decode and keep; None is all of them. Names the log does not have are passed over.
+        Names of the channels to decode and keep; None is all of them. Names that the log lacks are ignored.
     time : str
         ``auto``: header stamps, or log time for a whole stream where they are missing, zero or implausible in more than a few
         samples, which are left out; or one of ``header``, ``log`` and ``publish`` to insist on that clock where a stream has it.
@@ -109,10 +109,10 @@ def read(
     rate : float, optional
         Samples per second [Hz] of tables that have no time column.
     start, end : str or float, optional
-        Keep what lies between these, both included: seconds from the log's beginning (the first sample of all its streams), a
+        Keep samples between these, both included: seconds from the log's beginning (the first sample of all its streams), a
         number with a unit such as ``"2 min"``, an ISO 8601 date (UTC where it has no zone), or a time since the epoch.
     room : int, optional
-        Bytes of memory for samples; where they take more, they lie in temporary files that are mapped into it, see
+        Bytes of memory for samples; larger ones are in temporary memory-mapped files, see
         `vsalog.core.column`. None keeps all in memory.
     opened : Reader, optional
         The log, by `open_reader`, of which nothing was read yet.
@@ -125,7 +125,7 @@ def read(
     Raises
     ------
     ReadError
-        The log cannot be read, holds nothing from `start` to `end`, or one of the options is impossible.
+        The log cannot be read, contains nothing from `start` to `end`, or one of the options is impossible.
     """
     if time not in TIMES:
         raise ReadError(f"time is one of {', '.join(TIMES)}, not '{time}'")
@@ -146,7 +146,7 @@ def read(
             part = open_reader(file, rate)
             if isinstance(part, BagReader) and part.narrow(*bounds, time, channels):
                 known = {name for name in first.catalogue().channels if channels is None or name in channels}
-                with suppress(ReadError):  # there is nothing in the window: read the whole log to say where there is
+                with suppress(ReadError):  # the window is empty: read the whole log to report where its samples are
                     recording = cut(recorded(part), *bounds, known)
                 part = open_reader(file, rate)
             recording = recording or cut(recorded(part), *bounds)
@@ -158,14 +158,14 @@ def read(
 
 
 def open_container(path: Path, kind: str) -> Container:
-    """Open what holds serialised messages: an MCAP file, a ROS 1 bag or a ROS 2 bag.
+    """Open a container of serialised messages: an MCAP file, a ROS 1 bag or a ROS 2 bag.
 
     Parameters
     ----------
     path : path
         A file, or the folder of a ROS 2 bag.
     kind : str
-        As `vsalog.readers.sniff.sniff` tells it.
+        As by `vsalog.readers.sniff.sniff`.
 
     Raises
     ------

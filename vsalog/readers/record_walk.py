@@ -1,4 +1,4 @@
-"""A pass over the records of a file, past damage: what walks over MCAP files and ROS 1 bags have in common."""
+"""A pass over the records of a file, past damage: the common part of walks over MCAP files and ROS 1 bags."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _NO_FIELDS: Header = MappingProxyType({})
 
 
 class Place(NamedTuple):
-    """Where a record is: its kind, where its content starts and ends in the file [bytes], and its header."""
+    """The position of a record: its kind, the start and end of its content in the file [bytes], and its header."""
 
     kind: int
     start: int
@@ -40,7 +40,7 @@ class Record(NamedTuple):
 
 
 class Damage(NamedTuple):
-    """A chunk that cannot be read: which one, where it begins, how many messages of it were read, and why no more."""
+    """A chunk that cannot be read: its number, its position, how many messages of it were read, and the reason."""
 
     number: int
     position: int
@@ -56,14 +56,14 @@ class RecordWalk(ABC):
     file : binary file
         Opened.
     passed : function
-        Tells of a chunk's position whether it is passed by unread.
+        Returns for a chunk's position whether it is skipped unread.
 
     Attributes
     ----------
     chunks : int
         Chunks seen.
     passing : bool
-        The last chunk was passed by.
+        The last chunk was skipped.
     damage : list of Damage
         Those of them that cannot be read.
     skipped : list of (int, int)
@@ -73,11 +73,11 @@ class RecordWalk(ABC):
     joined : int or None
         Where another file begins in this one, whose records are not those of this one.
     end : int or None
-        Where what follows the data begins, once the record that ends them was reached.
+        Where the part after the data begins, once the record that ends them was reached.
     """
 
     MARK: ClassVar[bytes]
-    """With which bytes a file begins."""
+    """The first bytes of a file."""
     CHUNK: ClassVar[int]
     LAST: ClassVar[tuple[int, ...]] = ()
     """Kinds of records: chunks, and those that end the data, in formats that have such."""
@@ -119,11 +119,11 @@ class RecordWalk(ABC):
         return self._file.read(place.end - place.start)
 
     def _follows(self, end: int) -> bool:
-        """Tell whether the end of a chunk is right, as far as what is there tells."""
+        """Return whether the end of a chunk is right, as far as its content shows."""
         return True
 
     def _finish(self, last: Place) -> None:
-        """Take note of the record that ends the data."""
+        """Record the record that ends the data."""
         self.end = last.end
 
     def records(self, position: int | None = None, until: int | None = None) -> Iterator[Record]:
@@ -195,13 +195,13 @@ class RecordWalk(ABC):
         return found
 
     def _resume(self, position: int) -> int:
-        """Return where the next record surely begins behind damage at a position; -1 for nowhere, or in another file behind."""
+        """Return where the next record surely begins after damage at a position; -1 for nowhere, or in another file after it."""
         start = position
         while start < self._size:
             self._file.seek(start)
             data = self._file.read(PIECE_BYTES + GLANCE_BYTES)
             found, mark = self._next_sure(data[1:], start + 1) + 1, data.find(self.MARK)
-            behind = start + mark + len(self.MARK)  # where a file ends with its mark, nothing is
+            behind = start + mark + len(self.MARK)  # nothing follows where a file ends with its mark
             if mark >= 0 and behind < self._size and not 0 < found < mark:
                 self.joined = start + mark
                 if position < self.joined:
@@ -215,7 +215,7 @@ class RecordWalk(ABC):
 
 
 def walk_findings(skipped: Sequence[tuple[int, int]], cut: tuple[int, int] | None) -> list[Finding]:
-    """Return what was damaged between records; see the attributes of `RecordWalk`."""
+    """Return the damage between records; see the attributes of `RecordWalk`."""
     found = []
     if skipped:
         where = ", ".join(str(start) for start, _ in skipped[:SHOWN]) + (", …" if len(skipped) > SHOWN else "")

@@ -27,11 +27,11 @@ def _gather(path: Path, reader: Reader, wanted: Collection[str] | None, room: in
     Raises
     ------
     ReadError
-        The log cannot be read, or holds far more samples than a log of its size can.
+        The log cannot be read, or contains far more samples than a log of its size can.
     """
     gathered: dict[str, Gathered] = {}
     in_file = False
-    # An hour at rest is packed into next to nothing.
+    # An hour at rest compresses to almost nothing.
     size, most = 0, max(2 * AT_ONCE_BYTES, FILE_RATIO * _bytes_of(path))
     absurd = told = seen = 0
     for block in reader.blocks(wanted):
@@ -62,14 +62,14 @@ def _gather(path: Path, reader: Reader, wanted: Collection[str] | None, room: in
             raise ReadError(f"the times of all samples {BEYOND}", path)
         if timeless := [one for one in reader.findings if one.code == "clock.rows_without_time"]:
             raise ReadError(
-                f"its time column holds no time that can be read, or none within 292 years of 1970: {sentence(timeless[0])}",
+                f"its time column contains no readable time, or none within 292 years of 1970: {sentence(timeless[0])}",
                 path,
             )
     if absurd:
         reader.findings.append(Finding(code="clock.beyond_reach", value=absurd))
     for one in gathered.values():
         for column in [column for column in one.columns if column in reader.unread]:
-            del one.columns[column]  # that a column holds no number at all is known after the last block
+            del one.columns[column]  # only after the last block it is known that a column contains no number
     return gathered
 
 
@@ -94,7 +94,7 @@ def collect(
     Raises
     ------
     ReadError
-        The log cannot be read, or holds far more samples than a log of its size can.
+        The log cannot be read, or contains far more samples than a log of its size can.
     """
     gathered = _gather(path, reader, wanted, room)
     channels: dict[str, Channel] = {}
@@ -109,7 +109,7 @@ def collect(
             if len(stamps):
                 dates.append(bool(stamps[0] >= Stamp.YEAR_2000))
             if stream.time_source == "column" and stream.conflicts > stream.count:
-                # What is left would look like a log of few samples, far apart.
+                # The rest would look like a log of few samples, far apart.
                 reader.unread.update(dict.fromkeys(columns, _coarse(stream)))
                 continue
             for column, values in columns.items():
@@ -127,7 +127,7 @@ def collect(
 
 
 def _coarse(stream: Stream) -> str:
-    """Say why a clock cannot be used that most samples share their stamp with others on."""
+    """Refuse a clock on which most samples share their stamp with others."""
     rows = stream.count + stream.conflicts + stream.duplicates
     return (
         f"its times are no clock: {plural(stream.count, 'stamp')} for {plural(rows, 'row')}, as when seconds since 1970 are"
@@ -142,7 +142,7 @@ def _bytes_of(path: Path) -> int:
 
 
 def _placed(name: str, samples: Samples, time: str) -> tuple[Stream, Stamps, dict[str, Values], list[Finding]]:
-    """Put a stream on its clock and in order: what is known of it, its stamps, its columns, and what is odd about its time."""
+    """Put a stream on its clock and in order: its properties, its stamps, its columns, and the findings about its time."""
     clock = choose_clock(samples.clocks, time)
     reason = samples.timeless if clock.source == "none" else clock.reason_for(name)
     samples = samples.without(clock.off)

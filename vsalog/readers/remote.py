@@ -1,4 +1,4 @@
-"""Logs that are no files here: downloaded once, and read as files."""
+"""Remote logs: downloaded once, and read as files."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from vsalog.core.finding import Finding
 from vsalog.core.printable import LONGEST_NAME
 
 _ADDRESS = re.compile(r"([a-z][a-z0-9+.-]+):(/+)(.+)", re.IGNORECASE)
-"""As people write them, or with one slash, which is what is left of two in a path."""
+"""An address as people write it, or with one slash, to which a path reduces two."""
 
 _folders: list[tempfile.TemporaryDirectory[str]] = []
-"""What was downloaded; removed at the end of the run."""
+"""The downloaded files; removed at the end of the run."""
 
 
 def is_address(path: Path) -> bool:
-    """Tell whether a path is an address and no file."""
+    """Return whether a path is an address and no file."""
     return _ADDRESS.fullmatch(str(path)) is not None and not path.exists()
 
 
@@ -37,7 +37,7 @@ def local(path: Path) -> Path:
     Raises
     ------
     ReadError
-        What such an address needs is not installed; nothing is there; or it cannot be downloaded.
+        The library for such an address is not installed; the log does not exist; or it cannot be downloaded.
     """
     return _fetched(str(path)) if is_address(path) else path
 
@@ -56,13 +56,13 @@ def download(address: str, text: str, folder: Path) -> Path:
     Parameters
     ----------
     address : of the log
-    text : what messages call it
+    text : its name in messages
     folder : an empty one to copy it into
 
     Raises
     ------
     ReadError
-        What such an address needs is not installed; nothing is there; or it cannot be downloaded.
+        The library for such an address is not installed; the log does not exist; or it cannot be downloaded.
     """
     import fsspec
 

@@ -1,4 +1,4 @@
-"""ROS 1 bags, walked from the start: bags without an index, cut off or with a bad chunk are read as far as they go."""
+"""ROS 1 bags, walked from the start: bags without an index, truncated or with a bad chunk are read as far as possible."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MAGIC = b"#ROSBAG V"
 _NONE = np.empty(0, np.int64)
 
 Found = dict[int, tuple[Connection, bool]]
-"""Connections by number, and whether what a bag tells twice of each agrees."""
+"""Connections by number, and whether the two copies of each in a bag agree."""
 
 
 class Rosbag1Container(ChunkedFile):
@@ -60,12 +60,12 @@ class Rosbag1Container(ChunkedFile):
         return list(self._connections.values())
 
     def counts(self) -> Mapping[int, int]:
-        """Return how many messages connections have, as the index says, but no less than tell a connection's channels."""
+        """Return how many messages connections have, by the index, but no fewer than show a connection's channels."""
         self.connections()
         return {} if self._pieces else {number: max(count, FIRST_ROWS) for number, count in self.counted.items()}
 
     def has_index(self) -> bool:
-        """Tell whether there is a sound index at the end, and read it."""
+        """Return whether there is a sound index at the end, and read it."""
         with self.open() as file:
             return bool(self._indexed(file))
 
@@ -115,7 +115,7 @@ class Rosbag1Container(ChunkedFile):
             self.findings.add(Finding(code="recording.index_cut_off"))
 
     def _compare(self, chunk: Record) -> None:
-        """Compare the connections that a chunk tells with what is known of them."""
+        """Compare the connections in a chunk with the known ones."""
         known = self._connections or {}
         found: Found = {}
         self._keep_all(found, chunk)
@@ -125,7 +125,7 @@ class Rosbag1Container(ChunkedFile):
                 self.findings.add(Finding(code="recording.definition_damaged", part=topic))
 
     def _keep_all(self, found: Found, record: Record) -> None:
-        """Add the connections that a record tells to `found`.
+        """Add the connections of a record to `found`.
 
         Raises
         ------
@@ -171,8 +171,8 @@ class Rosbag1Container(ChunkedFile):
             if record.kind == RecordType.CHUNK_INFO:
                 for connection, number_of in struct.iter_unpack("<II", record.content):
                     counted[connection] += number_of
-                if told := chunk_told(record.header, record.content):
-                    self.chunks[told[0]] = told[1]
+                if entry := chunk_told(record.header, record.content):
+                    self.chunks[entry[0]] = entry[1]
             elif record.kind == RecordType.CONNECTION:
                 self._keep_all(found, record)
             else:
@@ -185,7 +185,7 @@ class Rosbag1Container(ChunkedFile):
 
 
 def _keep(found: Found, header: Header, data: bytes) -> None:
-    """Add a connection record to `found`, unless it is damaged or a sound copy of it is there."""
+    """Add a connection record to `found`, unless it is damaged or a sound copy of it exists."""
     detail = fields(data)
     if len(header.get(b"conn", b"")) != 4 or detail is None:
         return
@@ -201,7 +201,7 @@ def _keep(found: Found, header: Header, data: bytes) -> None:
 
 @lru_cache
 def _agrees(kind: str, text: str, checksum: str) -> bool:
-    """Tell whether a definition is the one that its checksum was made of; none is no contradiction."""
+    """Return whether a definition matches its checksum; a missing one is no contradiction."""
     try:
         return checksum == "*" or not text or ros1_checksum(kind, text) == checksum
     except DefinitionError:

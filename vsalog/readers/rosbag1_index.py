@@ -1,4 +1,4 @@
-"""What a ROS 1 bag's index tells about its messages, held against what was found."""
+"""Compares a ROS 1 bag's index with the messages that were found."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _TIME = _COUNT = struct.Struct("<II")
 
 
 class IndexCheck:
-    """Counts the messages that the index knows and the walk has not found, and log times that differ.
+    """Counts the messages of the index that the walk has not found, and log times that differ.
 
     Parameters
     ----------
     wanted : int64 array, sorted
         Connections that are read.
     part : Part or None
-        Of the log that is read, with chunks passed by that the index says are outside of it.
+        Of the log that is read, without chunks that are outside of it by the index.
     whole : bool
         All of the log is read.
     """
@@ -39,21 +39,21 @@ class IndexCheck:
         self._announced = 0
 
     def announced(self, header: Header) -> None:
-        """Take note of how many chunks the bag's header counts, if it does."""
+        """Record how many chunks the bag's header counts, if it does."""
         self._announced = number(header, b"chunk_count") if len(header.get(b"chunk_count", b"")) == 4 else 0
 
     def chunk(self, packet: Packet) -> None:
-        """Take note of the messages found in a chunk; its index follows."""
+        """Record the messages found in a chunk; its index follows."""
         self._last = packet
         self._found += len(packet.messages)
 
     def damaged(self, damage: Sequence[Damage]) -> None:
-        """Take note of the chunks that could not be read so far: the index of the last is not of what was found."""
+        """Record the chunks that could not be read so far: the index of the last is not of what was found."""
         if len(damage) > self._damaged:
             self._last, self._damaged = None, len(damage)
 
     def record(self, header: Header, data: bytes) -> None:
-        """Take note of a record of the index."""
+        """Record a record of the index."""
         if op(header) == RecordType.IDXDATA and self._last is not None:
             connection = number(header, b"conn")
             if connection in self._wanted:
@@ -66,7 +66,7 @@ class IndexCheck:
             self._expected += self._told[position]
 
     def passed(self, header: Header, data: bytes) -> None:
-        """Take note of a record of the index of a chunk that was passed by.
+        """Record a record of the index of a chunk that was passed by.
 
         Raises
         ------
@@ -81,7 +81,7 @@ class IndexCheck:
             raise ReadError("the bag's index contradicts itself")
 
     def findings(self, damage: Sequence[Damage], chunks: int) -> list[Finding]:
-        """Return what is missing and what differs; `chunks` is how many chunks there are, `damage` what is wrong with some."""
+        """Return what is missing and what differs; `chunks` is their number, `damage` the faults of some."""
         lost = sum(max(self._told.get(one.position, 0) - one.read, 0) for one in damage)
         found = []
         if damage:
@@ -101,7 +101,7 @@ class IndexCheck:
 
 
 def chunk_told(header: Header, data: bytes) -> tuple[int, Chunk] | None:
-    """Return the position of the chunk that a record of the index is of, and what is told of it; None where it makes no sense."""
+    """Return the position of the chunk of an index record, and its data; None where the record is invalid."""
     times = [header.get(name, b"") for name in (b"start_time", b"end_time")]
     if any(len(time) != 8 for time in times):
         return None

@@ -1,6 +1,6 @@
 """The messages in a chunk of a ROS 1 bag, found by compiled loops.
 
-Behind a record that makes no sense, the walk goes on at the next message that does, and behind which there is another record.
+After an invalid record, the walk continues at the next valid message that is followed by another record.
 """
 
 from __future__ import annotations

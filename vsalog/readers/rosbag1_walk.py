@@ -1,7 +1,7 @@
 """The records of a ROS 1 bag one after the other, past damage.
 
-The format has no checksum, but tells some things twice: how long a record's data are, which fields its header has, how many
-messages of which times a chunk holds. Where these disagree, bytes have changed; the walk then goes on at the next chunk, and
+The format has no checksum, but states some things twice: the length of a record's data, the fields of its header, the number
+and times of the messages in a chunk. Where these disagree, bytes have changed; the walk then continues at the next chunk, and
 within a chunk at the next message (`rosbag1_scan.py`).
 """
 
@@ -95,7 +95,7 @@ class Walk(RecordWalk):
     def _next_sure(self, data: bytes, position: int) -> int:
         """See `RecordWalk`: where the next chunk begins."""
         for mark in _CHUNK_MARK.finditer(data):
-            # The header's length lies ahead of the field op, or of others before it.
+            # The header's length is before the field op, or before other fields.
             for start in range(mark.start() - 4, max(mark.start() - 80, -1), -1):
                 if mark.end() <= start + 4 + _LENGTH.unpack_from(data, start)[0] <= start + 256:
                     place = self._head(position + start)
@@ -109,7 +109,7 @@ _COMPRESSIONS = ("none", "bz2", "lz4")
 
 
 def fields(raw: bytes) -> Header | None:
-    """Split a record's header into its fields; None where it is nonsense."""
+    """Split a record's header into its fields; None where it is invalid."""
     found: dict[bytes, bytes] = {}
     position = 0
     while position < len(raw):
@@ -125,7 +125,7 @@ def fields(raw: bytes) -> Header | None:
 
 
 def op(header: Header) -> int:
-    """Return which kind of record a header belongs to, -1 where it does not say."""
+    """Return the kind of record that a header belongs to, -1 where it has none."""
     value = header.get(b"op", b"")
     return value[0] if len(value) == 1 else -1
 

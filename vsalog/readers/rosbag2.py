@@ -22,14 +22,14 @@ METADATA = "metadata.yaml"
 
 _LOG_ENDINGS = (".bag", ".csv", ".tsv", ".parquet", ".mat", ".mcap", ".db3")
 _BAG_ENDINGS = (".mcap", ".db3", ".zstd")
-# Entries of the metadata's list of topics, in either order, and what is wanted of them.
+# Entries of the metadata's list of topics, in either order, and the needed parts of them.
 _TOPIC = re.compile(r"^[ \t]*-[ \t]+(?=topic_metadata:|message_count:)", re.MULTILINE)
 _NAME = re.compile(r"^[ \t]*name:[ \t]*[\"']?([^\s\"']+)", re.MULTILINE)
 _COUNT = re.compile(r"^[ \t]*message_count:[ \t]*(\d{1,18})[ \t]*$", re.MULTILINE)
 
 
 def _decompressed(path: Path) -> Container:
-    """Return the container of a bag file that is compressed as a whole: it lies in a temporary file while it is used.
+    """Return the container of a bag file that is compressed as a whole: it is in a temporary file while it is used.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def bag_folder(folder: Path) -> SeveralContainer:
     Raises
     ------
     ReadError
-        The folder holds no bag.
+        The folder contains no bag.
     """
     findings = Findings()
     parts: list[Container] = []
@@ -107,12 +107,12 @@ def bag_file(path: Path, shown: Path) -> Container:
 
 
 def is_bag_folder(folder: Path) -> bool:
-    """Tell whether a folder holds a ROS 2 bag."""
+    """Return whether a folder holds a ROS 2 bag."""
     return (folder / METADATA).is_file() or bool(_candidates(folder))
 
 
 def _candidates(folder: Path) -> list[Path]:
-    """Return the bag files in a folder, told by content, ``bag_10`` after ``bag_9``."""
+    """Return the bag files in a folder, by their content, ``bag_10`` after ``bag_9``."""
     found = [path for path in folder.iterdir() if path.is_file() and _is_candidate(path)]
     return sorted(
         found, key=lambda path: [(int(p), "") if p.isdigit() else (0, p) for p in re.split(r"(\d+)", path.name)]
@@ -120,7 +120,7 @@ def _candidates(folder: Path) -> list[Path]:
 
 
 def _is_candidate(path: Path) -> bool:
-    """Tell whether a file looks like one of a bag; of one that may not be read, its name tells."""
+    """Return whether a file looks like one of a bag, by its name if it cannot be read."""
     try:
         with path.open("rb") as file:
             head = file.read(16)
@@ -132,7 +132,7 @@ def _is_candidate(path: Path) -> bool:
 def _bag_files(folder: Path, findings: Findings) -> list[Path]:
     """Return the files of a bag: those that the metadata list, or else all that look like bag files.
 
-    The metadata only choose among the files of the folder; what they say is never opened as a path.
+    The metadata only choose among the files of the folder; their entries are never opened as paths.
     """
     candidates = _candidates(folder)
     listed = _listed_in(folder / METADATA)
@@ -158,7 +158,7 @@ def _bag_files(folder: Path, findings: Findings) -> list[Path]:
     elif missing:
         findings.add(_missing(missing, METADATA))
     if not chosen:
-        raise ReadError(f"has a {METADATA}, but no bag files; copy them beside it", folder)
+        raise ReadError(f"has a {METADATA}, but no bag files; copy them next to it", folder)
     findings.add(*_others(folder, chosen))
     return chosen
 
@@ -169,7 +169,7 @@ def _missing(files: list[str], told_by: str) -> Finding:
 
 
 def _bag_name(path: Path) -> str:
-    """Return what the files of one bag have in common: ``run`` of ``run_0.mcap`` and ``run_1.mcap.zstd``."""
+    """Return the common name of the files of one bag: ``run`` of ``run_0.mcap`` and ``run_1.mcap.zstd``."""
     return re.sub(r"_\d+$", "", path.name.partition(".")[0])
 
 
@@ -198,7 +198,7 @@ def _listed(paths: list[Path]) -> str:
 
 
 def counted(file: Container, path: Path) -> Container:
-    """Return a bag's file, held against the metadata beside it where these say that it is the only one."""
+    """Return a bag's file, compared with the metadata next to it where these name only that file."""
     metadata = path.with_name(METADATA)
     if _listed_in(metadata) != [path.name] or not (stated := _stated(metadata)):
         return file

@@ -43,7 +43,7 @@ class SqliteContainer:
     Raises
     ------
     ReadError
-        The file cannot be opened or holds no bag.
+        The file cannot be opened or contains no bag.
     """
 
     format = "rosbag2-sqlite3"
@@ -87,7 +87,7 @@ class SqliteContainer:
         return self.path.stat().st_size
 
     def narrow(self, part: Part) -> bool:
-        """Pass by rows outside of a part of the log."""
+        """Skip rows outside of a part of the log."""
         self._part = part
         return True
 
@@ -119,7 +119,7 @@ class SqliteContainer:
             return
 
     def packets(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield the messages of some topics in the order of the file; rows that cannot be read are skipped and found.
+        """Yield the messages of some topics in the order of the file; unreadable rows are skipped and reported.
 
         Raises
         ------
@@ -143,7 +143,7 @@ class SqliteContainer:
             self.findings.add(Finding(code="recording.unknown_topics", value=strangers))
 
     def _all(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield packets of rows that are asked for: by ranges as far as all is sound, then row by row."""
+        """Yield packets of the requested rows: by ranges as far as all is sound, then row by row."""
         within = self._within()
         for first, last in within or [self._numbered()]:
             only, done = self._only(ids), -1
@@ -183,7 +183,7 @@ class SqliteContainer:
                         if not good:
                             continue
                         numbers, topics, times, messages = zip(*good, strict=True)
-                    # Damaged row numbers may go anywhere; those of the following rows tell again where reading is.
+                    # Damaged row numbers may be anything; those of the following rows show the position again.
                     last = numbers[-1]
                     at_once = 1 if at_once == 1 else _at_once(messages)
                     yield topics, times, messages
@@ -225,9 +225,9 @@ class SqliteContainer:
         return (first, last) if first in (0, 1) else (0, -1)
 
     def _only(self, ids: Collection[int]) -> str:
-        """Return the condition that chooses topics and times; no topics where all are wanted: strangers are to be seen.
+        """Return the condition that chooses topics and times; no topics where all are wanted: unknown ones must be reported.
 
-        A row that lies across the end of a file that was cut off is none.
+        A row across the end of a truncated file is none.
         """
         when = "" if self._cut is None else f"AND rowid <> {self._cut if self._cut >= 0 else self._ends()[1]}"
         if self._part is not None:
@@ -262,7 +262,7 @@ class SqliteContainer:
             raise ReadError(f"the table of messages cannot be read: {error}", self.path) from error
 
     def _note_lack(self) -> None:
-        """Note what is missing of the file and of its log of changes, which may hold pages that the file lacks."""
+        """Record what is missing of the file and of its write-ahead log, which may contain pages that the file lacks."""
         try:
             log = left_log(self.path)
             self.findings.add(*(damaged_changes(log) if log else missing_bytes(self.path)))
@@ -286,7 +286,7 @@ class SqliteContainer:
             raise ReadError(f"the database cannot be read: {error}", self.path) from error
 
     def _checked(self, path: Path) -> sqlite3.Connection:
-        """Open a database for reading only and see that it holds a bag."""
+        """Open a database for reading only and check that it contains a bag."""
         database = connect(path)
         database.text_factory = lambda raw: raw.decode("utf-8", "replace")
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, AT_ONCE_BYTES)
@@ -310,7 +310,7 @@ class SqliteContainer:
         except sqlite3.OperationalError:
             raise
         except _DAMAGE:
-            # So asked, SQLite also opens files that are shorter than they should be, and passes by tables it cannot understand.
+            # With this, SQLite also opens files that are shorter than they should be, and ignores tables it cannot understand.
             database.execute("PRAGMA writable_schema = ON")
             tables = _tables(database)
             self.findings.add(Finding(code="recording.database_damaged"))

@@ -1,4 +1,4 @@
-"""In what order a stream's samples are, and which of them are copies."""
+"""The order of a stream's samples, and its copies."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class Order:
         Indices of the samples to keep, in order; None means all as they are.
     inversions, duplicates, conflicts : int
         Samples earlier than one before them, exact copies, and samples with the stamp of another but other values.
-        Samples that have values where others of their stamp have none are none of these: nothing of them is lost.
+        Samples that have values where others of their stamp have none are none of these: they are merged.
     late : float
-        How late samples of a file came of which very many had to be sorted at once for that [s]; 0 where there are none.
+        The largest delay of samples for which very many had to be sorted at once [s]; 0 for none.
     """
 
     keep: NDArray[np.intp] | None
@@ -43,7 +43,7 @@ class Order:
 
 
 def put_in_order(stamps: Stamps, columns: list[NDArray[np.float64]]) -> Order:
-    """Tell how to make stamps strictly increasing.
+    """Return how to make stamps strictly increasing.
 
     Of samples with equal stamps the first in the log is kept, with the first of their values of each column where it has
     none itself. The others are copies where all their values are the same, and conflicts where one is another.

@@ -1,7 +1,7 @@
-"""A part of a large log, to see what is in it without reading all of it: a few stretches from its first sample to its last.
+"""A sample of a large log, to inspect it without reading all of it: a few stretches from its first sample to its last.
 
-Of logs of messages, chunks or rows are read where they lie. Of tables, stretches of lines or row groups become a small table of
-the same format in a temporary folder: the readers need not know of it.
+Of logs of messages, chunks or rows are read in place. Of tables, stretches of lines or row groups become a small table of
+the same format in a temporary folder, so that the readers need no change.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def read_sample(
     Recording
         Of what was read.
     Sample or None
-        What that is; None for the whole log.
+        Its description; None for the whole log.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def _sampled(path: Path, time: str, rate: float | None) -> tuple[Recording, Samp
     cut, recording = None, None
     if size >= LOOK_BYTES and kind in CUTTERS:
         with tempfile.TemporaryDirectory(prefix="vsalog-") as folder:
-            small = Path(folder) / path.name  # tables are called by the file's name
+            small = Path(folder) / path.name  # tables are named by their file
             try:
                 cut = CUTTERS[kind](path, small, LOOK_BYTES // 2)
                 recording = None if cut is None else read(small, time=time, rate=rate)
@@ -113,12 +113,12 @@ def cut_parquet(source: Path, target: Path, budget: int) -> Sample | None:
                 writer.write_table(table)
         totals = {source.stem: sum(rows.sizes)}
     except (pa.ArrowException, OSError, UnicodeError):
-        return None  # the reader says what is wrong with it
+        return None  # the reader reports the fault
     return Sample(sum(piece.size for piece in pieces), stretches, totals)
 
 
 def cut_text(source: Path, target: Path, budget: int) -> Sample | None:
-    """Cut stretches of lines out of a text table, or its beginning where lines do not tell their time. See `Cutter`."""
+    """Cut stretches of lines out of a text table, or its beginning where lines have no time. See `Cutter`."""
     reader = TableReader(source, None, thorough=False)
     size = source.stat().st_size
     with open_text(source) as file, target.open("wb") as out:
@@ -151,7 +151,7 @@ def cut_folder(source: Path, target: Path, budget: int) -> Sample | None:
         small, share = target / path.name, max(budget * path.stat().st_size // whole, 1)
         try:
             cut = CUTTERS[sniff(path)](path, small, share) if share > GLANCE_BYTES else None
-        except (ReadError, KeyError):  # the reader says what is wrong with it
+        except (ReadError, KeyError):  # the reader reports the fault
             cut = None
         if cut is None:
             shutil.copyfile(path, small)

@@ -1,4 +1,4 @@
-"""Which pieces of a large log are cut out of it for a sample."""
+"""The pieces of a large log for a sample."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ class Piece(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What is read instead of a whole log, or of one file of it.
+    """The part that is read instead of a whole log, or of one file of it.
 
     Attributes
     ----------
     size : int
         Bytes that are read.
     stretches : int
-        Pieces that do not join; 1 is the beginning alone.
+        Separate pieces; 1 is the beginning alone.
     totals : mapping of str to int
-        Samples of each stream in all, where the file says so.
+        Samples of each stream in all, where the file states them.
     findings : tuple of Finding
-        What was noticed of the whole file.
+        Findings about the whole file.
     of : int
         Bytes of the whole log, once that is known.
     """
@@ -52,7 +52,7 @@ def chosen_pieces(parts: Sequence[Piece], budget: int) -> tuple[list[Piece], int
     Parameters
     ----------
     parts : in the order of the file; at least one
-    budget : about so many bytes are chosen
+    budget : approximate number of bytes to choose
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Libraries in C on files that may be damaged: in a copy of this process, which may die in its place."""
+"""Runs C libraries on possibly damaged files in a copy of this process, which may crash in its place."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ TOO_MUCH = "it takes more memory than any recording of its size"
 
 
 class SandboxError(Exception):
-    """What was to be done failed, took too much memory or time, or ended the process; its text says which."""
+    """The work failed, took too much memory or time, or ended the process; the message has the reason."""
 
 
 def sandboxed(work: Callable[[], Any], more: int) -> Any:
-    """Return what a function returns that is run in a copy of this process; where there are none, as on Windows, in itself.
+    """Return the result of a function that is run in a copy of this process, or in itself where there are none, as on Windows.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def _in_a_copy(work: Callable[[], Any], more: int, answer: IO[bytes]) -> None:
         _be_copy(work, more, answer)
     os.close(held)
     try:
-        patience = more / PACKED_BYTES  # s; libraries make many times as much of a file in a second
+        patience = more / PACKED_BYTES  # s; libraries process many times as much of a file in a second
         if not select.select([ended], [], [], patience)[0]:
             raise SandboxError(f"it takes more than {patience:.0f} s")
     finally:
@@ -79,7 +79,7 @@ def _in_a_copy(work: Callable[[], Any], more: int, answer: IO[bytes]) -> None:
 
 
 def _be_copy(work: Callable[[], Any], more: int, answer: IO[bytes]) -> NoReturn:
-    """Do the work, and end without what a process does at its end; nothing that libraries say reaches the terminal."""
+    """Do the work, and end without the usual clean-up; no output of libraries reaches the terminal."""
     try:
         faulthandler.disable()
         nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -92,7 +92,7 @@ def _be_copy(work: Callable[[], Any], more: int, answer: IO[bytes]) -> NoReturn:
 
 
 def _limit(more: int) -> None:
-    """Limit the memory, where the system tells how much there is, and leave no core behind."""
+    """Limit the memory, where the system reports it, and leave no core dump."""
     import resource
 
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

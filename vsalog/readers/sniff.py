@@ -1,4 +1,4 @@
-"""What a file is, told from its first bytes, never from its name."""
+"""The format of a file, detected from its first bytes, never from its name."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _FOREIGN = (
     (b"\x7fELF", "is a program"),
     (b"BZh", "is compressed with bzip2; unpack it first"),
     (b"\xfd7zXZ\0", "is compressed with xz; unpack it first"),
-    (b"rosbag2_bagfile_information:", "describes a ROS 2 bag, but holds no data; name the folder it is in"),
+    (b"rosbag2_bagfile_information:", "describes a ROS 2 bag, but contains no data; name the folder it is in"),
     (b"<?xml", "is an XML document"),
 )
 _FIRST_BYTES = max(len(magic) for magic, _ in _MAGIC)
@@ -43,7 +43,7 @@ _CONTROL = bytes({*range(32)} - {*b"\t\n\v\f\r\x1b"})
 
 
 def sniff(path: Path) -> str:
-    """Return what a file or folder is: ``mcap``, ``rosbag1``, ``rosbag2``, ``rosbag2-folder``, ``table-folder``, ``parquet``,
+    """Return a file or folder's format: ``mcap``, ``rosbag1``, ``rosbag2``, ``rosbag2-folder``, ``table-folder``, ``parquet``,
     ``matlab`` or ``table``.
 
     Raises
@@ -54,8 +54,8 @@ def sniff(path: Path) -> str:
     try:
         if path.is_dir():
             return _sniff_folder(path)
-        if path.exists() and not path.is_file():  # to open a pipe would wait for whoever writes into it
-            raise ReadError("is a pipe or a device, no file; write what comes out of it to a file first", path)
+        if path.exists() and not path.is_file():  # to open a pipe would wait for its writer
+            raise ReadError("is a pipe or a device, no file; write its output to a file first", path)
         with path.open("rb") as file:
             head = file.read(GLANCE_BYTES)
     except FileNotFoundError:
@@ -83,7 +83,7 @@ def _sniff_folder(path: Path) -> str:
 
 
 def _is_log(path: Path) -> bool:
-    """Tell whether a file is surely a log of its own, and no table."""
+    """Return whether a file is surely a log of its own, and no table."""
     try:
         with path.open("rb") as file:
             head = file.read(_FIRST_BYTES)
@@ -121,18 +121,18 @@ def _gzip_head(path: Path) -> bytes:
         with open_text(path) as file:
             head = read_beginning(file, GLANCE_BYTES)
             if not head and not file.read(1):
-                raise ReadError("is empty: it is compressed with gzip, and nothing is in it", path)
+                raise ReadError("is empty: it is compressed with gzip, and has no content", path)
     except DAMAGE:
         head = b""
     except OSError as error:
         raise ReadError(f"cannot be opened: {error.strerror or error}", path) from error
     if not head:
-        raise ReadError("is compressed with gzip, but damaged: nothing comes out of it", path)
+        raise ReadError("is compressed with gzip, but damaged: nothing can be decompressed", path)
     return head
 
 
 def looks_like_text(head: bytes) -> bool:
-    """Tell whether bytes are text in UTF-8, UTF-16 with its mark, or a Latin encoding."""
+    """Return whether bytes are text in UTF-8, UTF-16 with its mark, or a Latin encoding."""
     if not head.strip():
         return False
     if head.startswith(_BOMS):

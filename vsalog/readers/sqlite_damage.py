@@ -1,9 +1,9 @@
-"""What is missing of an SQLite file and its log of changes (FILE-wal), as far as they tell themselves.
+"""The missing parts of an SQLite file and its write-ahead log (FILE-wal), as far as these show them.
 
-SQLite passes over all of it in silence. Of a file that was cut off within its last page it reads what is there, fills up with
-zeros what is not, and takes a row whose end was there for a whole one: the last numbers of a message would read 0. Rows are put
-into a page from its end, so that at most one of them lies across the cut; those beyond it have no columns any more, and are no
-messages. Of a log it takes what comes ahead of the first frame that does not match its checksum, as if a program had been killed
+SQLite ignores all of this silently. Of a file that was truncated within its last page it reads the existing part, fills the
+rest with zeros, and takes a truncated row for a whole one: the last numbers of a message would read 0. Rows are put
+into a page from its end, so that at most one of them is across the cut; those beyond it have no columns any more, and are no
+messages. Of a log it takes the frames before the first that does not match its checksum, as if a program had been killed
 there. (SQLite, "Database File Format", sections 1.3, 1.5, 1.6 and 4.)
 """
 
@@ -21,7 +21,7 @@ from vsalog.core.memory import AT_ONCE_BYTES
 
 
 class PageType(IntEnum):
-    """What a page's first byte says; what did not fit into a row goes on in a page that begins with another page's number."""
+    """The first byte of pages; the rest of a long row is in a page that begins with another page's number."""
 
     OVERFLOW, TABLE_LEAF = 0, 13
 
@@ -30,13 +30,13 @@ def _head(path: Path) -> tuple[bytes, int, int]:
     """Return the header of a database, how large its pages are by it, 0 where it is none, and the file's size."""
     with path.open("rb") as file:
         head = file.read(100)
-    # 2¹⁶ stands as 1.
+    # 2¹⁶ is stored as 1.
     page = head[16] << 8 | head[17] << 16 if len(head) == 100 else 0
     return head, page if page >= 512 else 0, path.stat().st_size
 
 
 def cut_row(path: Path) -> int | None:
-    """Return the number of the row across which a file was cut off; −1 for a part of a row that says nothing of its number.
+    """Return the number of the row across which a file was truncated; −1 for a part of a row without its number.
 
     None where the file ends with a page, or there is no such row.
     """
@@ -85,7 +85,7 @@ def _varint(rest: bytes, at: int) -> tuple[int, int]:
 
 
 class Log(IntEnum):
-    """How a log of changes is laid out."""
+    """The layout of a write-ahead log."""
 
     MAGIC = 0x377F0682  # or one more where sums are of numbers with their most significant byte first
     HEAD, FRAME_HEAD = 8, 6  # words of four bytes
@@ -95,11 +95,11 @@ _Words = NDArray[np.uint32]
 
 
 def missing_bytes(path: Path) -> list[Finding]:
-    """Return how much of a database is missing by what its header says; nothing where it is whole."""
+    """Return how much of a database is missing by its header; nothing where it is whole."""
     head, page, size = _head(path)
     if not page:
         return []
-    # How many pages there are is only told where the counters of changes agree.
+    # The number of pages is only valid where the change counters agree.
     pages = int.from_bytes(head[28:32], "big") if head[24:28] == head[92:96] else 0
     if size >= page * pages and size % page == 0:
         return []
@@ -108,7 +108,7 @@ def missing_bytes(path: Path) -> list[Finding]:
 
 
 def damaged_changes(log: Path) -> list[Finding]:
-    """Return how much of a log of changes is lost behind damage; nothing where it is sound."""
+    """Return how much of a write-ahead log is lost after damage; nothing where it is sound."""
     data = np.fromfile(log, np.uint8, AT_ONCE_BYTES)
     data = data[: data.size // 4 * 4]
     big: _Words = data.view(">u4").astype(np.uint32)
@@ -125,7 +125,7 @@ def damaged_changes(log: Path) -> list[Finding]:
 
 @njit(cache=True, nogil=True)
 def _lost_frames(summed: _Words, big: _Words, frame: int) -> int:
-    """Return how many frames up to the last that ends a change come behind one that does not match its sum; −1 for the head.
+    """Return how many frames up to the last commit come after one that does not match its checksum; −1 for the head.
 
     Frames of a former round, which remain behind those of the last one, have other salts than the head.
     """

@@ -1,7 +1,7 @@
-"""SQLite files opened for reading only, with nothing left behind beside them.
+"""SQLite files opened for reading only, with no new files next to them.
 
-A database with a write-ahead log is read with the help of a third file, FILE-shm. Who may only read creates it all the same, as
-well as a log where there is none, and leaves both behind; one that a killed program has left is written again.
+A database with a write-ahead log is read with the help of a third file, FILE-shm. SQLite creates it even for reading only, as
+well as a missing log, and leaves both behind; one that a killed program has left is written again.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from typing import IO
 from vsalog.readers.opened import for_sqlite
 
 _LOGGED = b"\2\2"
-"""At byte 18 of a database that is written by way of a log."""
+"""Byte 18 of a database with a write-ahead log."""
 
 _LOCK = "hhqqi"
-"""Linux: what a lock is (struct flock)."""
+"""Linux: the layout of a lock (struct flock)."""
 _kept_open: list[IO[bytes]] = []
 
 _IN_PLACE = "mode=ro"
@@ -42,7 +42,7 @@ def connect(path: Path) -> sqlite3.Connection:
 
 
 def left_log(path: Path) -> Path | None:
-    """Return a database's log of changes, where there is one that no program has open."""
+    """Return a database's write-ahead log, where there is one that no program has open."""
     return path.with_name(f"{path.name}-wal") if _how(path) == _ALONE else None
 
 
@@ -53,12 +53,12 @@ def _how(path: Path) -> str:
         file.seek(18)
         logged = file.read(2) == _LOGGED
     if not logged or (log.exists() and shared.exists() and _is_in_use(shared)):
-        return _IN_PLACE  # a program is writing it: there is all that it takes
+        return _IN_PLACE  # a program is writing it: all files exist
     return _ALONE if log.exists() and log.stat().st_size else _WITHOUT_LOG
 
 
 def _is_in_use(shared: Path) -> bool:
-    """Tell whether a program has the database open: it has a lock on FILE-shm then. Where that cannot be told, it may have."""
+    """Return whether a program has the database open: it has a lock on FILE-shm then. Where that cannot be told, it may have."""
     if not sys.platform.startswith("linux"):
         return True
     import fcntl
@@ -69,13 +69,13 @@ def _is_in_use(shared: Path) -> bool:
     except OSError:
         return True
     if struct.unpack(_LOCK, found)[0] != fcntl.F_UNLCK:
-        _kept_open.append(file)  # to close it would undo the locks that this very program may have on it
+        _kept_open.append(file)  # closing it would release the locks that this program may have on it
         return True
     file.close()
     return False
 
 
 def _settle(database: sqlite3.Connection, how: str) -> None:
-    """Keep in memory what FILE-shm would hold, for nobody else has the database open."""
+    """Keep the contents of FILE-shm in memory, since nobody else has the database open."""
     if how == _ALONE:
         database.execute("PRAGMA locking_mode = EXCLUSIVE")

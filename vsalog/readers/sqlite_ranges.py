@@ -1,4 +1,4 @@
-"""Rows of an SQLite bag by the thousand: SQL puts them behind one another, so that Python makes no object for any of them."""
+"""Rows of an SQLite bag by the thousand: SQL concatenates them, so that Python makes no object for any of them."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ _RANGE = "FROM messages NOT INDEXED WHERE rowid BETWEEN ?1 AND ?2"
 def ranges(database: sqlite3.Connection, first: int, last: int, only: str) -> Iterator[tuple[int, Packet]]:
     """Yield the messages of rows without gaps, some rows at a time, and the number of the last of these rows.
 
-    Ends without a word where rows are missing, cannot be read, are no messages or are too large: these are for one who looks at
-    each of them.
+    Ends silently where rows are missing, cannot be read, are no messages or are too large: these are then read one
+    by one.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def ranges(database: sqlite3.Connection, first: int, last: int, only: str) -> It
 
 
 def _asked(database: sqlite3.Connection, query: str, first: int, end: int) -> tuple[Any, ...]:
-    """Return what a query finds in a range of rows, within bounds of size and time."""
+    """Return the result of a query for a range of rows, within bounds of size and time."""
     usual = database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, 2 * PACKED_BYTES)
     try:
         with bounded(database, STEPS_PER_ROW * (end - first + 1)):
@@ -79,7 +79,7 @@ def most_steps(size: int) -> int:
 
 @contextmanager
 def bounded(database: sqlite3.Connection, steps: int) -> Iterator[None]:
-    """Let a query fail that takes many more steps than some: pages that contain others several times may seem endless."""
+    """Let a query fail that takes many more steps than expected: pages that contain others several times may seem endless."""
     every = min(steps, MOST_STEPS)
     calls = count()  # the first may come early: SQLite counts on from the last time that the query ran
     database.set_progress_handler(lambda: next(calls) >= steps // every, every)
@@ -100,7 +100,7 @@ def _packet(content: bytes, lengths: bytes, topics: bytes, times: bytes) -> Pack
 
 @njit(cache=True, nogil=True)
 def _numbers(text: Bytes) -> Integers:
-    """Return whole numbers of at most 64 bits that commas part; those ahead of the first that is none."""
+    """Return whole numbers of at most 64 bits separated by commas, up to the first invalid one."""
     out = np.empty(text.size // 2 + 1, dtype=np.int64)
     count, at = 0, 0
     while at < text.size:

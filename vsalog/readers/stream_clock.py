@@ -1,4 +1,4 @@
-"""Which clock a stream is on."""
+"""The clock of a stream."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from vsalog.readers.limits import BLOCK_ROWS
 from vsalog.readers.table_stamps import stamps_that_are_none
 
 STANDING = Finding(code="clock.log_stands")
-"""Why a stream is on another clock than the log's, which stands still."""
+"""The finding for a stream on another clock than the log's, which does not advance."""
 
 _NONE = np.empty(0, np.int64)
 
@@ -33,9 +33,9 @@ class Clock:
     source : str
         One of `vsalog.readers.base.CLOCKS`.
     reason : Finding or None
-        Why not the first choice, or what to doubt of it where it was asked for.
+        Why not the first choice, or the doubts about it where it was requested.
     off : int64 array
-        Samples that have a stamp that is none and are left out, by their places in the log, in order.
+        Samples with an invalid stamp, which are left out, by their places in the log, in order.
     """
 
     source: str
@@ -50,14 +50,14 @@ class Clock:
 
 
 def choose_clock(clocks: Mapping[str, Stamps], time: str) -> Clock:
-    """Choose the clock of a stream, for all of its samples but those few whose stamp is none.
+    """Choose the clock of a stream, for all of its samples except a few with an invalid stamp.
 
     Parameters
     ----------
     clocks : mapping of str to int64 array, shape (n,)
         The stamps [ns] the log has, by kind.
     time : str
-        ``auto`` for the header's stamps unless they make no sense, or the kind that is asked for: ``header``, ``log``,
+        ``auto`` for the header's stamps unless they are implausible, or the requested kind: ``header``, ``log``,
         ``publish``.
     """
     running = _running(clocks, time)
@@ -84,7 +84,7 @@ def choose_clock(clocks: Mapping[str, Stamps], time: str) -> Clock:
 
 
 def _running(clocks: Mapping[str, Stamps], time: str) -> dict[str, Stamps]:
-    """Return the clocks of a stream; where the log's stands still and is not asked for, those that go on, if any does."""
+    """Return the clocks of a stream; where the log's does not advance and is not requested, those that do, if any."""
     if time not in ("auto", "header") or "log" not in clocks or not stand_still(clocks["log"]):
         return dict(clocks)
     return {kind: stamps for kind, stamps in clocks.items() if not stand_still(stamps)} or dict(clocks)

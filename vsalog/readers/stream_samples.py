@@ -17,12 +17,12 @@ from vsalog.readers.base import Block
 from vsalog.readers.columns_together import carried, lacks_any, part_stream, together
 
 HEADER = ".header."
-"""In names of what is in a message's header."""
+"""A part of the names of fields in a message's header."""
 
 T = TypeVar("T", np.int64, np.float64)
 
 Rows = Callable[[int, int], NDArray[np.bool_]]
-"""Tells of the rows from one to another, that one excluded, which of them are chosen."""
+"""Returns which of the rows from one to another, the last excluded, are chosen."""
 
 
 @dataclass(slots=True)
@@ -74,13 +74,13 @@ class Gathered:
     partial: set[str] = field(default_factory=set)
 
     def add(self, block: Block) -> None:
-        """Take a block in."""
-        # Room for samples that a log promises is no memory before it is filled.
+        """Append a block."""
+        # Room for the announced samples takes no memory before it is filled.
         room = min(block.expected, AT_ONCE_BYTES // 8)
         for kind, stamps in block.clocks.items():
             if kind not in self.clocks:
                 self.clocks[kind] = Column(np.int64, room, in_file=self.in_file)
-            # A clock that a block has not is none; the rest of it does not matter then.
+            # A clock that a block lacks is none; the rest of it does not matter then.
             self.clocks[kind].append(stamps)
         for name, values in block.columns.items():
             if name not in self.columns:
@@ -95,7 +95,7 @@ class Gathered:
         self.blocks += 1
 
     def to_file(self) -> None:
-        """Put what there is and what is to come into files."""
+        """Put present and future samples into files."""
         self.in_file = True
         for clock in self.clocks.values():
             clock.to_file()
@@ -109,13 +109,13 @@ class Gathered:
         return 8 * (rows * (len(self.columns) + len(new) + len(block.clocks)) + self.count * len(new))
 
     def streams(self, name: str) -> Iterator[tuple[str, Samples]]:
-        """Yield what comes in the same messages as a stream, with what it is called; columns are forgotten here meanwhile."""
+        """Yield the groups of columns that come in the same messages, with their names; they are removed here."""
         self.partial |= {name for name, column in self.columns.items() if column.blocks < self.blocks}
         clocks = {kind: clock.so_far() for kind, clock in self.clocks.items() if clock.blocks == self.blocks}
         names = [*self.columns]
         columns = {column: self.columns.pop(column).whole(self.count) for column in names}
         whole = Samples(self.type, clocks, columns, self.units, self.timeless)
-        heads = [column for column in names if HEADER in column]  # are in all messages, and tell nothing of that
+        heads = [column for column in names if HEADER in column]  # are in all messages, and so not informative
         others = [column for column in names if column not in heads]
         partial = {column: carried(columns[column]) for column in others if column in self.partial}
         parts = together(others, partial, self.count) if partial else []

@@ -22,7 +22,7 @@ from vsalog.readers.reach import Stamp
 from vsalog.readers.tables.columnar import ColumnarReader
 
 ENDINGS = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".parquet")
-"""What tables in a folder are called."""
+"""The suffixes of tables in a folder."""
 _ELEMENT = re.compile(r"(.*)\[(\d+)\]", re.DOTALL)
 _NAME = re.compile(r"[^\W\d_][\w .-]{0,63}")
 _NUMBER = re.compile(r"\d+")
@@ -35,13 +35,13 @@ class OpenTable(Protocol):
 
 
 def tables_in(folder: Path) -> list[Path]:
-    """Return the files of a folder that are called as tables are, by name."""
+    """Return the files of a folder that are tables by their names."""
     files = (path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
     return sorted(path for path in files if path.name.lower().endswith(ENDINGS))
 
 
 def recorded_together(one: Stamps, other: Stamps) -> bool:
-    """Tell whether two clocks show that they ran at the same time: by dates, or by the same uneven steps.
+    """Return whether two clocks show that they ran at the same time: by dates, or by the same irregular steps.
 
     Even steps, rounded to some digits, have two sizes at most (a Sturmian sequence), and every run of a program may begin with
     them. Where there are more sizes, a computer was late now and then, and no other recording repeats that.
@@ -56,13 +56,13 @@ def recorded_together(one: Stamps, other: Stamps) -> bool:
     if min(one.min(), other.min()) >= Stamp.YEAR_2000:
         return bool(one.min() <= other.max() and other.min() <= one.max())
     count = min(one.size, other.size)
-    uneven = count > REPEATS and np.unique(np.diff(one[:count])).size > 2
-    return bool(uneven and np.array_equal(one[:count], other[:count]))
+    irregular = count > REPEATS and np.unique(np.diff(one[:count])).size > 2
+    return bool(irregular and np.array_equal(one[:count], other[:count]))
 
 
 @dataclass(slots=True)
 class _Table:
-    """A table of the folder: what its columns are called there, and in the log."""
+    """A table of the folder: the names of its columns there, and in the log."""
 
     path: Path
     reader: ColumnarReader
@@ -74,7 +74,7 @@ class _Table:
         return self.names.get(column, f"{self.stem}.{column}")
 
     def stream(self, own: str) -> str:
-        """Return what a stream of the table is called in the log."""
+        """Return the name of a stream of the table in the log."""
         mine = self.path.stem
         return self.stem + own[len(mine) :] if own.startswith(mine) else f"{self.stem}.{own}"
 
@@ -82,7 +82,7 @@ class _Table:
 class TableFolderReader:
     """Reads the tables of a folder as one log; see `vsalog.readers.base.Reader`.
 
-    A channel is called by its table and its column, as ``state.position``. Elements of lists have the names that a text file in
+    A channel is named by its table and its column, as ``state.position``. Elements of lists have the names that a text file in
     the folder gives, a line each, where it has as many lines as the lists have elements. Clocks of the same name count in the
     same unit.
 
@@ -153,7 +153,7 @@ class TableFolderReader:
                 first = first_of.setdefault(alike, one)
                 if first is not one and not recorded_together(first.reader.first_stamps(), one.reader.first_stamps()):
                     raise ReadError(
-                        f"is a folder of tables with the same columns, or called alike ({printable(first.path.name)},"
+                        f"is a folder of tables with the same columns, or similar names ({printable(first.path.name)},"
                         f" {printable(one.path.name)}), and their times do not show that they were recorded together;"
                         " name one of them",
                         self.path,
@@ -166,7 +166,7 @@ class TableFolderReader:
         return len(begins) > 1 and all(recorded_together(begins[0], other) for other in begins[1:])
 
     def _agree_on_units(self) -> None:
-        """Read clocks of the same name in the same unit: that of the quickest, since units are told by how short steps are."""
+        """Read clocks of the same name in the same unit: that of the fastest, since the shortest steps determine the unit."""
         clocks = [(one, clock) for one in self._tables if (clock := one.reader.clock_by_steps()) is not None]
         for one, (name, unit, _) in clocks:
             quickest = min((clock for _, clock in clocks if clock.name == name), key=lambda clock: clock.step)
@@ -186,7 +186,7 @@ class TableFolderReader:
                 one.names[column] = f"{one.stem}.{label}"
 
     def catalogue(self) -> Catalogue:
-        """Return what the tables hold."""
+        """Return the contents of the tables."""
         channels: dict[str, ChannelInfo] = {}
         unread = dict(self.unread)
         for one in self._tables:

@@ -1,6 +1,6 @@
-"""Stamps of a table's only clock that are none: dates of before the clock was set, and such as are far from those around them.
+"""Invalid stamps of a table's only clock: dates before the clock was set, and stamps far from those around them.
 
-There is no other clock that they could be held against: what merely comes ahead of a pause, or stands in order, is believed.
+There is no other clock to compare them with: stamps before a pause, or in order, are accepted.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The part of a log that is asked for: from one moment to another."""
+"""The requested part of a log: from one moment to another."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ HOW = (
     " or a time since the epoch"
 )
 
-NO_SAMPLE = "no sample lies between the start and the end that were given"
+NO_SAMPLE = "no sample is between the given start and end"
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class Moment:
             Seconds, a number with a unit, an ISO 8601 date (UTC where it has no zone), or a number that can only be a time since
             the epoch: in seconds, or in ms, us or ns by its size.
         name : str
-            What it is called in messages.
+            Its name in messages.
 
         Raises
         ------
@@ -114,7 +114,7 @@ class Window:
         Raises
         ------
         ReadError
-            The log has no time, or dates are asked for and it has none.
+            The log has no time, or dates are requested and it has none.
         """
         moments = [moment for moment in (self.start, self.end) if moment is not None]
         begin = _beginning(reader, time)
@@ -129,12 +129,12 @@ class Window:
             for moment in (self.start, self.end)
         )
         if low is not None and high is not None and high <= low:
-            raise ReadError(f"the end, {said(high)}, is not after the start, {said(low)}", path)
+            raise ReadError(f"the end, {stamp_text(high)}, is not after the start, {stamp_text(low)}", path)
         return -Stamp.FARTHEST if low is None else low, Stamp.FARTHEST if high is None else high
 
 
 def cut(recording: Recording, low: int, high: int, known: Collection[str] = ()) -> Recording:
-    """Return what a recording holds from one stamp to another [ns], both included.
+    """Return the part of a recording from one stamp to another [ns], both included.
 
     Channels without a sample there, or without a time, are listed as unread, and so are those of `known`, which the log has
     elsewhere.
@@ -142,7 +142,7 @@ def cut(recording: Recording, low: int, high: int, known: Collection[str] = ()) 
     Raises
     ------
     ReadError
-        Nothing lies there.
+        There is no sample.
     """
     channels: dict[str, Channel] = {}
     unread = dict(recording.unread)
@@ -152,7 +152,7 @@ def cut(recording: Recording, low: int, high: int, known: Collection[str] = ()) 
         stream = recording.streams[channel.stream]
         first, last = np.searchsorted(channel.stamps, (low, high + 1))
         if stream.time_source == "none":
-            unread[name] = "it has no time, so that start and end say nothing of it"
+            unread[name] = "it has no time, so that start and end do not apply to it"
         elif first == last:
             unread[name] = NO_SAMPLE
         else:
@@ -171,16 +171,16 @@ def _alone(part: NDArray[Any]) -> NDArray[Any]:
 
 
 def _nothing(recording: Recording, low: int, high: int) -> str:
-    """Say what was asked for and what there is."""
+    """Return the requested times and those of the samples, in words."""
     stamps = [c.stamps for c in recording.channels.values() if c.stamps.size]
     first, last = min((int(s[0]) for s in stamps), default=0), max((int(s[-1]) for s in stamps), default=0)
-    there = f"; its samples are from {said(first)} to {said(last)}"
-    since = f" from {said(low)}" if low > -Stamp.FARTHEST else ""
-    until = f" to {said(high)}" if high < Stamp.FARTHEST else ""
+    there = f"; its samples are from {stamp_text(first)} to {stamp_text(last)}"
+    since = f" from {stamp_text(low)}" if low > -Stamp.FARTHEST else ""
+    until = f" to {stamp_text(high)}" if high < Stamp.FARTHEST else ""
     return f"has no sample{since}{until}{there if stamps else ''}"
 
 
-def said(stamp: int) -> str:
+def stamp_text(stamp: int) -> str:
     """Write a stamp in words: a date, or seconds where it cannot be one."""
     if stamp < Stamp.YEAR_2000:
         return f"{stamp / 1e9:g} s"

@@ -1,4 +1,4 @@
-"""Which stream each message of a log belongs to: its topic, with type, publisher and frame where one topic has several."""
+"""The stream of each message of a log: its topic, with type, publisher and frame where one topic has several."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Named:
 
 
 class Streams:
-    """Tells the streams of a container's messages apart.
+    """Separates the streams of a container's messages.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Streams:
     first_of : function
         Yields the first messages of some connections.
     unread : dict of str to str
-        To which topics are added that are none.
+        Collects topics that are no streams.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class Streams:
         return named
 
     def _is_named(self, connection: Connection) -> bool:
-        """Tell whether names in a connection are no longer than those of any recording; of others it is noted."""
+        """Return whether names in a connection are no longer than those of any recording; record others."""
         if max(len(connection.topic), len(connection.type), len(connection.publisher)) <= LONGEST_TEXT:
             return True
         shown = printable(connection.topic[:LONGEST_TEXT])
@@ -96,7 +96,7 @@ class Streams:
         return False
 
     def _watch(self, by_topic: list[tuple[Connection, str]]) -> None:
-        """Look at messages of topics that were not looked at before."""
+        """Examine messages of topics that were not examined before."""
         topics: dict[str, list[Connection]] = {}
         for connection, topic in by_topic:
             if topic not in self._watches:
@@ -107,7 +107,7 @@ class Streams:
         if not looked_at:
             return
         several = [number for number, (topic, _) in looked_at.items() if found[topic].several]
-        # All connections, as when they are read: what is damaged of them is said once.
+        # All connections, as when they are read: their damage is reported once.
         for packet in map(plain, self._glance([one.id for own in topics.values() for one in own], several)):
             for number in np.unique(packet.connection).tolist():
                 if number in looked_at:

@@ -1,4 +1,4 @@
-"""Messages that are read one by one, as those in JSON and protobuf are → columns of numbers."""
+"""Messages that are read one by one, as in JSON and protobuf → columns of numbers."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ class TreeDecoder(ABC):
 
     @abstractmethod
     def _loaded(self, raw: bytes) -> Mapping[str, Any] | None:
-        """Return the structure that a message is; None for what is no such message."""
+        """Return a message's structure; None for an invalid message."""
 
     @abstractmethod
     def _stamp(self, message: Mapping[str, Any]) -> tuple[tuple[str, ...], int | None]:
-        """Return where a message has its time stamp, () for nowhere, and that [ns], None where it cannot be one."""
+        """Return the path of a message's time stamp, () for none, and the stamp [ns], None where it is invalid."""
 
     def decode(self, messages: Messages) -> Decoded:
         """Decode a batch of messages; what is no such message counts as damaged."""

@@ -1,4 +1,4 @@
-"""What `batch` says, as documents: what came of it, and a page with a row per log and joint, with links to what was written."""
+"""Documents of `batch`: its outcome, and a page with a row per log and joint, with links to the results."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from vsalog.report.document import TONES, Block, Cell, Document, Facts, Table, W
 from vsalog.report.html import page_of
 
 MOST_ROWS = 20_000
-"""Rows of the page, 10 MB: with more a browser is slow, and the table is there to be queried."""
+"""Rows of the page, 10 MB: with more a browser is slow; the table can be queried instead."""
 
 FIRST = ("joint", "device", "date")
 _LABELS = {"report": "report", "trace": "trace", "model": "model", "document": "data", "rig": "extended rig"}
 
 
 class Column(NamedTuple):
-    """A figure on the page: its name in a row, its heading, and whether it is a number, and of 1 what is shown in per cent."""
+    """A figure on the page: its name in a row, its heading, and whether it is a number and is shown in per cent."""
 
     name: str
     head: str
@@ -39,22 +39,22 @@ def batch_page(do: str, counts: Mapping[str, int], rows: Iterable[Mapping[str, A
     columns : the command's own
     """
     logs = plural(counts["done"] + counts["failed"], "log")
-    said = f"{logs}: {counts['done']} done, {counts['failed']} failed."
+    summary = f"{logs}: {counts['done']} done, {counts['failed']} failed."
     if counts["missed"]:
-        said += f" {counts['missed']} missed a threshold."
+        summary += f" {counts['missed']} missed a threshold."
     words = [column for column in columns if not column.numeric]
     numbers = [column for column in columns if column.numeric]
     texts = ("log", "status", *FIRST, *(column.head for column in words), "warnings", "files")
     cells = tuple(tuple(_cells(row, words, numbers)) for row in islice(rows, MOST_ROWS))
     heads = (*texts, *(column.head for column in numbers))
-    items: list[Block] = [Words(said), Words("Click a heading to sort by it, again to sort the other way round.")]
+    items: list[Block] = [Words(summary), Words("Click a heading to sort by it, again to reverse the order.")]
     if len(cells) == MOST_ROWS:
         items.append(Words(f"The first {MOST_ROWS} rows; all are in summary.parquet."))
     return page_of(Document(logs, do, (*items, Table("Logs", heads, cells, texts=len(texts), sortable=True))))
 
 
 def outcome_document(found: Mapping[str, Any]) -> Document:
-    """Return what came of a batch.
+    """Return the outcome of a batch.
 
     Parameters
     ----------
@@ -63,20 +63,20 @@ def outcome_document(found: Mapping[str, Any]) -> Document:
     shares, missed, places = found["shares"], len(found["missed"]), found["outputs"]
     before = f" ({found['kept']} of them before)" if found["kept"] else ""
     done = f"{found['done']} done{before}, {len(found['failed'])} failed"
-    said = [f"{plural(found['logs'], 'log')} in {duration(found['seconds'])}: {done}"]
+    lines = [f"{plural(found['logs'], 'log')} in {duration(found['seconds'])}: {done}"]
     if shares["logs"] > found["logs"]:
-        said.append(f"of all shares {shares['finished']} of {plural(shares['logs'], 'log')} finished")
+        lines.append(f"of all shares {shares['finished']} of {plural(shares['logs'], 'log')} finished")
     if missed:
-        said.append(f"{plural(missed, 'log')} missed the threshold")
+        lines.append(f"{plural(missed, 'log')} missed the threshold")
     files = {"data set": places["traces"]} if found["do"] == "estimate" else {}
     files |= {"table": places["summary"], "page": places["page"]}
-    return Document("Batch", found["do"], (*map(Words, said), Facts(tuple(files.items()))), found)
+    return Document("Batch", found["do"], (*map(Words, lines), Facts(tuple(files.items()))), found)
 
 
 def failure_words(found: Mapping[str, Any]) -> str:
-    """Return how many logs failed, and where that is written; nothing where none did."""
+    """Return how many logs failed, and which files give the reasons; nothing where none did."""
     bad, places = len(found["failed"]), found["outputs"]
-    listed = f"{places['page']} and {places['summary']} say which and why"
+    listed = f"{places['page']} and {places['summary']} list them with the reasons"
     return f"vsalog: {bad} of {plural(found['logs'], 'log')} failed; {listed}" if bad else ""
 
 
@@ -89,7 +89,7 @@ def _cells(row: Mapping[str, Any], words: Sequence[Column], numbers: Sequence[Co
     for column in words:
         word = _word(row.get(column.name))
         yield Cell(word, tone=TONES[word] if column.name == "verdict" and word else "")
-    # What a log failed of comes first; then what a person should know.
+    # The reason of a failure comes first, then findings.
     first, *more = [*filter(None, [row["reason"]]), *row["warnings"]] or [""]
     yield Cell(first, value=len(more) + bool(first), more=tuple(more))
     links = tuple(_link(label, row[what]) for what, label in _LABELS.items() if row[what])

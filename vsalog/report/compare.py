@@ -1,4 +1,4 @@
-"""What `compare` says, as a document: the stiffness by all estimators in one figure, and a table."""
+"""Document of `compare`: the stiffness by all estimators in one figure, and a table."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ Array = NDArray[np.float64]
 HEADS = ("transmission", "estimator", "stiffness [N·m/rad]", "± (1 std)", "RMS residual [N·m]", "off sensor [N·m]", "excited",
          "agrees", "differs", "MSREP to truth [%]")  # fmt: skip
 MEANING = (
-    "RMS residual: of the fit; off sensor: the fitted torque from the torque sensor; agrees: share of the time within the 95 %"
-    " interval of the difference from the first; differs: root mean square, of the first."
+    "RMS residual: of the fit; off sensor: RMS difference of the fitted torque from the torque sensor; agrees: share of the"
+    " time within the 95 % interval of the difference from the first; differs: RMS difference relative to the first."
 )
 
 
@@ -41,8 +41,8 @@ def comparison_document(found: Comparison, runs: Sequence[Run] = (), references:
 
     Parameters
     ----------
-    found : what is said
-    runs, references : what is drawn; nothing without
+    found : the comparison, in words
+    runs, references : for the figures; none without them
     """
     items: list[Block] = []
     joints = list(dict.fromkeys(row.joint for row in found.rows))
@@ -53,7 +53,7 @@ def comparison_document(found: Comparison, runs: Sequence[Run] = (), references:
         items.append(Section(f"Joint {joint}" if len(joints) > 1 else "", (*figures, _table(joint, own))))
     items += [Words(MEANING), Notes(found.findings)]
     for what, reasons in (("left out", found.left_out), ("failed", found.failed)):
-        items += [Words(f"{what}: {name}: {said.removeprefix(f'{name}: ')}") for name, said in reasons.items()]
+        items += [Words(f"{what}: {name}: {reason.removeprefix(f'{name}: ')}") for name, reason in reasons.items()]
     if runs:
         items.append(_provenance(runs[0].job))
     return Document(f"Estimators on {', '.join(found.logs)}", "Comparison", tuple(items), found)
@@ -90,7 +90,7 @@ def _table(joint: str, rows: Sequence[Row]) -> Table:
 
 
 def _distinct(transmissions: Iterator[str]) -> list[str]:
-    """Return the transmissions, without the device where it has a single one, which it would repeat."""
+    """Return the transmissions; leave the device out where it has a single one and would repeat it."""
     names = list(dict.fromkeys(transmissions))
     return [n for n in names if n != "total"] if len(names) == 2 else names
 
@@ -102,7 +102,7 @@ def comparison_charts(joint: str, runs: Sequence[Run], references: References) -
     ----------
     joint : name
     runs : of the estimators
-    references : what they are held against
+    references : what they are compared with
     """
     traces = {run.contender.label: e.trace for run in runs for e in run.estimates if e.joint == joint}
     for name in _distinct(name for trace in traces.values() for name in trace.transmissions):

@@ -1,4 +1,4 @@
-"""What is compiled on a first run: which numerical loop, how many there are, and that it happens only once."""
+"""Progress of the compilation on a first run: which numerical loop, and how many there are."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Compiling:
     ----------
     name : module and function
     count : of loops so far, this one included
-    most : as many as can be at this point: those of all modules in use
+    most : upper bound of the count: the loops of all modules in use
     seconds : that compiling has taken so far
     done : nothing is being compiled any more
     """

@@ -1,4 +1,4 @@
-"""What `diagnose` says, as a document: verdict, causes, errors before and after, remaining residual, next experiment."""
+"""Document of `diagnose`: verdict, causes, errors before and after, remaining residual, next experiment."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def diagnosis_document(
     more = open_experiment(found)
     items += [Section("Next experiment", (Words(more),))] if more else []
     items += [Section("", (Facts(tuple(files.items())),), where="terminal"), _provenance(found)]
-    return Document(f"Diagnosis of {found.log}", "What the simulation gets wrong, and why", tuple(items), found)
+    return Document(f"Diagnosis of {found.log}", "Errors of the simulation and their causes", tuple(items), found)
 
 
 def write_diagnosis(
@@ -86,9 +86,9 @@ def write_diagnosis(
     Parameters
     ----------
     log, holdout, options : of `vsalog.diagnosis.run.diagnose`
-    folder : where to; the current one when absent
+    folder : of the results; the current one when absent
     progress : called with the step that begins
-    page : where the page goes, where not to that folder
+    page : file of the page, if not in that folder
 
     Returns
     -------
@@ -108,7 +108,7 @@ def write_diagnosis(
 
 
 def _logs(found: Diagnosis) -> Iterator[Section]:
-    """Yield what each of several logs says, and what differs from one to another."""
+    """Yield the results of each of several logs, and the differences between them."""
     if found.logs:
         rows = tuple(
             (
@@ -120,7 +120,7 @@ def _logs(found: Diagnosis) -> Iterator[Section]:
             )
             for e in found.logs
         )
-        heads = ("log", "begins", "signal", "rig as it stands", "extended rig")
+        heads = ("log", "begins", "signal", "original rig", "extended rig")
         yield Section("Each log", (Table("Error of the simulation (rmse)", heads, rows, keys=3, texts=3),))
     for trend in found.trends:
         low_high = [f"{number(a)} … {number(b)}" for a, b in trend.intervals]
@@ -139,7 +139,7 @@ def _logs(found: Diagnosis) -> Iterator[Section]:
             slowest, fastest = (number(rate) for rate in trend.per_day_interval)
             words.append(f"It changes by {number(trend.per_day)} a day since then (95 %: {slowest} … {fastest}).")
         table = Table(caption, ("log", "begins", "value", "95 % interval"), values, keys=2, texts=2)
-        yield Section("What differs from log to log", (table, Words(" ".join(words))))
+        yield Section("Differences between the logs", (table, Words(" ".join(words))))
 
 
 def diagnosis_files(
@@ -156,15 +156,15 @@ def diagnosis_files(
     ----------
     found : what was found, in words
     evidence : what the page's figures draw
-    extended : the rig with the causes filled in, as TOML; None where there is nothing to fill in: a file of that name that is
-        there from before is never deleted, and said to be old
-    folder : where to; the current one when absent
-    scenario : the experiment that is proposed, as TOML; None where none is
-    page : where the page goes, where not to that folder
+    extended : the rig with the causes filled in, as TOML; None where there is nothing to fill in: an older file of that name is
+        never deleted, but reported as old
+        folder : of the results; the current one when absent
+        scenario : the experiment that is proposed, as TOML; None where none is
+        page : file of the page, if not in that folder
 
     Returns
     -------
-    What each file is, and its path; and what became of a rig from before
+    What each file is, and its path; and a note about an older rig
 
     Raises
     ------
@@ -174,7 +174,7 @@ def diagnosis_files(
     rig, experiment = extra_paths(folder)
     others = {}
     if extended is not None:
-        # What a log is called must not end the comment that says where the rig comes from.
+        # The name of a log must not end the comment about the rig's origin.
         causes = ", ".join(f"{c.cause} in joint {c.joint}" for c in found.causes)
         heading = printable(f"# Extended by vsalog {found.vsalog} with what {found.log} shows: {causes}")
         others["extended rig"] = rig, sealed(f"{heading}\n{extended}", [found.log_sha256])
@@ -182,7 +182,7 @@ def diagnosis_files(
         others["next experiment"] = experiment, sealed(scenario, [found.log_sha256])
     files = write_report(diagnosis_document(found, {}, evidence, extended), folder, "diagnosis", others, page)
     if extended is None and rig.exists():
-        was = "is from before and was left as it is: this diagnosis found nothing to extend the rig by."
+        was = "is from an earlier run and was kept: this diagnosis found nothing to extend the rig by."
         files["note"] = f"{rig} {was}"
     return files
 
@@ -202,7 +202,7 @@ def simulated_charts(found: Diagnosis, joint: JointEvidence, columns: int) -> li
 
 def _causes(found: Diagnosis, evidence: Sequence[JointEvidence], several: bool) -> Iterator[Block]:
     if not found.causes:
-        nothing = "Nothing asks for one." if found.verdict == "consistent" else "What is left is described below."
+        nothing = "None is needed." if found.verdict == "consistent" else "The unexplained residual is described below."
         yield Words(f"No cause of the catalogue was found. {nothing}", "page")
         return
     yield _ranking(found, several)
@@ -215,12 +215,12 @@ def _causes(found: Diagnosis, evidence: Sequence[JointEvidence], several: bool) 
 
 
 def _about(cause: FoundCause, view: tuple[JointEvidence, CauseEvidence] | None) -> Iterator[Block]:
-    """Yield what a cause is, why it is believed, how to confirm it."""
+    """Yield what a cause is, the evidence for it, and how to confirm it."""
     for name, value in cause.parameters.items():
         yield Words(f"{signal_name(name)} {parameter_text(value)}")
     yield Words(f"{confidence_words(cause)}.")
     if cause.indistinguishable_from:
-        yield Words(f"This log cannot tell it from {', '.join(cause.indistinguishable_from)}.")
+        yield Words(f"This log cannot separate it from {', '.join(cause.indistinguishable_from)}.")
     yield Words(cause.why, "page")
     if cause.how_to_confirm:
         yield Words(f"To confirm it: {cause.how_to_confirm}")
@@ -247,13 +247,13 @@ def _ranking(found: Diagnosis, several: bool) -> Table:
     ]
     left = found.unexplained.fraction
     if not nothing_left(found.unexplained):
-        rows.append((*("–",) * several, "left unexplained", Cell(share_text(left), share=left), "–", "–", "–"))
-    heads = ("cause", "error it removes", "moves stiffness by", "confidence", "this log cannot tell it from")
+        rows.append((*("–",) * several, "unexplained", Cell(share_text(left), share=left), "–", "–", "–"))
+    heads = ("cause", "error it removes", "stiffness changes by", "confidence", "not separable from")
     return _table("Ranking of the causes", heads, rows, several, 5, where="page")
 
 
 def _wrong(found: Diagnosis, drawn: Mapping[str, Sequence[Chart]], lead: Chart | None, several: bool) -> Section:
-    """How far the rig's simulation is from each signal."""
+    """The error of the rig's simulation in each signal."""
     whole = any(e.rmse_whole_log is not None for e in found.simulation_error)
     rows = [
         (
@@ -267,8 +267,8 @@ def _wrong(found: Diagnosis, drawn: Mapping[str, Sequence[Chart]], lead: Chart |
         for e in found.simulation_error
     ]
     heads = ["signal", "error (rmse), in windows", "noise floor", "of its span"]
-    heads += ["error, whole log in one go"] if whole else []
-    table = _table("Error of the simulation with the rig as it stands", heads, rows, several)
+    heads += ["error, whole log without restart"] if whole else []
+    table = _table("Error of the simulation with the original rig", heads, rows, several)
     figures = []
     for joint, charts in drawn.items():
         shown = tuple(chart for chart in charts if chart is not lead)
@@ -284,18 +284,18 @@ def _gain(found: Diagnosis, joints: Sequence[str], several: bool) -> Iterator[Se
         (*_joint(g, several), _signal(g), *map(number, (g.rmse_before, g.rmse_after, g.noise_floor)), reduction_text(g))
         for g in gain.signals
     ]
-    heads = ("signal", "rig as it stands", "extended rig", "noise floor", "less by (95 %)")
+    heads = ("signal", "original rig", "extended rig", "noise floor", "reduced by (95 %)")
     charts = (gain_chart([g for g in gain.signals if g.joint == joint], gain.where) for joint in joints)
     table = _table("Error of the simulation (rmse)", heads, rows, several)
     if rows:
         kind = "another log, to which nothing was fitted" if gain.holdout else "no other log was given"
-        told = Words(f"Measured on {gain.where} ({kind}).")
-        yield Section("What it is worth", (told, table, Figures(tuple(c for c in charts if c is not None))))
+        where = Words(f"Measured on {gain.where} ({kind}).")
+        yield Section("Improvement", (where, table, Figures(tuple(c for c in charts if c is not None))))
     equations = [
         (*_joint(e, several), _signal(e), e.side, *map(number, (e.rms_before, e.rms_after, e.noise)))
         for e in found.equations
     ]
-    heads = ("equation", "side", "rig as it stands", "extended rig", "noise floor")
+    heads = ("equation", "side", "original rig", "extended rig", "noise floor")
     charts = (equations_chart([e for e in found.equations if e.joint == joint]) for joint in joints)
     table = _table("RMS residual of each equation", heads, equations, several, 2)
     yield Section("The joint's equations", (table, Figures(tuple(c for c in charts if c is not None))), where="page")
@@ -305,18 +305,18 @@ def _extended(found: Diagnosis, extended: str | None) -> Iterator[Section]:
     if extended is not None:
         words = (
             "extended.rig.toml is the rig with these causes filled in, an ordinary rig to simulate, estimate and validate with."
-            " What changes in it:"
+            " Its changes:"
         )
         before, after = found.rig.splitlines(), extended.splitlines()
         changed = "\n".join(difflib.unified_diff(before, after, "rig", "extended.rig.toml", lineterm="", n=3))
-        yield Section("The extended rig", (Words(words), Source("What changes in the rig", changed)), where="page")
+        yield Section("The extended rig", (Words(words), Source("Changes in the rig", changed)), where="page")
 
 
 def _left(found: Diagnosis) -> Section:
     unit = next((e.unit for e in found.equations if e.equation == found.unexplained.equation), "")
     chart = remainder_chart(found.unexplained, unit)
     figures = Figures(() if chart is None else (chart,))
-    return Section("What is left unexplained", (Words(unexplained_words(found.unexplained)), figures))
+    return Section("Unexplained residual", (Words(unexplained_words(found.unexplained)), figures))
 
 
 def _provenance(found: Diagnosis) -> Section:

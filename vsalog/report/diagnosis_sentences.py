@@ -28,7 +28,7 @@ from vsalog.report.experiment import confirmation, experiment_words
 
 
 def worded(outcome: Outcome) -> Diagnosis:
-    """Return a run's diagnosis with the words that people read; findings that made a search pointless lead them."""
+    """Return a run's diagnosis in words; findings that make a search pointless come first."""
     found = outcome.diagnosis
     found = replace(found, causes=tuple(map(_described, found.causes)))
     void = [f for f in found.findings if f.severity == "invalidates"]
@@ -54,7 +54,7 @@ def _described(cause: FoundCause) -> FoundCause:
     confirm = kind.confirm
     for name, found in cause.parameters.items():
         confirm = confirm.replace(f"{{{name}}}", f"{found.value:.3g} {found.unit}")
-    others = (f"To tell it from {name}: {_confirmed(name)}" for name in cause.indistinguishable_from)
+    others = (f"To separate it from {name}: {_confirmed(name)}" for name in cause.indistinguishable_from)
     return replace(
         cause,
         title=title_of(cause.cause, cause.part) + ("" if cause.log is None else f", in {shown(cause.log)}"),
@@ -71,14 +71,14 @@ def title_of(cause: str, part: str) -> str:
 
 
 def _confirmed(name: str) -> str:
-    """Return the experiment that confirms a member of a class, or shows that none of the catalogue is meant."""
+    """Return the experiment that confirms a member of a class, or excludes the whole catalogue."""
     if name == UNKNOWN:
-        return "repeat the motion with other speeds and ranges; a cause keeps its numbers, an unknown effect does not."
+        return "repeat the motion with other speeds and ranges; a cause keeps its values, an unknown effect does not."
     return confirmation(name.partition(" ")[0])
 
 
 def account(found: Diagnosis) -> tuple[str, ...]:
-    """Say in three sentences what was found, why one may believe it, and what it is worth."""
+    """Return three sentences: what was found, the evidence for it, and the improvement."""
     causes, verdict = found.causes, found.verdict
     gains = [g for g in found.gain.signals if not g.signal.startswith("stiffness")]
     held = _held_out(gains, found.gain.where, bool(causes), verdict == "unexplained")
@@ -86,20 +86,20 @@ def account(found: Diagnosis) -> tuple[str, ...]:
         return (
             f"{causes[0].title}.",
             f"{causes[0].why[0].upper()}{causes[0].why[1:]}",
-            "What it says cannot confirm the rig, nor contradict it: nothing that rests on it was called right or wrong.",
+            "It can neither confirm nor contradict the rig, so nothing that depends on it was judged.",
         )
     if verdict == "consistent":
         return (
-            f"Nothing is wrong: the log is consistent with the rig within its noise. {held}".rstrip(),
-            "Every equation of the joint closes and its simulation holds to what the sensors' noise explains, and no cause of the"
+            f"The log is consistent with the rig within its noise. {held}".rstrip(),
+            "Every equation of the joint and its simulation agree with the log within the sensors' noise, and no cause of the"
             " catalogue matters.",
-            "What the log does not excite it cannot show: that the rig is right holds for motions like these.",
+            "This holds for motions like these: a log cannot show errors that it does not excite.",
         )
     if verdict == "consistent as far as checked":
-        untold = ": nothing could be simulated, so what only adds up over time was not looked at."
+        unchecked = ": nothing could be simulated, so errors that only accumulate over time were not checked."
         return (
-            f"As far as the log can be checked nothing is wrong{'.' if found.simulation_error else untold} {held}".rstrip(),
-            "The equations that could be formed close to what the sensors' noise explains; the warnings name the others.",
+            f"No error was found as far as the log can be checked{'.' if found.simulation_error else unchecked} {held}".rstrip(),
+            "The equations that could be formed hold within the sensors' noise; the warnings name the others.",
         )
     # Each may be too little to matter, and all together not.
     material = [c for c in causes if c.material] or causes
@@ -110,25 +110,25 @@ def account(found: Diagnosis) -> tuple[str, ...]:
 def _found(found: Diagnosis, causes: Sequence[FoundCause]) -> str:
     if not causes:
         return "The rig's simulation is wrong, and no cause of the catalogue explains it."
-    # A number that two parts have in common is said once.
+    # A number that two parts have in common is printed once.
     first = [
         c
         for i, c in enumerate(causes)
         if not any((c.joint, c.cause) == (o.joint, o.cause) and c.part in o.common_with for o in causes[:i])
     ]
-    told = [f"{_lower(c.title)} ({numbers(c)}{_and_of(c)})" if c.parameters else _lower(c.title) for c in first[:3]]
+    named = [f"{_lower(c.title)} ({numbers(c)}{_and_of(c)})" if c.parameters else _lower(c.title) for c in first[:3]]
     if len({e.joint for e in found.equations}) > 1:
-        told = [f"in {c.joint}, {said}" for c, said in zip(first, told, strict=False)]
-    whole = "; ".join((*told, *([f"and {len(first) - 3} more"] if len(first) > 3 else [])))
+        named = [f"in {c.joint}, {words}" for c, words in zip(first, named, strict=False)]
+    whole = "; ".join((*named, *([f"and {len(first) - 3} more"] if len(first) > 3 else [])))
     starts = {
         "unexplained": "The rig's simulation is wrong, and no cause of the catalogue explains it; the nearest is: ",
-        "explained": "What the simulation gets wrong is explained: ",
+        "explained": "The simulation's error is explained: ",
     }
     return f"{starts.get(found.verdict, 'Part of it is explained: ')}{whole}."
 
 
 def _and_of(cause: FoundCause) -> str:
-    """Say which other parts have the same number, or the same factor on what the rig says."""
+    """Return which other parts have the same number, or the same factor on the rig's number."""
     like = "by the same factor" if any(n.rig for n in cause.parameters.values()) else "the same"
     return "".join(f", and {like} for the {part_name(part)}" for part in cause.common_with)
 
@@ -155,15 +155,15 @@ def _interval(found: Number) -> str:
 
 
 def _believe(causes: Sequence[FoundCause], left: Unexplained) -> Iterator[str]:
-    """Say how probable the causes are, and what is unexplained."""
+    """Yield how probable the causes are, and what is unexplained."""
     if causes:
         weakest = min(causes, key=lambda c: (c.confidence, c.class_confidence))
         of = " of the least certain of them" if len(causes) > 1 else ""
         yield f"The confidence{of} is {confidence_text(weakest)}."
     # Both parts of a joint may have the same cause.
     yield from dict.fromkeys(
-        f"This log cannot tell {c.cause} from {', '.join(c.indistinguishable_from)}: they are one class, and the rig's tolerances"
-        " chose among them."
+        f"This log cannot separate {c.cause} from {', '.join(c.indistinguishable_from)}: they are one class, and the rig's"
+        " tolerances decided between them."
         for c in causes
         if c.indistinguishable_from
     )
@@ -171,8 +171,8 @@ def _believe(causes: Sequence[FoundCause], left: Unexplained) -> Iterator[str]:
         yield unexplained_words(left)
     elif not causes:
         yield (
-            "The equations close within their noise where they can be formed: what is wrong shows only where it adds up, in the"
-            " simulation of half a second, and not on which side of the joint it is."
+            "The equations that can be formed hold within their noise: the error shows only where it accumulates, in the"
+            " simulation over half a second, so the side of the joint is not known."
         )
 
 
@@ -184,53 +184,50 @@ def _immaterial(causes: Sequence[FoundCause]) -> Iterator[str]:
 
 
 def _held_out(gains: Sequence[Gain], held_out: str, extended: bool, unexplained: bool) -> str:
-    """Say what the simulation of the rig, extended or not, is worth, for the signal that is farthest from its noise."""
+    """Return the simulation error of the rig, extended or not, for the signal that is farthest from its noise."""
     known = [g for g in gains if g.noise_floor > 0.0]
     if not known:
         return ""
     worst = max(known, key=lambda g: g.rmse_after / g.noise_floor)
     # Where nothing is explained no extended rig is written.
     rig = "the rig" if not extended else "the rig with these causes" if unexplained else "the extended rig"
-    said = (
-        f"On {held_out} {rig} simulates {signal_name(worst.signal)}, the signal it is worst at, to"
-        f" {_off(worst, worst.rmse_after)}"
-    )
+    words = f"On {held_out} {rig} has its largest error in {signal_name(worst.signal)}: {_off(worst, worst.rmse_after)}"
     if not extended:
-        return f"{said}."
+        return f"{words}."
     before = max(known, key=lambda g: g.rmse_before / g.noise_floor)
-    there = "to" if before is worst else f"is worst at {signal_name(before.signal)}, off by"
-    as_it_stands = f"{said}; the rig as it stands {there} {_off(before, before.rmse_before)}"
+    there = "" if before is worst else f"its largest in {signal_name(before.signal)}: "
+    original = f"{words}; the original rig has {there}{_off(before, before.rmse_before)}"
     if round(before.reduction, 2) == 0.0:
-        return f"{as_it_stands}, which is no different."
-    return f"{as_it_stands} (reduced by {reduction_text(before)})."
+        return f"{original}, which is no different."
+    return f"{original} (reduced by {reduction_text(before)})."
 
 
 def _off(gain: Gain, error: float) -> str:
-    """Say how far off a simulation is."""
+    """Return how large a simulation's error is."""
     times = error / gain.noise_floor
-    told = f"{times:.2g}" if times < 10.0 else f"{times:.0f}"
-    return f"{error:.3g}{unit_of(gain.unit)}, {told} times its noise floor"
+    factor = f"{times:.2g}" if times < 10.0 else f"{times:.0f}"
+    return f"{error:.3g}{unit_of(gain.unit)}, {factor} times its noise floor"
 
 
 def _advice(causes: Sequence[FoundCause], left: Unexplained) -> str:
-    """Return the experiment that would tell most."""
+    """Return the most informative experiment."""
     for cause in causes:
         if cause.tell_apart:
             return cause.tell_apart
     if left.where is not None and left.depends_on:
         variable = signal_name(left.depends_on[0])
         if left.loop:
-            return f"Pass the range of {variable} several times, at two speeds: a loop comes back, what time changes does not."
+            return f"Pass the range of {variable} several times, at two speeds: a loop repeats, a change over time does not."
         if variable == "time":
-            return "Record the same motion again, cold and warm: what is left over changes with time."
-        return f"Record a slow sweep of {variable} with everything else at rest: what is left over shows as a curve over it."
+            return "Record the same motion again, cold and warm: the residual changes with time."
+        return f"Record a slow sweep of {variable} with everything else at rest: the residual then is a curve over it."
     return causes[0].how_to_confirm if causes else ""
 
 
 def open_experiment(diagnosis: Diagnosis) -> str:
-    """Return the next experiment, unless the causes' own advice says the same."""
-    said = [text for c in diagnosis.causes for text in (c.how_to_confirm, c.tell_apart)]
-    return "" if diagnosis.next_experiment in said else diagnosis.next_experiment
+    """Return the next experiment, unless the causes' own advice is the same."""
+    words = [text for c in diagnosis.causes for text in (c.how_to_confirm, c.tell_apart)]
+    return "" if diagnosis.next_experiment in words else diagnosis.next_experiment
 
 
 def kind_text(cause: FoundCause) -> str:
@@ -245,28 +242,26 @@ def confidence_text(cause: FoundCause) -> str:
 
 
 def confidence_words(cause: FoundCause) -> str:
-    """Say a cause's confidence, what error it removes, and what it does to the stiffness."""
-    said = f"confidence {confidence_text(cause)}; it removes {share_text(cause.error_removed)} of the error"
+    """Return a cause's confidence, the error it removes, and the change of the stiffness."""
+    words = f"confidence {confidence_text(cause)}; it removes {share_text(cause.error_removed)} of the error"
     change = cause.stiffness_change
-    return said if change is None else f"{said}, and moves the estimated stiffness by {share_text(change)}"
+    return words if change is None else f"{words}, and changes the estimated stiffness by {share_text(change)}"
 
 
 def nothing_left(left: Unexplained) -> bool:
-    """Tell whether what no cause explains rounds to 0 %."""
+    """Return whether the unexplained share rounds to 0 %."""
     return round(100.0 * left.fraction) == 0
 
 
 def unexplained_words(left: Unexplained) -> str:
-    """Say what no cause explains."""
+    """Describe what no cause explains."""
     if nothing_left(left) and left.where is None:
         return "The residuals of this log's equations are noise."
-    words = f"{share_text(left.fraction)} of what was wrong is left unexplained"
+    words = f"{share_text(left.fraction)} of the error is unexplained"
     if left.where is None:
         return f"{words}."
     names = [signal_name(name) for name in left.depends_on]
     if left.loop:
-        where = (
-            f"and a loop over {names[0]}: one way up, another way down, as far as a log can tell that passes it once"
-        )
+        where = f"and a loop over {names[0]}: up and down differ, as far as a log shows that passes it once"
         return f"{words}; it is on the {left.where} side, {where}."
-    return f"{words}; it is on the {left.where} side and depends on {listed(names) or 'no signal that was looked at'}."
+    return f"{words}; it is on the {left.where} side and depends on {listed(names) or 'none of the signals checked'}."

@@ -1,4 +1,4 @@
-"""What a command says, as one tree: `terminal` prints it, `html` renders it as a page, and its data are its JSON."""
+"""The output of a command as one tree: `terminal` prints it, `html` renders it as a page, and its data are its JSON."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vsalog.figures.chart import Chart, Charts
 from vsalog.report.verbosity import Verbosity, verbosity
 
 Tone = Literal["", "good", "open", "bad"]
-"""How a verdict is coloured; its word says the same."""
+"""The colour of a verdict; its word has the same meaning."""
 TONES: dict[str, Tone] = {
     "holds": "good",
     "fails": "bad",
@@ -27,10 +27,10 @@ TONES: dict[str, Tone] = {
 }
 """The tones of a validation's and a diagnosis' verdicts."""
 Where = Literal["both", "page", "terminal"]
-"""What renders a block: a terminal leaves out what fills screens, a page what names the page."""
+"""Where a block is rendered: a terminal leaves out what fills screens, a page what names the page."""
 
 SEVERITIES: dict[Severity, str] = {"info": "note", "warning": "warning", "invalidates": "invalid"}
-"""What a line about a finding begins with."""
+"""The first word of a line about a finding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,14 +39,14 @@ class Cell:
 
     Attributes
     ----------
-    text : what it says
-    detail : what is said in smaller letters, such as an interval
+    text : its content
+    detail : printed in smaller letters, such as an interval
     brief : a terminal leaves the detail out
     tone : of a verdict
     share : what a bar shows next to the text, 0 to 1
     value : what the table is sorted by; the text when None
     links : texts and addresses
-    more : what a page shows when it is asked to
+    more : what a page shows on a click
     """
 
     text: str
@@ -70,13 +70,13 @@ class Words:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What came of something: a word about it, and sentences that explain it.
+    """A verdict: a word, and sentences that explain it.
 
     Attributes
     ----------
-    about, word, tone : what it is of, the word, and its colour
+    about, word, tone : what is judged, the word, and its colour
     sentences : that explain it
-    brief : a terminal leaves them out, since a table below says the same
+    brief : a terminal leaves them out, since a table below has the same content
     """
 
     kind: ClassVar[str] = "verdict"
@@ -114,7 +114,7 @@ class Table:
     ----------
     caption : a few words
     heads : of the columns
-    rows : of cells; a text is a cell that says that
+    rows : of cells; a text is a cell with that text
     keys : number of leading columns that name the row
     texts : number of leading columns of words; the others hold numbers
     sortable : a page sorts it by the heading that is clicked
@@ -177,7 +177,7 @@ Block = Words | Verdict | Notes | Facts | Table | Source | Figures | Section
 
 @dataclass(frozen=True, slots=True)
 class Document:
-    """All that a command says.
+    """The whole output of a command.
 
     Attributes
     ----------
@@ -212,7 +212,7 @@ def led(
     charts : of a joint
     name : of the chart that leads
     key : of the joint: its figures over time are zoomed together, transmission by transmission
-    about : what stands ahead of a transmission's figures
+    about : texts above a transmission's figures
     """
     last = list(charts)[-1] if charts else ""
     lead = [chart for chart in charts.get(last, ()) if chart.name == name]
@@ -225,10 +225,10 @@ def led(
 
 
 def provenance(pairs: Sequence[tuple[str, str]], rig: str) -> Section:
-    """Return where it all comes from: keys and values, and the rig as TOML."""
+    """Return the origin of the results: keys and values, and the rig as TOML."""
     return Section("Provenance", (Facts(tuple(pairs)), Source("The rig, as TOML", rig, folded=True)), where="page")
 
 
-def told(findings: Iterable[Finding]) -> tuple[tuple[Severity, str], ...]:
-    """Return sentences, each with its severity: one for what has one cause, unless all is asked for."""
+def with_severity(findings: Iterable[Finding]) -> tuple[tuple[Severity, str], ...]:
+    """Return sentences, each with its severity: one per cause, unless all are requested."""
     return (by_severity if verbosity() == Verbosity.VERBOSE else merged)(findings)

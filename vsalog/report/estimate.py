@@ -1,4 +1,4 @@
-"""What `estimate` says of its results, as a document; and the files that it writes: trace, model, page, figures."""
+"""Document of `estimate`, and the files that it writes: trace, model, page, figures."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def estimate_document(
     Parameters
     ----------
     job : that was run
-    estimates : what was found, joint by joint
-    outputs : files that are named
+    estimates : the results, joint by joint
+    outputs : the files to name
     trace : the Parquet file, complete, that figures are drawn of; without one there are none
     origin : provenance, as `Job.provenance` gives it
     """
@@ -71,8 +71,8 @@ def write_estimate(
     Parameters
     ----------
     job : ready to run
-    outputs : where to
-    provenance : as `Job.provenance` gives it, which takes a hash of the logs; asked for when absent
+    outputs : the files to write
+    provenance : as `Job.provenance` gives it, which takes a hash of the logs; computed when absent
     progress : called with the step that begins
     layout : of the trace's table, where it is not to be as a trace gives it
 
@@ -112,7 +112,7 @@ def write_estimate(
         if log is not None:
             progress("writing the MCAP log")
             write_trace_mcap(kept, log, provenance)
-        # All that takes time is done before the first file appears.
+        # Everything slow is done before the first file appears.
         for writer in writers:
             writer.finish()
         trace = writers[-1].written
@@ -149,13 +149,13 @@ def _joints(job: Job, estimates: Sequence[JointEstimate], trace: Path | None) ->
         about += f" {s.duration:.4g} s at {1.0 / s.period:.4g} Hz." if s.period > 0.0 else ""
         if trace is not None and parts and thinned(e) > 1:
             about += f" The figures are drawn of one sample in {thinned(e)}."
-        told: tuple[Block, ...] = (Words(about), _table(parts), *_external(s.transmissions), _motor(e.model.motor))
+        results: tuple[Block, ...] = (Words(about), _table(parts), *_external(s.transmissions), _motor(e.model.motor))
         title = f"Joint {e.joint}" if len(estimates) > 1 else ""
-        yield Section(title, (*first, Notes(e.findings), *told, *rest), _verdict(e, parts))
+        yield Section(title, (*first, Notes(e.findings), *results, *rest), _verdict(e, parts))
 
 
 def _verdict(e: JointEstimate, parts: Sequence[TransmissionSummary]) -> Verdict:
-    """Say in a line what came of a joint; what findings invalidate is not called estimated."""
+    """Return a joint's outcome in a line; what findings invalidate is not called estimated."""
     known = [p for p in parts if p.stiffness_low is not None]
     spans = [p.deflection_span for p in parts if p.deflection_span is not None]
     if any(f.severity == "invalidates" for f in e.findings):
@@ -165,8 +165,8 @@ def _verdict(e: JointEstimate, parts: Sequence[TransmissionSummary]) -> Verdict:
         word = "estimated, with warnings" if warned else "estimated"
         return Verdict(e.joint, word, "open" if warned else "good", tuple(map(_said, known)), brief=True)
     if spans and _is_observed(parts):
-        said = f"state observed, no stiffness estimated; the deflection spans {spans[0]:.4g} rad"
-        return Verdict(e.joint, "observed", "", (said,))
+        observed = f"state observed, no stiffness estimated; the deflection spans {spans[0]:.4g} rad"
+        return Verdict(e.joint, "observed", "", (observed,))
     return Verdict(e.joint, "not estimated", "open")
 
 
@@ -200,7 +200,7 @@ def _table(parts: Sequence[TransmissionSummary]) -> Table:
 
 
 def _external(parts: Sequence[TransmissionSummary]) -> Iterator[Words]:
-    """Yield what a hand on the link feels, where the rig has the link's weight."""
+    """Yield the stiffness at the link from outside, where the rig has the link's weight."""
     for part in parts:
         if part.external_stiffness_low is not None:
             span = between(part.external_stiffness_low, part.external_stiffness_high)
@@ -210,14 +210,14 @@ def _external(parts: Sequence[TransmissionSummary]) -> Iterator[Words]:
 
 
 def _motor(found: Mapping[str, float]) -> Table:
-    """Return what was estimated of the motors; a value that its own uncertainty swallows is not one."""
+    """Return what was estimated of the motors; a value smaller than its uncertainty is not determined."""
     rows = []
     for name in (n for n in found if not n.endswith("_std")):
         value, std = found[name], found[f"{name}_std"]
         unit = "kg·m²" if name.startswith("inertia") else "N·m·s/rad"
         known = value > 0.0 and std < SUPPORTED_SHARE * value
-        told = Cell(f"{number(value, 5)} {unit}", "" if known else "this log does not tell it")
-        rows.append((name.replace("_", " "), told, f"{number(std, 2)} {unit}"))
+        cell = Cell(f"{number(value, 5)} {unit}", "" if known else "not determined by this log")
+        rows.append((name.replace("_", " "), cell, f"{number(std, 2)} {unit}"))
     return Table("Motor, as estimated", ("motor", "value", "± (1 std)"), tuple(rows))
 
 

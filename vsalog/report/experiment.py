@@ -30,11 +30,11 @@ def confirmation(cause: str) -> str:
 
 
 def experiment_words(proposed: Suggestion) -> str:
-    """Say what to do, why, and how well it would separate; of several joints also with which."""
+    """Return what to do, why, and how well it would separate the causes; of several joints also with which."""
     best, questions, joint = proposed.best, proposed.questions, proposed.joint
     file, payload = best.candidate.file, best.payload
     bounds = listed([f"{what} {low:.2g} to {high:.2g} {unit}" for what, low, high, unit in swings(file, joint)])
-    what = f"Play {FILE}: {best.candidate.words}, {file.duration:g} s, {bounds}, within what this log shows to be safe"
+    what = f"Run {FILE}: {best.candidate.words}, {file.duration:g} s, {bounds}, within the range that this log covers"
     if proposed.of_several:
         what += f", in joint {joint}"
     if payload is not None:
@@ -44,7 +44,7 @@ def experiment_words(proposed: Suggestion) -> str:
 
 
 def swings(file: ScenarioFile, joint: str) -> list[tuple[str, float, float, str]]:
-    """Return what is driven in a joint, from where to where, and the unit; what is held is left out."""
+    """Return what is driven in a joint, from where to where, and the unit; constant inputs are left out."""
     driven = _driven(file, joint)
     return [(name, float(v.min()), float(v.max()), unit) for name, v, unit in driven if np.ptp(v) > 0.0]
 
@@ -67,33 +67,33 @@ def _driven(file: ScenarioFile, joint: str) -> list[tuple[str, Array, str]]:
 
 
 def _apart(questions: Questions, separations: Array) -> str:
-    """Say how far the causes that are confused would be apart."""
-    told = [(q, float(d)) for q, d in zip(questions.asked, separations, strict=True) if d >= DESIGN.separate]
+    """Return how well the confused causes would be separated."""
+    separated = [(q, float(d)) for q, d in zip(questions.asked, separations, strict=True) if d >= DESIGN.separate]
     left = [q for q, d in zip(questions.asked, separations, strict=True) if d < DESIGN.separate]
     out = []
-    if told:
-        first, least = min(told, key=lambda t: t[1])
+    if separated:
+        first, least = min(separated, key=lambda t: t[1])
         closest = f"{_name(first, 'one', questions)} and {_name(first, 'other', questions)}, the closest,"
-        pair = closest if len(told) > 1 else "they"
+        pair = closest if len(separated) > 1 else "they"
         out.append(
-            f"It tells {_all(told, questions)} apart: in this log {pair} differ by {_times(first.now)} the noise of an averaged"
-            f" equation, there by {_times(least)}."
+            f"It separates {_all(separated, questions)}: in this log {pair} differ by {_times(first.now)} the noise of an"
+            f" averaged equation, there by {_times(least)}."
         )
     if left:
         pairs = "; ".join(f"{_name(q, 'one', questions)} from {_name(q, 'other', questions)}" for q in left)
         most = max(float(d) for d in separations if d < DESIGN.separate)
         site = left[0].other.site
-        confirm = f" {confirmation(site.cause)}" if site is not None and not told else ""
-        out.append(f"No experiment within those bounds tells {pairs} ({_times(most)} the noise at best).{confirm}")
+        confirm = f" {confirmation(site.cause)}" if site is not None and not separated else ""
+        out.append(f"No experiment within those bounds separates {pairs} ({_times(most)} the noise at best).{confirm}")
     return " ".join(out)
 
 
-def _all(told: list[tuple[Question, float]], questions: Questions) -> str:
-    return listed(list(dict.fromkeys(_name(q, side, questions) for q, _ in told for side in ("one", "other"))))
+def _all(separated: list[tuple[Question, float]], questions: Questions) -> str:
+    return listed(list(dict.fromkeys(_name(q, side, questions) for q, _ in separated for side in ("one", "other"))))
 
 
 def _shown(questions: Questions, separations: Array) -> str:
-    """Say what the log could not have shown, and the experiment would."""
+    """Return what the log could not have shown, and the experiment would."""
     less, hidden = [], []
     for question, there in zip(questions.asked, separations, strict=True):
         value, unit = question.size or (0.0, "1")
@@ -105,11 +105,11 @@ def _shown(questions: Questions, separations: Array) -> str:
         else:
             hidden.append(f"{name} below {_size(now, unit)}")
     if not less:
-        return f"It would show little that this log does not: {listed(hidden)} takes a larger or a faster motion."
-    told = f"Of what this log shows least it would show {listed(less)}."
+        return f"It would show little more than this log: {listed(hidden)} takes a larger or a faster motion."
+    words = f"Of the effects that this log shows least it would show {listed(less)}."
     if hidden:
-        told += f" Nothing within those bounds shows {listed(hidden)} either: that takes a larger or a faster motion."
-    return told
+        words += f" No motion within those bounds shows {listed(hidden)}: that takes a larger or a faster motion."
+    return words
 
 
 def _size(value: float, unit: str) -> str:
@@ -130,13 +130,13 @@ def _times(d: float) -> str:
 
 
 def scenario_text(proposed: Suggestion, by: str = "vsalog diagnose --suggest", now: str = "in the log") -> str:
-    """Return the scenario as TOML, with a heading that says what it is for; names must not end the comment.
+    """Return the scenario as TOML, with its purpose as a heading; names must not end the comment.
 
     Parameters
     ----------
     proposed : the experiment
     by : the command that proposes it
-    now : where the hypotheses are as far apart as they are now, in words
+    now : the present experiment, in words
     """
     import tomli_w
 
@@ -157,7 +157,7 @@ def scenario_text(proposed: Suggestion, by: str = "vsalog diagnose --suggest", n
     if payload is not None:
         key = f"joint.{shown(joint)}.link.payload"
         lines.append(
-            f"Put {payload.mass:g} kg on the link, {payload.distance:g} m from its axis, and say so in the rig:"
+            f"Put {payload.mass:g} kg on the link, {payload.distance:g} m from its axis, and state it in the rig:"
             f" --set {key}.mass={payload.mass:g} --set {key}.distance={payload.distance:g}"
         )
     return "".join(f"# {line}\n" for line in lines) + "\n" + tomli_w.dumps(toml_tables(best.candidate.file))

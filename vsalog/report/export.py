@@ -1,4 +1,4 @@
-"""What `export` says: what was written, what to know of it, and what was left out."""
+"""Document of `export`: what was written, notes on it, and what was left out."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from vsalog.report.document import Document, Words
 
 
 def export_document(model: Exported, dialect: Dialect, output: Path | None) -> Document:
-    """Return what a user should know of a model."""
+    """Return the notes on a model."""
     where = "stdout" if output is None else shown(str(output))
-    told = [f"{where}: {dialect.upper()} of {', '.join(map(shown, model.joints))}"]
-    told += [f"  {note}" for note in model.notes]
-    told += [f"  left out: {key}: {reason}" for key, reason in model.left_out.items()]
+    lines = [f"{where}: {dialect.upper()} of {', '.join(map(shown, model.joints))}"]
+    lines += [f"  {note}" for note in model.notes]
+    lines += [f"  left out: {key}: {reason}" for key, reason in model.left_out.items()]
     data = {"joints": list(model.joints), "notes": list(model.notes), "left_out": dict(model.left_out)}
-    return Document("Export", "", tuple(map(Words, told)), data)
+    return Document("Export", "", tuple(map(Words, lines)), data)

@@ -1,6 +1,6 @@
-"""Renders documents as HTML: a file that needs nothing else, no network above all.
+"""Renders documents as HTML: a file that needs nothing else, in particular no network.
 
-plotly's script lies in it, compressed, which makes the page a third of its size; a policy in the page forbids every request.
+It contains plotly's script, compressed, which makes the page a third of its size; a policy in the page forbids every request.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ def page_of(document: Document) -> str:
 
 
 def fragment_of(document: Document) -> str:
-    """Return a document's sentences and tables as HTML for a page that is there, as a notebook; every text is escaped."""
+    """Return a document's sentences and tables as HTML for an existing page, as a notebook; every text is escaped."""
     return _templates().get_template("fragment.html").render(document=document, items=_plain(document.items))
 
 
 def _plain(items: Sequence[Block]) -> tuple[Block, ...]:
-    """Leave out figures, sources, and what a page alone says of itself."""
+    """Leave out figures, sources, and blocks for pages only."""
     kept: list[Block] = []
     for item in items:
         if isinstance(item, Section) and item.where != "page":
@@ -51,7 +51,7 @@ def _plain(items: Sequence[Block]) -> tuple[Block, ...]:
 
 @cache
 def _templates() -> Environment:
-    """Return the templates; what they print is without characters that act on a reader, and then escaped."""
+    """Return the templates; their output is stripped of control characters and escaped."""
     templates = Environment(
         loader=PackageLoader("vsalog.report"), autoescape=True, undefined=StrictUndefined, finalize=_printed,
         trim_blocks=True, lstrip_blocks=True,

@@ -1,4 +1,4 @@
-"""What `identify` says, as a document: the numbers with their intervals, what the log tells of each, and held-out errors."""
+"""Document of `identify`: parameters with intervals, how well the log determines each, and held-out errors."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ TOLD: Mapping[Determined, tuple[str, str]] = {
 }
 PARTS = {"whole": "", "last third": ", last third, not fitted", "itself": ", which was fitted"}
 MEANING = (
-    "determined: whether the log tells a number as well as a rig usually knows it; in combination: it would if others were known;"
-    " correlated: the number whose estimate depends most on it."
+    "determined: whether the log determines a number as well as a rig usually knows it; in combination: it would if others were"
+    " known; correlated: the number whose estimate depends most on it."
 )
 
 
@@ -42,7 +42,7 @@ def identification_document(found: Identification, files: Mapping[str, str] = {}
     items += [Words(MEANING), Section("", (Facts(tuple(files.items())),), where="terminal")]
     pairs = [("log", f"{found.log}, SHA-256 {found.log_sha256}"), ("vsalog", found.vsalog), *found.settings.items()]
     items.append(provenance(pairs, found.rig))
-    return Document(f"Identification of {found.log}", "The rig's numbers, fitted to a log", tuple(items), found)
+    return Document(f"Identification of {found.log}", "The rig's parameters, fitted to a log", tuple(items), found)
 
 
 def identification_charts(found: Identification) -> dict[str, Chart]:
@@ -70,7 +70,7 @@ def _numbers(joint: str, numbers: list[IdentifiedNumber]) -> Table:
 
 def _combined(found: Combination) -> str:
     together = ", ".join(f"{key} by {number(change)} %" for key, change in zip(found.keys, found.changes, strict=True))
-    return f"Told in combination only: the simulation stays nearly as it is where these change together: {together}."
+    return f"Determined in combination only: the simulation hardly changes where these change together: {together}."
 
 
 def _errors(joint: str, errors: list[SimulationError]) -> Table:

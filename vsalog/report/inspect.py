@@ -1,4 +1,4 @@
-"""What `inspect` and `init` say, as documents: streams with their clocks, channels, guessed joints, and what is wrong."""
+"""Documents of `inspect` and `init`: streams with their clocks, channels, guessed joints, and faults."""
 
 from __future__ import annotations
 
@@ -13,14 +13,25 @@ from vsalog.core.notation import between, number, percent
 from vsalog.core.printable import plural, printable, size_text
 from vsalog.inspection.document import ChannelReport, HeadReport, Inspection, LogReport, StreamReport
 from vsalog.readers.base import DOUBTFUL
-from vsalog.report.document import SEVERITIES, Block, Cell, Document, Section, Table, Tone, Verdict, Words, told
+from vsalog.report.document import (
+    SEVERITIES,
+    Block,
+    Cell,
+    Document,
+    Section,
+    Table,
+    Tone,
+    Verdict,
+    Words,
+    with_severity,
+)
 from vsalog.rig.guess_gaps import Answers, Command, Gap, command_for, gaps_of, waits_for
 from vsalog.rig.guess_types import Guess, JointGuess
 from vsalog.rig.template import named_joints, toml_key
 from vsalog.writers.repaired import Repaired
 
 TONES: dict[str, Tone] = {"info": "", "warning": "open", "invalidates": "bad"}
-# From how many seconds on a unit reads better than the next smaller one, and how long it is [s].
+# From how many seconds on a unit is used instead of the next smaller one, and its length [s].
 _LONG = ((172_800.0, "d", 86_400.0), (7_200.0, "h", 3_600.0), (120.0, "min", 60.0))
 
 
@@ -31,7 +42,7 @@ def inspection_document(found: Inspection) -> Document:
 
 
 def repair_words(repaired: Repaired) -> str:
-    """Return in words what `--repair` wrote."""
+    """Describe what `--repair` wrote."""
     words = f"{repaired.path}: {plural(repaired.messages, 'message')} of {plural(repaired.channels, 'channel')} written"
     return "; ".join([words, *repaired.notes])
 
@@ -53,7 +64,7 @@ def _log(report: LogReport) -> Iterator[Block]:
 
 
 def _findings(findings: Iterable[Finding]) -> Iterator[Verdict]:
-    for severity, words in told(findings):
+    for severity, words in with_severity(findings):
         yield Verdict(SEVERITIES[severity], words, TONES[severity])
 
 
@@ -71,17 +82,20 @@ def _title(report: LogReport) -> str:
 
 
 def _sample(report: LogReport) -> Iterator[Verdict]:
-    """Yield what was read of a large log, and what that means."""
+    """Yield what was read of a large log, and the consequences."""
     sample = report.sample
     if sample is None:
         return
     if sample.stretches == 1:
-        where, untold = "its beginning", "The duration is that of the beginning"
+        where, extent = "its beginning", "The duration is that of the beginning"
     else:
-        where, untold = f"{sample.stretches} stretches from its begin to its end", "Duration and begin are the log's"
+        where, extent = (
+            f"{sample.stretches} stretches from its beginning to its end",
+            "Duration and begin are the log's",
+        )
     yield Verdict(
         "a sample was read, " + f"{size_text(sample.size)} of {size_text(sample.of)}",
-        f"{where}. {untold}; samples, ranges and gaps are those of the sample, and damage elsewhere was not looked for."
+        f"{where}. {extent}; samples, ranges and gaps are those of the sample, and damage elsewhere was not checked."
         " --full reads all of it",
         "open",
     )
@@ -106,7 +120,7 @@ def _stream_line(stream: StreamReport, doubtful: bool) -> str:
 
 
 def _trouble(stream: StreamReport) -> Iterator[Words]:
-    """Yield what was wrong with the stream's stamps."""
+    """Yield the faults of the stream's stamps."""
     if stream.time_reason:
         yield Words(stream.time_reason)
     found = (
@@ -167,14 +181,14 @@ def _joints(report: LogReport) -> Iterator[Block]:
 
 
 def guessed_joints(joints: Iterable[JointGuess]) -> Iterator[Section]:
-    """Yield what joints a log seems to hold, why, and what matters and is not there.
+    """Yield the joints that a log seems to contain, why, and which important signals are missing.
 
-    Joints of which the same is to be said stand together: the seven of an arm need no seven paragraphs.
+    Joints with the same text share a paragraph: the seven of an arm need no seven paragraphs.
     """
     alike: dict[tuple[object, ...], list[JointGuess]] = {}
     for joint in joints:
-        said = (joint.kind, joint.confidence, joint.reason, *_reasons(joint), *map(sentence, joint.findings))
-        alike.setdefault(said, []).append(joint)
+        content = (joint.kind, joint.confidence, joint.reason, *_reasons(joint), *map(sentence, joint.findings))
+        alike.setdefault(content, []).append(joint)
     for same in alike.values():
         first, names = same[0], ", ".join(joint.name for joint in same)
         head = f"{'joint' if len(same) == 1 else 'joints'} {names}"
@@ -189,14 +203,14 @@ def init_document(
     answers: Mapping[str, Answers] = MappingProxyType({}),
     preset: str | None = None,
 ) -> Document:
-    """Return what a rig was guessed from, and what to do with it.
+    """Return the evidence for a guessed rig, and what to do with it.
 
     Parameters
     ----------
     guess : of the log's joints
     log : its name
     written : the rig's file; None where it is printed
-    answers : per joint, what somebody knew of its gaps
+    answers : per joint, the answers about its gaps
     preset : whose numbers the rig has, so that it has no gaps
     """
     items: list[Block] = [*guessed_joints(guess.joints), *_findings(guess.findings)]
@@ -204,7 +218,7 @@ def init_document(
     if preset is None:
         items += _uses(guess, printable(log), file, answers)
     elif written is not None:
-        items.append(Words(f"{file} written; look it over, then run 'vsalog estimate {printable(log)} --rig {file}'"))
+        items.append(Words(f"{file} written; check it, then run 'vsalog estimate {printable(log)} --rig {file}'"))
     return Document(f"A rig for {log}", "Guesses", tuple(items))
 
 
@@ -215,19 +229,19 @@ _COMMANDS = {
 }
 _WHAT_FOR = {
     "estimate": "estimates the stiffness",
-    "identify": "fits the numbers that the rig begins with",
-    "simulate": "plays the numbers that the rig begins with; the log lacks what a stiffness needs",
+    "identify": "fits the rig's initial values",
+    "simulate": "simulates the rig's initial values; the log lacks signals that a stiffness needs",
 }
 _ASKED = {
     "counts_per_turn": "counts per turn of '{channel}'",
     "gear_ratio": "gear ratio, turns of '{channel}' per turn of the joint",
-    "torque_constant": "torque constant that makes the current '{channel}' a torque [{unit}]",
+    "torque_constant": "torque constant that converts the current '{channel}' to a torque [{unit}]",
     "inertia": "inertia of the motor, on the joint's side of the gear [{unit}]",
 }
 
 
 def question_of(joint: str, gap: Gap) -> str:
-    """Return the question after what a joint's rig lacks."""
+    """Return the question about a gap of a joint's rig."""
     return f"{joint}: {_lacking(gap)}; nothing if unknown"
 
 
@@ -236,7 +250,7 @@ def _lacking(gap: Gap) -> str:
 
 
 def _uses(guess: Guess, log: str, file: str, answers: Mapping[str, Answers]) -> Iterator[Words]:
-    """Yield which commands can use the rig, and what would make more of it."""
+    """Yield which commands can use the rig, and which additions would allow more."""
     names: dict[Command, list[str]] = {}
     lacking: dict[str, list[str]] = {}
     waiting: set[str] = set()
@@ -257,7 +271,7 @@ def _uses(guess: Guess, log: str, file: str, answers: Mapping[str, Answers]) -> 
 
 
 def _reasons(joint: JointGuess) -> Iterator[str]:
-    """Yield why its channels probably have their roles, and what matters and is not there."""
+    """Yield why its channels probably have their roles, and which important signals are missing."""
     for role, guess in joint.roles.items():
         yield f"{role} ({round(100 * guess.confidence)} %): {'; '.join(guess.reasons)}"
     needed = ((role, why) for role, why in joint.missing.items() if role not in joint.not_needed)
@@ -266,7 +280,7 @@ def _reasons(joint: JointGuess) -> Iterator[str]:
 
 
 def _by_words(pairs: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
-    """Return the names of which the same is said: the fields of a type that is no signal are many."""
+    """Return the names that share a reason: the fields of a type that is no signal are many."""
     names_of: dict[str, list[str]] = {}
     for name, words in pairs:
         names_of.setdefault(words, []).append(name)
@@ -274,7 +288,7 @@ def _by_words(pairs: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
 
 
 def seconds(value: float | None) -> str:
-    """Write a time with the unit that reads best."""
+    """Write a time with a suitable unit."""
     if value is None:
         return "–"
     size = abs(value)
@@ -287,5 +301,5 @@ def seconds(value: float | None) -> str:
 
 
 def _three_digits(value: float) -> str:
-    """Write a number with three digits, and more where they stand ahead of the point."""
+    """Write a number with three digits, and more if they are before the point."""
     return f"{value:.3g}" if abs(value) < 999.5 else f"{value:.0f}"

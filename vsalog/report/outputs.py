@@ -1,7 +1,7 @@
-"""Where results go: the files of a run, named before anything is done, never what is read, and all written or none.
+"""Output files: the files of a run, named before anything is done, never an input, and all written or none.
 
-A file that is there is written over where `--force` asks for it, or where it is an earlier result of the same logs: one that
-holds their SHA-256. What people edit, as rigs, is sealed: edited, it is no result any more.
+An existing file is overwritten with `--force`, or if it is an earlier result of the same logs: one that contains their
+SHA-256. Files that people edit, as rigs, are sealed: an edited one is no result any more.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from vsalog.writers.atomic import check_path, make_folder, together, write_text
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """Where the results go; a page, figures and a log of the trace only where they are asked for."""
+    """The output files; a page, figures and a log of the trace only on request."""
 
     trace: Path
     model: Path
@@ -47,7 +47,7 @@ class Outputs:
         Raises
         ------
         WriteError
-            A result would overwrite one of the logs or another result, or the folder asked for is not there.
+            A result would overwrite one of the logs or another result, or the folder does not exist.
         """
         stem = _stem(logs[0])
         if output is None or Path(output).is_dir():
@@ -64,7 +64,7 @@ class Outputs:
         for path, option in ((mcap, "--mcap"), (page, "--report")):
             if path is not None:
                 if path.resolve() in taken:
-                    raise WriteError(f"{path}: is asked for twice, by {option} and by {taken[path.resolve()]}")
+                    raise WriteError(f"{path}: is named twice, by {option} and by {taken[path.resolve()]}")
                 taken[path.resolve()] = option
         if figures is not None and figures.exists() and not figures.is_dir():
             raise WriteError(f"{figures}: is no folder; name one for the figures")
@@ -76,8 +76,8 @@ class Outputs:
     @property
     def written(self) -> dict[str, str]:
         """The files that the summary names: what each is → its path."""
-        told = {"trace": self.trace, "model": self.model, "log of the trace": self.mcap}
-        return {what: str(path) for what, path in told.items() if path is not None}
+        named = {"trace": self.trace, "model": self.model, "log of the trace": self.mcap}
+        return {what: str(path) for what, path in named.items() if path is not None}
 
 
 def _stem(log: Path) -> str:
@@ -86,7 +86,7 @@ def _stem(log: Path) -> str:
 
 
 def report_paths(folder: Path | None, name: str, page: Path | None = None) -> tuple[Path, Path]:
-    """Return where the page and the data of a report go: to a folder, the current one when absent; the page where asked for.
+    """Return the files for the page and the data of a report, in a folder, the current one when absent.
 
     Raises
     ------
@@ -112,9 +112,9 @@ def write_report(
     ----------
     document : of a command, with its figures
     folder : which is made; the current one when absent
-    name : of both files, without an ending
+    name : of both files, without a suffix
     others : what each is, its path in that folder, and its text
-    page : where the page goes, where not to that folder
+    page : file of the page, if not in that folder
 
     Returns
     -------
@@ -137,7 +137,7 @@ def write_report(
 
 
 def inputs_of(logs: Iterable[Path], rig: str | Path | None = None) -> list[Path]:
-    """Return the files that a command reads: the logs, what a bag's folder holds, the rig that is given or lies next to them."""
+    """Return the files that a command reads: the logs, what a bag's folder holds, the rig that is given or is next to them."""
     logs = list(logs)
     parts = [part for log in logs if log.is_dir() for part in log.iterdir()]
     rigs = [rig_beside(log) for log in logs] if rig is None else [Path(rig)]
@@ -148,7 +148,7 @@ SEAL = "# vsalog: written by vsalog, SHA-256 of the lines above and of the logs:
 
 
 def sealed(text: str, logs: Iterable[str]) -> str:
-    """Return a TOML text with a last line by which it is known again as long as nobody edits it.
+    """Return a TOML text with a last line that identifies it as long as nobody edits it.
 
     Parameters
     ----------
@@ -161,22 +161,22 @@ def sealed(text: str, logs: Iterable[str]) -> str:
 def require_new(
     outputs: Path | Iterable[Path | None] | None, force: bool, logs: Sequence[Path] = ()
 ) -> tuple[Path, ...]:
-    """Refuse to write over files that are there, but for earlier results of the same logs.
+    """Refuse to overwrite existing files, except earlier results of the same logs.
 
     Parameters
     ----------
     outputs : files, or folders of figures
-    force : write over them in any case
+    force : overwrite them in any case
     logs : that a run reads; none where its results are of no log
 
     Returns
     -------
-    The files that will be written over.
+    The files that will be overwritten.
 
     Raises
     ------
     WriteError
-        One is there, is no such result, and `force` is not given.
+        One exists, is no such result, and `force` is not given.
     """
     named = [outputs] if outputs is None or isinstance(outputs, Path) else outputs
     there = tuple(path for path in named if path is not None and _holds_something(path))
@@ -186,21 +186,21 @@ def require_new(
     for path in there:
         if path.is_dir():
             raise WriteError(
-                f"{path}: is a folder that holds files already; --force writes into it, another name keeps both"
+                f"{path}: is a folder that contains files already; --force writes into it, another name keeps both"
             )
         if not digests or len(digests) < len(logs) or not _is_result(path, digests):
             results = " and is no unchanged result of the same log" if logs else ""
-            raise WriteError(f"{path}: is there already{results}; --force overwrites it, another name keeps both")
+            raise WriteError(f"{path}: exists already{results}; --force overwrites it, another name keeps both")
     return there
 
 
 def _holds_something(path: Path) -> bool:
-    """Tell whether there is something to be lost; what is neither a file nor a folder is refused elsewhere."""
+    """Return whether something would be lost; what is neither a file nor a folder is refused elsewhere."""
     return any(path.iterdir()) if path.is_dir() else path.is_file()
 
 
 def _is_result(path: Path, digests: Sequence[bytes]) -> bool:
-    """Tell whether a file holds the digests of all logs, and its seal, where it has one, is whole."""
+    """Return whether a file contains the digests of all logs, and its seal, if any, is valid."""
     try:
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
             if any(content.find(digest) < 0 for digest in digests):
@@ -216,7 +216,7 @@ def _digest(text: str | bytes) -> str:
 
 
 def keep_inputs(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
-    """Refuse to write over what is read, before anything is done.
+    """Refuse to overwrite inputs, before anything is done.
 
     Raises
     ------
@@ -226,6 +226,6 @@ def keep_inputs(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
     for output in outputs:
         for given in inputs:
             if output.exists() and given.exists() and output.samefile(given):
-                raise WriteError(f"{output}: is what is read; choose another place for what is written")
+                raise WriteError(f"{output}: is an input; choose another output file")
         if output.is_dir():
             raise WriteError(f"{output}: is a folder; name a file")

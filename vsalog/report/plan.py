@@ -1,4 +1,4 @@
-"""What `plan` says, as a document: classes of causes, sensors and the motion that split them, causes that do not show."""
+"""Document of `plan`: classes of causes, sensors and the motion that split them, causes that do not show."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MOTION_OF = ("vsalog plan", "in the motion that was judged")
 def write_plan(
     source: str, options: Options, output: Path | None, page: Path | None, progress: Callable[[str], None] = lambda _: None
 ) -> tuple[Plan, dict[str, str]]:  # fmt: skip
-    """Plan, and write what is asked for.
+    """Plan, and write the requested files.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def write_plan(
 
 
 def planned(outcome: Outcome) -> Plan:
-    """Return a plan as its document says it."""
+    """Return a plan in the names of its document."""
     return Plan(
         vsalog=__version__,
         rig=outcome.rig.to_toml(),
@@ -88,8 +88,8 @@ def _joint(one: JointPlan) -> document.JointPlan:
 
 
 def _cause(one: Isolation) -> document.Cause:
-    told, rig = one.site.reported(one.values.tolist()), one.absent()
-    values = {name: document.Value(value=v, rig=rig[name][0], unit=unit) for name, (v, unit) in told.items()}
+    reported, rig = one.site.reported(one.values.tolist()), one.absent()
+    values = {name: document.Value(value=v, rig=rig[name][0], unit=unit) for name, (v, unit) in reported.items()}
     return document.Cause(
         cause=one.site.cause,
         part=one.site.part,
@@ -123,7 +123,7 @@ def _class(one: Confused) -> document.ClassOfCauses:
 
 
 def _is_part(part: str) -> bool:
-    """Tell whether it is a part of a joint, and not what an unknown function depends on."""
+    """Return whether it is a part of a joint, and not a variable of an unknown function."""
     return "," not in part
 
 
@@ -154,7 +154,7 @@ def plan_document(found: Plan, files: Mapping[str, str] = {}) -> Document:  # fm
         Section(f"Joint {joint.joint}", tuple(_items(joint, found.scenario, bool(files)))) for joint in found.joints
     ]
     items.append(Section("", (Facts(tuple(files.items())),), where="terminal"))
-    return Document("Plan", "Which causes the sensors tell apart", tuple(items), found)
+    return Document("Plan", "Which causes the sensors separate", tuple(items), found)
 
 
 def _items(joint: document.JointPlan, scenario: str, written: bool) -> Iterator[Block]:
@@ -175,13 +175,13 @@ def _items(joint: document.JointPlan, scenario: str, written: bool) -> Iterator[
             (
                 _names(c.members),
                 KINDS[c.kind],
-                signal_name(c.sensor) if c.sensor else "none that was tried",
+                signal_name(c.sensor) if c.sensor else "none of those tried",
                 _told(c, joint.classes),
             )
             for c in joint.classes
         )
         yield Table("Classes of causes", heads, rows, texts=4)
-        yield Words(f"Sensors that were tried, the cheapest first: {_listed(joint.sensors_tried)}.")
+        yield Words(f"Sensors tried, the cheapest first: {_listed(joint.sensors_tried)}.")
     if hidden:
         shown = tuple((c.cause, part_name(c.part), _size(c), percent(c.seen)) for c in hidden)
         yield Table(
@@ -197,7 +197,7 @@ def _told(one: document.ClassOfCauses, classes: tuple[document.ClassOfCauses, ..
     if one.kind != "confused":
         return "no motion splits them"
     never = any(c.kind != "confused" and set(c.members) <= set(one.members) for c in classes)
-    splits = "splits them, but for those that no motion splits" if never else "splits them"
+    splits = "splits them, except those that no motion splits" if never else "splits them"
     return splits if one.by_motion else f"splits them in fewer than {percent(1.0 - SIGNIFICANCE)} of logs"
 
 

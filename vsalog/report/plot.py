@@ -1,4 +1,4 @@
-"""What `plot` draws and says: which figures of a trace, and into which files."""
+"""Figures and messages of `plot`: which figures of a trace, and into which files."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Drawn:
     Attributes
     ----------
     chart : what it shows
-    joint, part, log : names, which may be anything; empty where it is of all. A part is a transmission, a signal or a cause
+    joint, part, log : names, of any text; empty where it is of all. A part is a transmission, a signal or a cause
     place : numbers of the joint and of the transmission in a trace, from 1 on
     """
 
@@ -41,7 +41,7 @@ class Drawn:
 
 
 def check_format(output: Path) -> None:
-    """Refuse a file whose ending names no format.
+    """Refuse a file whose suffix names no format.
 
     Raises
     ------
@@ -50,13 +50,13 @@ def check_format(output: Path) -> None:
     """
     if output.suffix.lower().removeprefix(".") not in FORMATS:
         endings = listed([f".{kind}" for kind in FORMATS])
-        raise FigureError(f"{output}: the ending tells the format, and is none of {endings}")
+        raise FigureError(f"{output}: the suffix sets the format, and is none of {endings}")
 
 
 def figures_of(
     trace: TraceFile, kinds: Sequence[str], joints: Sequence[str], transmissions: Sequence[str]
 ) -> list[Drawn]:
-    """Return the figures that are asked for, joint by joint.
+    """Return the requested figures, joint by joint.
 
     Parameters
     ----------
@@ -119,9 +119,9 @@ def _option(kind: str) -> str:
 
 
 def paths_of(output: Path, figures: Sequence[Drawn]) -> list[Path]:
-    """Return a file for each figure: the one that is named, and of several ones with what tells them apart in their names.
+    """Return a file for each figure: the named one, and of several ones with their kinds, joints and parts in the names.
 
-    Joints and transmissions are numbered: no name of a log is part of one.
+    Joints and transmissions are numbered: file names contain no name from a log.
     """
     if len(figures) == 1:
         return [output]
@@ -155,7 +155,7 @@ def write_plots(paths: Sequence[Path], figures: Sequence[Drawn], style: Style) -
 
 def plots_document(figures: Sequence[Drawn], paths: Sequence[Path]) -> Document:
     """Return what was drawn, into which files; none where it was shown on the screen."""
-    told = tuple((str(path), one.title) for path, one in zip(paths, figures, strict=False))
+    facts = tuple((str(path), one.title) for path, one in zip(paths, figures, strict=False))
     data = [
         {
             "file": str(paths[i]) if paths else None,
@@ -166,4 +166,4 @@ def plots_document(figures: Sequence[Drawn], paths: Sequence[Path]) -> Document:
         }
         for i, one in enumerate(figures)
     ]
-    return Document("Figures", "", (Facts(told, "terminal"),), {"figures": data})
+    return Document("Figures", "", (Facts(facts, "terminal"),), {"figures": data})

@@ -1,4 +1,4 @@
-"""What a command does while it works, on stderr: a bar on a terminal, and elsewhere a line now and then."""
+"""Progress of a command on stderr: a bar on a terminal, and elsewhere a line now and then."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from vsalog.report.verbosity import Verbosity, verbosity
 from vsalog.rig.find import RigFound
 
 LINE_INTERVAL = 30.0
-"""Seconds between two lines of progress where there is no terminal: a job's log stays short, and shows that work goes on."""
+"""Seconds between two lines of progress where there is no terminal: a job's log stays short, and shows progress."""
 
 STEPS = {
     "causes": "searching the sets of causes",
@@ -38,18 +38,18 @@ STEPS = {
     "modalities": "",
     "perturbations": "perturbing the estimate",
     "reading": "",
-    "recording_faults": "looking for faults of the recording",
+    "recording_faults": "searching faults of the recording",
     "sensors": "simulating candidates",
     "simulation": "",
     "trajectories": "fitting trajectories",
     "warm": "",
     "writing": "",
 }
-"""The words of the steps that `vsalog.core.progress` tells of."""
+"""The words for the steps of `vsalog.core.progress`."""
 
 
 class _Left(ProgressColumn):
-    """How long a step still takes by what is done of it, else how long it has taken."""
+    """The time a step still takes, extrapolated, else the time it has taken."""
 
     def render(self, task: Task) -> Text:
         begun, share = task.fields["begun"], task.completed
@@ -65,8 +65,8 @@ class Progress:
 
     Parameters
     ----------
-    replaced : files that will be written over
-    rigs : say which rig is used
+    replaced : files that will be overwritten
+    rigs : print which rig is used
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class Progress:
         self._row: TaskID | None = None
         self.loops: Compiling | None = None
         self._rigs, self._stack = rigs, ExitStack()
-        self._lines: list[str] = []  # for where there is no terminal: of an error nothing but the error is told
+        self._lines: list[str] = []  # without a terminal: after an error only the error is printed
         self._said: set[str] = set()
         self._words, self._step, self._share, self._announced = "", "", 0.0, False
         self._begun = self._looked = self._since = time.monotonic()
@@ -111,17 +111,17 @@ class Progress:
         self._bar.update(self._task, description=escape(self._words), total=None, completed=0, begun=self._begun)
 
     def note(self, text: str) -> None:
-        """Say something that is no warning."""
+        """Print a note, which is no warning."""
         if verbosity() > Verbosity.QUIET:
             self._tell(f"note: {printable(text)}")
 
     def replacing(self, files: Sequence[Path]) -> None:
-        """Say which files will be written over."""
+        """Print which files will be overwritten."""
         if files and verbosity() > Verbosity.QUIET:
             self._tell(f"replacing {', '.join(shown(str(path)) for path in files)}")
 
     def saying_when_compiling(self) -> AbstractContextManager[None]:
-        """Show when numba compiles a numerical loop that is not in its cache yet; that it happens once is said once."""
+        """Show when numba compiles a numerical loop that is not in its cache yet; explain it once."""
         return compiling(self._compiling)
 
     def _end_step(self) -> None:
@@ -152,7 +152,7 @@ class Progress:
         if event.step != self._step or event.share < self._share:
             self._since = now
         self._step, self._share = event.step, event.share
-        # What is over at once needs no bar, and a loop over samples tells of each.
+        # A short step needs no bar, and a loop over samples reports each.
         if min(now - self._since, now - self._looked) < 1.0 / self._bar.live.refresh_per_second:
             return
         self._looked = now
@@ -183,7 +183,7 @@ class Progress:
 
 
 class BatchProgress:
-    """Show people how a batch goes; a context manager.
+    """Show the progress of a batch; a context manager.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ class BatchProgress:
             self.say(text)
 
     def saying_when_compiling(self) -> AbstractContextManager[None]:
-        """Say once when numba compiles a numerical loop that is not in its cache yet."""
+        """Print once that numba compiles a numerical loop that is not in its cache yet."""
         return compiling(self._announce)
 
     def _announce(self, _: Compiling) -> None:
@@ -231,12 +231,12 @@ class BatchProgress:
             self.note(ANNOUNCED)
 
     def now(self, text: str) -> None:
-        """Show what is being done next to how far it is."""
+        """Show the current step next to the progress."""
         self._now = text
         self._show()
 
     def begin(self, sizes: Sequence[int]) -> None:
-        """Show what is going to be done: logs of these sizes [bytes], or what else takes as long as it is large."""
+        """Show the planned work: logs of these sizes [bytes], or other items whose time grows with their size."""
         self._logs, self._bytes = len(sizes), sum(sizes) + len(sizes)
         self._start = self._last = self._added = time.monotonic()
         self._bar.add_task(self._words(), total=self._bytes)
@@ -264,13 +264,13 @@ class BatchProgress:
             self.say(self._words())
 
     def _words(self) -> str:
-        """Say how many are done, how fast, and how long it still takes, by the size of what is left."""
+        """Return how many are done, how fast, and the remaining time, by the size of the rest."""
         words = f"{self.done} of {plural(self._logs, self._of)}"
         if self._failed:
             words += f", {self._failed} failed"
         fresh, taken = self.done - self._kept, self._added - self._start
         if fresh > 0 and taken > 0.0:
-            # What is under way has taken some of its time already.
+            # Items in progress have taken some of their time already.
             left = taken * (self._bytes - self._done_bytes) / max(self._done_bytes, 1)
             left = max(left - (time.monotonic() - self._added), 0.0)
             words += f", {fresh / taken:.3g} {self._of}s/s, {duration(left)} left"

@@ -1,4 +1,4 @@
-"""What `reproduce` says, as a document: printed numbers next to ours."""
+"""Document of `reproduce`: printed numbers next to ours."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ HEADS = ("settings", "of", "quantity", "printed", "ours", "counted", "whole run"
 
 
 def items_document() -> Document:
-    """Return what there is to reproduce."""
+    """Return the items that can be reproduced."""
     rows = tuple((item.name, item.title) for item in ITEMS.values())
-    return Document("Items", "What there is to reproduce", (Table("", ("", ""), rows, texts=2),))
+    return Document("Items", "What can be reproduced", (Table("", ("", ""), rows, texts=2),))
 
 
 def rows_document(
     items: Sequence[Item], rows: Mapping[str, Sequence[Row]], seeds: Sequence[int], figures: Sequence[Path]
 ) -> Document:
-    """Return a table per item, what it was found under, and the reasons where ours is worse."""
-    told: list[Block] = []
+    """Return a table per item, its conditions, and the reasons where ours is worse."""
+    blocks: list[Block] = []
     for item in items:
         own = rows[item.name]
         title = f"{own[0].paper}, {item.title}  ({item.name})"
-        told.append(Section(title, (_table(own), *map(Words, _remarks(own)))))
+        blocks.append(Section(title, (_table(own), *map(Words, _remarks(own)))))
     every = [row for own in rows.values() for row in own]
     counts = {v: sum(r.verdict == v for r in every) for v in dict.fromkeys(r.verdict for r in every)}
     summed = f"{len(every)} rows: " + ", ".join(f"{n} {verdict}" for verdict, n in counts.items())
-    told += [Words(summed), Words("Ours is the median over the seeds, [lowest … highest] where they differ.")]
-    told += [Facts((("figures", ", ".join(map(str, figures))),))] if figures else []
+    blocks += [Words(summed), Words("Ours is the median over the seeds, [lowest … highest] where they differ.")]
+    blocks += [Facts((("figures", ", ".join(map(str, figures))),))] if figures else []
     data = [{**msgspec.to_builtins(row), "verdict": row.verdict} for row in every]
-    return Document("Reproduction", "The papers' numbers next to ours", tuple(told), {
+    return Document("Reproduction", "The papers' numbers next to ours", tuple(blocks), {
         "seeds": list(seeds), "rows": data, "figures": [str(f) for f in figures],
     })  # fmt: skip
 

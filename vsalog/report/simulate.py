@@ -1,4 +1,4 @@
-"""What `simulate` says, as documents: scenarios, what was written, and how far a replay is from what was measured."""
+"""Documents of `simulate`: scenarios, what was written, and the error of a replay."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def scenarios_document() -> Document:
         "scenarios of the presets": built_in(),
         "scenarios for any rig": GENERIC,
     }
-    sections = (Section(title, (Table("", ("", ""), tuple(told.items()), texts=2),)) for title, told in known.items())
+    sections = (Section(title, (Table("", ("", ""), tuple(lines.items()), texts=2),)) for title, lines in known.items())
     return Document("Scenarios", "What can be simulated", tuple(sections))
 
 
@@ -52,7 +52,7 @@ def written_document(job: Job, recording: Recording, written: bool = True) -> Do
 
 
 def _where(files: LogFiles, written: bool) -> tuple[str, str]:
-    """Return what a line begins and ends with that says where a log and its rig were written; nothing where they were not."""
+    """Return the beginning and end of a line with the paths of the log and its rig; nothing where none were written."""
     rig = "" if files.rig is None else f"; its rig: {shown(str(files.rig))}"
     return (f"{shown(str(files.log))}: ", rig) if written else ("", "")
 
@@ -66,15 +66,15 @@ def _file_data(files: LogFiles, written: bool) -> dict[str, object]:
 
 
 def replay_document(job: ReplayJob, joints: Mapping[str, JointReplay], written: bool = True) -> Document:
-    """Return what was replayed, what drove it, how far it is off, and where it was written, if it was."""
+    """Return what was replayed, what drove it, its error, and where it was written, if it was."""
     begin, end = _where(job.files, written)
-    told = [Words(f"{begin}{shown(job.log.name)} replayed{end}")]
+    lines = [Words(f"{begin}{shown(job.log.name)} replayed{end}")]
     for name, joint in joints.items():
         drives = ", ".join(_drive(role, how) for role, how in joint.driven.items()) or "nothing"
         begun = "once" if joint.restarts == 1 else f"{joint.restarts} times"
-        told.append(Words(f"  {shown(name)}: driven by {drives}; begun {begun} from the measured state"))
-        told += [Words(f"    {role}: {_off(joint, role)}") for role in joint.compared()]
-    told += [Words(f"  {shown(name)}: left out: it {why}") for name, why in job.left_out.items()]
+        lines.append(Words(f"  {shown(name)}: driven by {drives}; started {begun} from the measured state"))
+        lines += [Words(f"    {role}: {_off(joint, role)}") for role in joint.compared()]
+    lines += [Words(f"  {shown(name)}: left out: it {why}") for name, why in job.left_out.items()]
     data = _file_data(job.files, written) | {
         "rig": job.rig.name,
         "replayed": str(job.log),
@@ -91,7 +91,7 @@ def replay_document(job: ReplayJob, joints: Mapping[str, JointReplay], written: 
         },
         "left_out": dict(job.left_out),
     }
-    return Document("Replay", "", tuple(told), data)
+    return Document("Replay", "", tuple(lines), data)
 
 
 def _drive(role: str, how: str) -> str:
@@ -100,5 +100,5 @@ def _drive(role: str, how: str) -> str:
 
 def _off(joint: JointReplay, role: str) -> str:
     rms, spread = joint.error(role)
-    share = f", {100.0 * rms / spread:.2g} % of its spread" if spread > 0.0 else ""
-    return f"{rms:.3g} {unit_of(role)} rms off{share}"
+    share = f", {100.0 * rms / spread:.2g} % of its standard deviation" if spread > 0.0 else ""
+    return f"RMS error {rms:.3g} {unit_of(role)}{share}"

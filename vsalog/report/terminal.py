@@ -1,4 +1,4 @@
-"""Renders documents on a terminal: lines broken between words, tables whole, turned or in blocks, no number cut."""
+"""Renders documents on a terminal: lines wrapped between words, tables whole, transposed or in blocks, no number cut."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from vsalog.report.document import (
     Tone,
     Verdict,
     Words,
-    told,
+    with_severity,
 )
 from vsalog.report.verbosity import Verbosity, verbosity
 
@@ -40,7 +40,7 @@ STYLES_OF_TONES: dict[Tone, str] = {"": "", "good": "green", "open": "yellow", "
 def console_for(stream: str = "stdout") -> Console:
     """Return a console that breaks lines on a terminal only, or where the environment states its width.
 
-    What a quiet command says on stderr beside findings is left out.
+    A quiet command prints only findings on stderr.
     """
     wide = not (getattr(sys, stream).isatty() or "COLUMNS" in os.environ)
     width = sys.maxsize if wide else None
@@ -62,7 +62,7 @@ def print_document(document: Document, console: Console | None = None) -> None:
 
 
 def text_of(document: Document) -> str:
-    """Return what is printed of a document for people, its findings where they stand in it; no line is broken."""
+    """Return what is printed of a document for people, with its findings in place; no line is wrapped."""
     text = StringIO()
     # In a notebook rich would display the text there, and not write it.
     console = Console(
@@ -79,9 +79,9 @@ def print_data(document: Document) -> None:
 
 
 def print_findings(findings: Iterable[Finding], errors: Console | None = None) -> None:
-    """Print findings on stderr after their severity: one line for what has one cause, unless all is asked for."""
+    """Print findings on stderr after their severity: one line per cause, unless all are requested."""
     errors = errors or Console(stderr=True, highlight=False, emoji=False)
-    for severity, sentence in told(findings):
+    for severity, sentence in with_severity(findings):
         if severity == "info" and verbosity() == Verbosity.QUIET:
             continue
         line = Text.assemble((f"{SEVERITIES[severity]}:", STYLES[severity]), f" {printable(sentence)}")
@@ -128,14 +128,14 @@ def _verdict(verdict: Verdict, console: Console) -> None:
 
 
 def _line(console: Console, text: str, indent: str, style: str = "") -> None:
-    """Print a text of any length, broken between words; leading spaces of its own are further indent."""
+    """Print a text of any length, wrapped between words; leading spaces of its own are further indent."""
     indent += " " * (len(text) - len(text.lstrip(" ")))
     for line in _broken(text.strip(), console, indent, console.is_terminal):
         console.print(Text(line, style=style), soft_wrap=True)
 
 
 def _broken(text: str, console: Console, indent: str, words: bool = True) -> list[str]:
-    """Break a text into lines, and words that are longer than a line where that is asked for."""
+    """Wrap a text into lines, and on request words that are longer than a line."""
     return textwrap.wrap(
         printable(text), max(console.width, 20), initial_indent=indent, subsequent_indent=indent, break_long_words=words,
         break_on_hyphens=False,
@@ -167,11 +167,11 @@ def shaped(table: Table, console: Console) -> Iterator[Grid | Text]:
         return
     for row in table.cells():
         named = list(zip(table.heads, map(_said, row), strict=True))
-        names = ", ".join(f"{head} {said}".strip() for head, said in named[: table.keys])
+        names = ", ".join(f"{head} {cell}".strip() for head, cell in named[: table.keys])
         yield from (Text(line, "bold") for line in _broken(names, console, "  "))
-        for head, said in named[table.keys :]:
-            if said:
-                yield from map(Text, _broken(f"{head}  {said}".strip(), console, "    "))
+        for head, cell in named[table.keys :]:
+            if cell:
+                yield from map(Text, _broken(f"{head}  {cell}".strip(), console, "    "))
 
 
 def _blocks(table: Table, console: Console) -> Iterator[Grid]:
@@ -201,13 +201,13 @@ def _turned(table: Table) -> Table:
 
 
 def _fits(grid: Grid, console: Console) -> bool:
-    """Tell whether the natural width is within the console's: rich's own measure is clipped to it."""
+    """Return whether the natural width is within the console's: rich's own measure is clipped to it."""
     options = console.options.update(width=sys.maxsize, max_width=sys.maxsize)
     return Measurement.get(console, options, grid).maximum <= console.width
 
 
 def _grid(table: Table, below: bool) -> Grid:
-    """Return a table as rich draws it, the details of cells next to what they are of, or below."""
+    """Return a table as rich draws it, the details of cells next to their texts, or below."""
     grid = Grid(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim", show_header=any(table.heads))
     for i, head in enumerate(table.heads):
         grid.add_column(Text(printable(head)), justify="left" if i < table.texts else "right", no_wrap=True)

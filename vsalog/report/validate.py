@@ -1,4 +1,4 @@
-"""What `validate` says, as a document: verdicts, scores, what the error depends on."""
+"""Document of `validate`: verdicts, scores, what the error depends on."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from vsalog.validation.frozen import frozen
 from vsalog.validation.run import Options, validate
 from vsalog.validation.verdict import Line, overview
 
-# What scores are where the error is ten times the signal's spread [%, %, 1]: beyond, digits say no more.
+# Scores of an error ten times the signal's standard deviation [%, %, 1]: beyond, digits have no meaning.
 TENFOLD: Mapping[str, float] = {"nrmse": 1000.0, "msrep": 10_000.0, "r2": -99.0}
 DEPENDENCES = {
     "torque": "torque (gain)",
@@ -88,7 +88,7 @@ def _dependence(found: Dependence) -> Dependence:
 def _reason(finding: Finding) -> str:
     words = sentence(finding, joint=False)
     if "p_value" in finding.evidence and finding.value is not None:
-        return f"Of the error's mean square {100.0 * finding.value:.3g} % says: {words}"
+        return f"{100.0 * finding.value:.3g} % of the error's mean square shows: {words}"
     # A role is written as the rig has it.
     return words if "_" in words.split()[0] else f"{words[0].upper()}{words[1:]}"
 
@@ -128,15 +128,15 @@ def write_validation(
     model: Path, logs: Sequence[Path], options: Options, folder: Path | None, figures: Path | None = None,
     progress: Callable[[str], None] = lambda _: None, page: Path | None = None,
 ) -> tuple[Report, dict[str, str]]:  # fmt: skip
-    """Hold a model against logs and write the report: `report.json`, `report.html`, and figures for papers.
+    """Test a model on logs and write the report: `report.json`, `report.html`, and figures for papers.
 
     Parameters
     ----------
     model, logs, options : of `vsalog.validation.run.validate`
-    folder : where to; the current one when absent
+    folder : of the results; the current one when absent
     figures : folder for figures as files, or None
     progress : called with the step that begins
-    page : where the page goes, where not to that folder
+    page : file of the page, if not in that folder
 
     Returns
     -------
@@ -156,7 +156,7 @@ def write_validation(
 
 
 def _overview(found: Sequence[Line]) -> Table:
-    """Return several logs in one table: what came of each, by what it was judged."""
+    """Return several logs in one table: the verdict of each, and its reference."""
     rows: list[tuple[Cell | str, ...]] = []
     for row in found:
         scores = [Cell("–")] * 2 if row.score is None else [_figure(row.score, "nrmse"), _figure(row.score, "msrep")]
@@ -194,7 +194,7 @@ def _section(joint: JointReport, log: str, charts: Charts, title: str) -> Sectio
 
 
 def _scores(joint: JointReport) -> Table:
-    """Scores with 95 % intervals, of samples inside and outside the model's region apart."""
+    """Scores with 95 % intervals, for samples inside and outside the model's region."""
     rows = [
         (part.transmission, _against(part, comparison), where, *_cells(score))
         for part in joint.transmissions
@@ -203,7 +203,7 @@ def _scores(joint: JointReport) -> Table:
         if score is not None
     ]
     heads = ("transmission", "against", "where", "samples", "NRMSE [%]", "RMSE", "R²", "MSREP [%]", "bias", "largest")
-    caption = "Scores with 95 % intervals; the verdict rests on those marked *"
+    caption = "Scores with 95 % intervals; the verdict is based on those marked *"
     return _of_one(Table(caption, heads, tuple(rows), keys=3, texts=3), joint)
 
 
@@ -213,7 +213,7 @@ def _of_one(table: Table, joint: JointReport) -> Table:
 
 
 def _against(part: TransmissionReport, comparison: Comparison) -> str:
-    """Return what a prediction is held against, with its unit, marked where the verdict rests on it."""
+    """Return the reference of a prediction, with its unit, marked where the verdict is based on it."""
     is_torque = comparison.quantity == "flexibility_torque"
     mark = "*" if is_torque and comparison.reference == part.judged_on else ""
     quantity = "" if is_torque else " stiffness"
@@ -266,24 +266,24 @@ def _modalities(joint: JointReport) -> Table:
 def _about(part: TransmissionReport) -> Iterator[Words]:
     """Yield what a transmission's error depends on, and how to find out more."""
     yield Words(
-        f"{number(100.0 * part.inside_share)} % of the samples lie inside the region that the model was fitted in."
+        f"{number(100.0 * part.inside_share)} % of the samples are inside the region that the model was fitted in."
     )
     if part.judged_on is None:
         return
     if not part.dependence:
         yield Words(
-            "The error depends on nothing that was looked at: offset, torque, deflection, positions, set-point, velocities,"
+            "The error depends on none of the variables checked: offset, torque, deflection, positions, set-point, velocities,"
             " loading, time."
         )
         return
     for d in part.dependence:
         share = f"{number(100.0 * d.share)} % of the error's mean square"
         yield Words(f"The error depends on {DEPENDENCES.get(d.on, d.on)}, {share}: {d.words}.")
-    yield Words("'vsalog diagnose LOG' looks for the cause by a simulation of the rig and extends the rig by it.")
+    yield Words("'vsalog diagnose LOG' searches for the cause by simulating the rig, and extends the rig by it.")
 
 
 def _provenance(report: Report) -> Section:
     pairs = [("model", f"{report.model} SHA-256 {report.model_sha256}")]
-    pairs += [("model learnt from", f"{log} SHA-256 {digest}") for log, digest in report.model_logs.items()]
+    pairs += [("model fitted to", f"{log} SHA-256 {digest}") for log, digest in report.model_logs.items()]
     pairs += [("validated on", f"{log.log} SHA-256 {log.sha256}") for log in report.logs]
     return provenance([*pairs, *report.settings.items(), ("vsalog", report.vsalog)], report.rig)

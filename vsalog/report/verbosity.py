@@ -1,4 +1,4 @@
-"""How much is said on stderr besides errors and warnings."""
+"""How much is printed on stderr in addition to errors and warnings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class Verbosity(IntEnum):
     ----------
     QUIET : no progress, no notes
     NORMAL : progress and notes
-    VERBOSE : also what took how long, and where things were found
+    VERBOSE : also the time of each step, and where files were found
     """
 
     QUIET = 0

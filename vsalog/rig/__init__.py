@@ -1,4 +1,4 @@
-"""Rig files: what a log does not say about the joints it was recorded on."""
+"""Rig files: the properties of joints that a log does not contain."""
 
 from vsalog.rig.load import Rig, presets
 

@@ -14,7 +14,7 @@ from vsalog.core.quantities import (
 
 
 class Accelerometer(Base, frozen=True):
-    """Where an accelerometer sits on a link. It measures specific force, R (a − g): +g upwards when at rest.
+    """The mounting of an accelerometer on a link. It measures specific force, R (a − g): +g upwards when at rest.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class ChainLink(Base, frozen=True):
     ----------
     joint : name of the joint that moves it
     length, offset : a, d [m]
-    twist, angle : α, and what is added to q [rad]
+    twist, angle : α, and the offset of q [rad]
     mass : [kg]
     centre : x, y, z of the centre of mass in the link's frame [m]
     inertia : about the centre of mass, along the frame's axes: I_xx, I_yy, I_zz [kg·m²]
@@ -52,13 +52,13 @@ class ChainLink(Base, frozen=True):
 
 
 class Coupling(Base, frozen=True):
-    """One element of S: a motor that is carried by a moving link feels that link's acceleration, and the link the motor's.
+    """One element of S: the coupling of the accelerations of a link and of a motor that it carries.
 
     Attributes
     ----------
     link : joint of the link, nearer to the base than `motor` (S is strictly upper triangular)
     motor : joint of the motor
-    inertia : [kg·m²], as the joint feels it
+    inertia : [kg·m²], reduced to the joint
     """
 
     link: str
@@ -67,7 +67,7 @@ class Coupling(Base, frozen=True):
 
 
 class Chain(Base, frozen=True):
-    """The arm that the joints form. Joints outside it move alone; inside, its links stand for `link.inertia` and gravity.
+    """The arm that the joints form. Joints outside it move alone; inside, its links replace `link.inertia` and gravity.
 
     Attributes
     ----------

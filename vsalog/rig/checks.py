@@ -1,4 +1,4 @@
-"""What no single key can show to be wrong: keys of a joint that contradict each other."""
+"""Contradictions between keys of a joint, which no single key shows."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def motors(joint: Joint) -> Iterator[tuple[str, Motor]]:
 
 
 def frictions(joint: Joint) -> Iterator[tuple[tuple[str, ...], Friction]]:
-    """Yield where the joint has friction, and the friction."""
+    """Yield the paths of the joint's friction, and the friction."""
     for key, motor in motors(joint):
         yield (key,), motor.friction
     if not isinstance(joint, PneumaticJoint) and joint.link is not None:
@@ -128,7 +128,7 @@ def _check_chain(rig: RigFile, chain: Chain) -> None:
 
 def _three(numbers: tuple[float, ...], path: Path) -> None:
     if len(numbers) != 3:
-        refuse(path, f"{len(numbers)} numbers are given where three are wanted")
+        refuse(path, f"{len(numbers)} numbers are given, but three are needed")
 
 
 def _check_channels(joint: Joint, path: Path) -> None:
@@ -158,7 +158,7 @@ def _check_sensors(joint: Joint, path: Path) -> None:
             at = (*path, "signals", role, table.name)
             for error in signal.tables(table):
                 if units[0] != error.UNIT or (signal.unit is not None and matching(signal.unit, units) != error.UNIT):
-                    refuse(at, f"a sensor has it that measures in {error.UNIT}, and this one does not")
+                    refuse(at, f"this error is for sensors that measure in {error.UNIT}, and this one does not")
                 steepest += error.largest[1]
                 if steepest >= signal.gain:
                     refuse(
@@ -184,7 +184,7 @@ def _check_runs(joint: JointWithRuns, path: Path) -> None:
         if RUN in channel and not any(run.name for run in joint.run):
             refuse(
                 (*path, "signals", role),
-                f"{RUN} stands for the name of a run, but no [[joint.{path[1]}.run]] has a name",
+                f"{RUN} is replaced by the name of a run, but no [[joint.{path[1]}.run]] has a name",
             )
     seen: set[tuple[str, str]] = set()
     for i, run in enumerate(joint.run):

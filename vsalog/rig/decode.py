@@ -1,8 +1,8 @@
-"""TOML tables → the structures of `vsalog.rig.schema`, with messages that name the key, the value and the way out.
+"""TOML tables → the structures of `vsalog.rig.schema`, with messages that name the key, the value and the remedy.
 
 msgspec could do the conversion alone, but it stops at "Expected `float` - at `$.joint[...]`". Here the tables are walked
-along the structures' types: unknown keys are refused with the nearest known one, quantities become SI, and what is left
-for msgspec is to build the structures.
+along the structures' types: unknown keys are refused with the nearest known one, quantities become SI, and msgspec only
+builds the structures.
 
 A quantity's tolerance is carried by the number itself (`uncertain.UncertainNumber`) until the structures are built.
 """
@@ -23,7 +23,7 @@ from vsalog.core.printable import LONGEST_NAME
 from vsalog.core.units import is_counts, matching, quantity, shown, si_factor
 from vsalog.rig.roles import role_units
 from vsalog.rig.schema import RigFile
-from vsalog.rig.uncertain import Path as Path  # for who refuses a key
+from vsalog.rig.uncertain import Path as Path  # for callers that refuse a key
 from vsalog.rig.uncertain import (
     Tolerance,
     UncertainNumber,
@@ -41,17 +41,17 @@ _TORQUE_OF_CURRENT = "give the torque it makes on the joint's side: current × t
 
 _NO_QUANTITY = "but this is a choice, not a quantity that is measured; write the value alone"
 
-# What to do about a value that cannot be, by the key's name.
+# Advice on an impossible value, by the key's name.
 _HINTS = {
-    "inertia": "leave the key out where it is not known",
-    "counts_per_turn": "it is the number of encoder counts per turn of what the encoder sits on, e.g. 4096",
+    "inertia": "leave the key out if it is not known",
+    "counts_per_turn": "it is the number of encoder counts per turn of the encoder's shaft, e.g. 4096",
     "gear_ratio": "it is the number of rotor turns per turn of the joint, e.g. 50",
-    "torque_constant": "turn the signal round with sign = -1 if need be, and leave the key out where it is not known",
-    "stiffness": 'give the transmission type = "unknown" where it is not known',
+    "torque_constant": "reverse the signal with sign = -1 if necessary, and leave the key out if it is not known",
+    "stiffness": 'give the transmission type = "unknown" if it is not known',
     "geometry": "the VSA-II's four-bar mechanism only exists with C > 1",
     "resolution": "leave the key out to have it taken from the data",
-    "sign": "write 1, or -1 for a sensor that counts the other way round",
-    "damping": "friction takes energy out; 0 where it is not known",
+    "sign": "write 1, or -1 for a sensor with the opposite sign",
+    "damping": "friction dissipates energy; 0 if it is not known",
 }
 
 
@@ -199,7 +199,7 @@ def _signals(value: Table, kind: inspect.Type, joint: Table, path: Path) -> Tabl
 
 
 def _signal(value: Any, role: str, signals: inspect.StructType, path: Path) -> Any:
-    """Check what a role is given: a channel's name, a number, or a table."""
+    """Check the value of a role: a channel's name, a number, or a table."""
     if isinstance(value, list):
         refuse(path, f"{len(value)} values for one role: one role, one channel")
     if isinstance(value, str):
@@ -253,7 +253,7 @@ def _unit(value: Any, units: tuple[str, ...], path: Path) -> None:
     if not isinstance(value, str):
         refuse(path, f'{_written(value)} is not a unit; write it as text, such as "deg"')
     if is_counts(value) and _is_angle(units):
-        return  # loads, as `init` writes it; who needs the angle refuses it
+        return  # loads, as `init` writes it; commands that need the angle refuse it
     try:
         matching(value, units)
     except UnitError as error:
@@ -268,10 +268,10 @@ def _unit_of_counts(counts: float, unit: str | None, units: tuple[str, ...], pat
     """Return the unit of an encoder's counts: ``rev/4096`` where 4096 make a turn, of a velocity ``rev/4096/s``."""
     if not _is_angle(units):
         refuse(
-            path, f"is of an encoder, but this is {quantity(units[0])}; state its unit, and a gain where it is no SI"
+            path, f"is for an encoder, but this is {quantity(units[0])}; state its unit, and a gain where it is no SI"
         )
     if unit is not None and not is_counts(unit):
-        refuse(path, f"says the unit too; remove unit = {_written(unit)}, or counts_per_turn")
+        refuse(path, f"also states the unit; remove unit = {_written(unit)}, or counts_per_turn")
     exact = format(Decimal(counts).normalize(), "f")
     text = f"rev/{exact}/s" if "rad/s" in units else f"rev/{exact}"
     _unit(text, units, path)
@@ -284,7 +284,7 @@ def _constant(signal: Table, units: tuple[str, ...], path: Path) -> Table:
     try:
         if isinstance(value, str):
             if unit is not None:
-                refuse(path, f"{_written(value)} brings its own unit; remove unit = {_written(unit)}")
+                refuse(path, f"{_written(value)} has its own unit; remove unit = {_written(unit)}")
             number, like = _torque_not_current(value, units, path)
             return {"constant": number, "unit": like}
         number = _finite(value, path)
@@ -340,7 +340,7 @@ def _run_setpoint(text: str, joint: Table, path: Path) -> float:
 def _lever_arm(angle: float, joint: Table, path: Path) -> float | None:
     """Return the lever arm r = start − travel · angle [m]; None in a joint without a lever.
 
-    Of tolerances it has the angle's; start and travel keep theirs for themselves.
+    Its tolerance is the angle's; start and travel keep their own.
     """
     lever = joint.get("lever")
     if not isinstance(lever, dict) or not {"start", "travel"} <= set(lever):
@@ -357,7 +357,7 @@ def _lever_arm(angle: float, joint: Table, path: Path) -> float | None:
 
 
 def _si(value: Any, units: tuple[str, ...], path: Path) -> Any:
-    """Return a quantity written as text in SI; anything else is left to the check of its type."""
+    """Return a quantity written as text in SI; other values go to the check of their type."""
     if not isinstance(value, str):
         return value
     try:
@@ -371,14 +371,14 @@ def _list(value: Any, kind: inspect.VarTupleType, path: Path) -> list[Any]:
     if not isinstance(value, list):
         tables = isinstance(kind.item_type, inspect.StructType)
         refuse(
-            path, f"a list of {f'tables is wanted here: write [[{key_path(path)}]]' if tables else 'numbers is wanted'}"
+            path, f"a list of {f'tables is needed here: write [[{key_path(path)}]]' if tables else 'numbers is needed'}"
         )
     return [_value(item, kind.item_type, (*path, f"[{i}]")) for i, item in enumerate(value)]
 
 
 def _table(value: Any, path: Path) -> Table:
     if not isinstance(value, dict):
-        refuse(path, f"{_written(value)} is given where a table is wanted: [{key_path(path)}]")
+        refuse(path, f"{_written(value)} is given, but a table is needed: [{key_path(path)}]")
     return value
 
 
@@ -409,7 +409,7 @@ def _leaf(value: Any, kind: inspect.Type, path: Path) -> Any:
 
 
 def _uncertain(text: str, kind: inspect.Type, path: Path) -> Any:
-    """Return a number without unit that states a tolerance; a name, which may hold the sign, stays what it is."""
+    """Return a number without unit that states a tolerance; a name, which may contain the sign, stays unchanged."""
     if isinstance(kind, inspect.StrType):
         return text
     if not isinstance(kind, inspect.FloatType):
@@ -422,7 +422,7 @@ def _uncertain(text: str, kind: inspect.Type, path: Path) -> Any:
 
 def _finite(value: Any, path: Path) -> float:
     if isinstance(value, str):
-        refuse(path, f"{_written(value)} is a text, but a plain number without unit is wanted")
+        refuse(path, f"{_written(value)} is a text, but a plain number without unit is needed")
     if isinstance(value, bool) or not isinstance(value, int | float):
         refuse(path, f"{_written(value)} is not a number")
     try:
@@ -448,14 +448,14 @@ def _bounded(number: float, kind: inspect.FloatType | inspect.IntType, path: Pat
 
 
 def _hint(path: Path) -> str:
-    # A servo's stiffness and damping are gains: advice on a machine's does not hold for them.
+    # A servo's stiffness and damping are gains: advice on mechanical ones does not apply.
     gain = len(path) > 1 and "servo" in path[-2]
     hint = None if gain else _HINTS.get(path[-1])
     return f"; {hint}" if hint else ""
 
 
 def _written(value: Any) -> str:
-    """Show a value as it stands in the file."""
+    """Show a value as written in the file."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, int | float):

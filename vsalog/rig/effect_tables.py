@@ -1,4 +1,4 @@
-"""Parts of a rig and the tables that effects add to them: `vsalog.effects` says which there are."""
+"""Parts of a rig and the tables that effects add to them: `vsalog.effects` has the effects."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Part(Base, frozen=True):
     KEYS: ClassVar[tuple[Key, ...]] = ()
 
     def tables(self, key: Key) -> tuple[Any, ...]:
-        """Return the tables that stand under a key, but for one that does nothing."""
+        """Return the tables under a key, without one that does nothing."""
         there = getattr(self, key.name)
         if key.many:
             return tuple(there)
@@ -31,34 +31,34 @@ class Part(Base, frozen=True):
 
 
 class Body(Part, frozen=True):
-    """What motors and links have in common."""
+    """The common base of motors and links."""
 
     @property
     def torques(self) -> tuple[BodyTorque, ...]:
-        """What effects add."""
+        """The tables of effects."""
         return tuple(torque for key in self.KEYS for torque in self.tables(key))
 
     def geared_torques(self, ratio: float) -> dict[str, Any]:
-        """Return key → what effects add, as it is felt behind a gear of that ratio."""
+        """Return key → tables of effects, reduced to the output of a gear of that ratio."""
         geared = {key: tuple(torque.geared(ratio) for torque in self.tables(key)) for key in self.KEYS}
         return {key.name: _value(key, tables) for key, tables in geared.items()}
 
 
 class Sensor(Part, frozen=True):
-    """What signals of all kinds have in common."""
+    """The common base of signals of all kinds."""
 
     @property
     def errors(self) -> tuple[ReadingError, ...]:
-        """What effects add to a reading."""
+        """The tables of effects on a reading."""
         return tuple(error for key in self.KEYS for error in self.tables(key))
 
     def scaled_errors(self, factor: float) -> dict[str, Any]:
-        """Return key → what effects add to a reading that is multiplied."""
+        """Return key → tables of effects on a reading that is multiplied."""
         scaled = {key: tuple(error.scaled(factor) for error in self.tables(key)) for key in self.KEYS}
         return {key.name: _value(key, tables) for key, tables in scaled.items()}
 
     def no_errors(self) -> dict[str, Any]:
-        """Return key → what stands for no error."""
+        """Return key → value for no error."""
         return {key.name: _absent(key) for key in self.KEYS}
 
 
@@ -74,7 +74,7 @@ def composed(core: type[Part], part: str) -> type[msgspec.Struct]:
     for key in keys:
         if hasattr(core, key.name):
             raise ExtensionError(
-                f"the key '{key.name}' that an effect adds to each {part} is there already; name it otherwise"
+                f"the key '{key.name}' that an effect adds to each {part} exists already; choose another name"
             )
     fields: list[tuple[str, Any, Any]] = [(key.name, _kind(key), _absent(key)) for key in keys]
     words = inspect.cleandoc(core.__doc__ or "") + "".join(f"\n{key.name} : {key.says}" for key in keys)
@@ -90,7 +90,7 @@ def _kind(key: Key) -> Any:
 
 @cache
 def _absent(key: Key) -> Any:
-    """Return what stands for nothing: no tables, a table whose defaults do nothing, or none where a key has no default."""
+    """Return the value for no effect: no tables, a table whose defaults do nothing, or none where a key has no default."""
     if key.many:
         return ()
     return None if any(field.required for field in msgspec.structs.fields(key.table)) else key.table()

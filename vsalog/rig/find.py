@@ -1,4 +1,4 @@
-"""Where the rig of a log is: given, in the log itself, next to it, or nowhere; and which others lie there."""
+"""The location of a log's rig: given, in the log itself, next to it, or nowhere; and other rigs there."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from vsalog.core.errors import RigError
 from vsalog.core.progress import is_watched, tell
 from vsalog.rig.load import Rig
 
-Place = Literal["given", "log", "beside", "model", "guessed"]
+Place = Literal["given", "log", "next to log", "model", "guessed"]
 
 
 @dataclass(frozen=True, slots=True)
 class RigFound:
-    """Which rig is used; `vsalog.core.progress.tell` passes it on.
+    """The rig that is used; `vsalog.core.progress.tell` reports it.
 
     Attributes
     ----------
-    place : where it is: asked for, in the log, next to it, in the model file, or guessed since there is none
-    where : what messages call it
+    place : its source: requested, in the log, next to it, in the model file, or guessed since there is none
+    where : its name in messages
     path : of its file; None where it is in no file of its own
-    others : rig files next to the log or in the working directory that say something else and are not used
+    others : rig files next to the log or in the working directory that differ and are not used
     """
 
     place: Place
@@ -38,8 +38,8 @@ def find_rig(log: Path, rig_text: str | None, given: Rig | str | Path | None = N
     Parameters
     ----------
     log : the log's path
-    rig_text : what the log carries itself, None for nothing
-    given : a loaded rig, a rig file or a preset's name, which goes before all else
+    rig_text : the rig in the log itself, None for none
+    given : a loaded rig, a rig file or a preset's name, which has priority
 
     Returns
     -------
@@ -60,17 +60,17 @@ def find_rig(log: Path, rig_text: str | None, given: Rig | str | Path | None = N
     if found is None:
         return None
     rig = Rig.load(found)
-    tell_rig(rig, "beside", log, found)
+    tell_rig(rig, "next to log", log, found)
     return rig
 
 
 def given_rig(source: Rig | str | Path, log: Path | None = None) -> Rig:
-    """Return the rig that was asked for: one that is loaded, a file, else a preset or TOML text.
+    """Return the requested rig: one that is loaded, a file, else a preset or TOML text.
 
     Raises
     ------
     RigError
-        There is no such file or preset, or what it says is not possible.
+        There is no such file or preset, or its content is not possible.
     """
     path = None if isinstance(source, Rig) else _file(source)
     rig = source if isinstance(source, Rig) else Rig.load(source if path is None else path)
@@ -79,7 +79,7 @@ def given_rig(source: Rig | str | Path, log: Path | None = None) -> Rig:
 
 
 def tell_rig(rig: Rig, place: Place, log: Path | None = None, path: Path | None = None) -> None:
-    """Tell which rig is used, and which others there are where one is looked for."""
+    """Report which rig is used, and which others exist where one is searched."""
     if not is_watched():
         return
     others = () if log is None else tuple(other for other in _there(log) if not _same(other, path, rig))
@@ -87,7 +87,7 @@ def tell_rig(rig: Rig, place: Place, log: Path | None = None, path: Path | None 
 
 
 def rig_beside(log: Path) -> Path | None:
-    """Return the rig file that lies next to a log; None where there is none."""
+    """Return the rig file next to a log; None where there is none."""
     return next((path for path in _beside(log) if path.is_file()), None)
 
 
@@ -112,7 +112,7 @@ def _there(log: Path) -> Iterator[Path]:
 
 
 def _same(other: Path, path: Path | None, rig: Rig) -> bool:
-    """Tell whether a file is the rig's own, or says the same."""
+    """Return whether a file is the rig's own, or has the same content."""
     if path is not None and other.samefile(path):
         return True
     try:

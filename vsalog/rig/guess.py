@@ -1,7 +1,7 @@
-"""Guessing which joints a log holds and which channel plays which role, each guess with its reasons and its confidence.
+"""Guesses the joints of a log and the channels of their roles, each with its reasons and its confidence.
 
-Names come first, then units and message types; the numbers confirm, refute and tell gear ratios and signs. A confidence
-is a person's rough odds, not a probability: 0.9 means "look once", 0.5 means "could as well be something else".
+Names come first, then units and message types; the numbers confirm or refute them, and show gear ratios and signs. A confidence
+is a rough estimate, not a probability: 0.9 means "check it once", 0.5 means "may well be something else".
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _PLACED = ("position", "deflection")
 
 @np.errstate(
     over="ignore", invalid="ignore", divide="ignore"
-)  # a log may hold any number: what is infinite is no match
+)  # a log may contain any number: an infinite one is no match
 def guess_roles(recording: Recording) -> Guess:
     """Guess the joints of a log, their kinds and the channels of their roles.
 
@@ -54,7 +54,7 @@ def guess_roles(recording: Recording) -> Guess:
 
 
 def _candidates(recording: Recording, runs: RunGroup | None) -> tuple[list[Candidate], list[Finding]]:
-    """Return the channels that may have a role, those of the runs once; and what was passed over."""
+    """Return the channels that may have a role, those of the runs once; and the ones that were skipped."""
     clockless = {name for name, stream in recording.streams.items() if stream.time_source == "none"}
     findings = []
     if clockless and clockless == set(recording.streams):
@@ -103,18 +103,18 @@ def _merge_numbered(groups: dict[str, list[Candidate]]) -> None:
 
 
 def _numbered_joint(candidate: Candidate) -> str:
-    """Return ``joint_2`` for the element ``motor_2`` of a message, "" for what is numbered otherwise."""
+    """Return ``joint_2`` for the element ``motor_2`` of a message, "" for other numbering."""
     meaning = candidate.meaning
     return f"joint_{meaning.index}" if meaning.label and meaning.part == "motor" and meaning.index is not None else ""
 
 
 def _parts_by_topic(group: list[Candidate]) -> list[Candidate]:
-    """Take what a motor's topic says of a joint as the motor's, where another topic says the same of it."""
+    """Assign a motor topic's data of a joint to the motor, where another topic has the same data of the joint."""
     streams = {c.channel.stream: c.meaning.in_motor_topic for c in group if _is_unsided_position(c)}
     motors = [stream for stream, is_motors in streams.items() if is_motors]
     if len(streams) != 2 or len(motors) != 1:
         return group
-    why = f"its topic {motors[0]} says motor"
+    why = f"its topic {motors[0]} names a motor"
     return [
         c.with_part("motor", why) if c.channel.stream == motors[0] and c.meaning.part in ("", "link") else c
         for c in group
@@ -144,7 +144,7 @@ def _merge_strays(groups: dict[str, list[Candidate]]) -> None:
 
 
 def _merge_nameless(groups: dict[str, list[Candidate]]) -> None:
-    """What names no joint belongs to the only one that is named."""
+    """A channel that names no joint belongs to the only one that is named."""
     named = [key for key in groups if key]
     if len(named) != 1 or not groups.get(""):
         return
@@ -157,7 +157,7 @@ def _merge_nameless(groups: dict[str, list[Candidate]]) -> None:
 
 
 def _add_velocities(groups: dict[str, list[Candidate]], velocities: list[Candidate]) -> None:
-    """A velocity belongs to the joint that its name names, or to the only one; others are of something else."""
+    """A velocity belongs to the joint in its name, or to the only one; others are of something else."""
     words = {c.meaning.joint for group in groups.values() for c in group}
     for candidate in velocities:
         key = "_".join(candidate.meaning.joint) or (_numbered_joint(candidate) if len(groups) > 1 else "")
@@ -170,7 +170,7 @@ def _add_velocities(groups: dict[str, list[Candidate]], velocities: list[Candida
 def _split_numbered(groups: dict[str, list[Candidate]]) -> dict[str, list[Candidate]]:
     """Split a group whose links are numbered (q1, q2): the numbers count joints, not the motors of one joint.
 
-    So do those of a list's elements, and more than two of anything.
+    Likewise those of a list's elements, and more than two of any kind.
     """
     split: dict[str, list[Candidate]] = {}
     for key, group in groups.items():
@@ -198,7 +198,7 @@ def _numbers(group: list[Candidate], part: str) -> set[int]:
 
 
 def _named(groups: dict[str, list[Candidate]]) -> dict[str, list[Candidate]]:
-    """Name each group: by the one label all its channels have, else by the words left, else ``joint``."""
+    """Name each group: by the one label all its channels have, else by the remaining words, else ``joint``."""
     named: dict[str, list[Candidate]] = {}
     for key, group in groups.items():
         labels = {c.meaning.label for c in group}

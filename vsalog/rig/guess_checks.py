@@ -1,4 +1,4 @@
-"""What the numbers say about a joint's roles: gear ratio, signs, and torques that are no measurement."""
+"""Guesses from the numbers of a joint's roles: gear ratio, signs, and torques that are no measurement."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from vsalog.rig.guess_types import Kind, RoleGuess
 
 @dataclass(slots=True)
 class Checked:
-    """Roles with sides and signs filled in, and what was noticed."""
+    """Roles with sides and signs filled in, and the findings."""
 
     roles: dict[str, RoleGuess]
     gear_ratio: float | None = None
@@ -42,7 +42,7 @@ def confirm(roles: Mapping[str, RoleGuess], channels: Mapping[str, Channel], kin
 
 
 def _gear(checked: Checked, channels: Mapping[str, Channel]) -> None:
-    """Tell a gear between the two positions, and a motor that counts the other way round."""
+    """Detect a gear between the two positions, and a motor with the opposite sign."""
     if "motor_position" not in channels or "link_position" not in channels:
         return
     found = guess_data.gear_between(channels["motor_position"], channels["link_position"])
@@ -65,7 +65,7 @@ def _gear(checked: Checked, channels: Mapping[str, Channel]) -> None:
 
 
 def _torque(checked: Checked, channels: Mapping[str, Channel], suffix: str) -> None:
-    """Tell a torque that was computed from the deflection, and one that counts the other way round."""
+    """Detect a torque that was computed from the deflection, and one with the opposite sign."""
     role = f"torque_sensor{suffix}"
     torque = channels[role]
     name, line = _over_deflection(torque, checked, channels, suffix)
@@ -91,7 +91,7 @@ def _over_deflection(
     if deflection is not None:
         return f"'{deflection.name}'", guess_data.torque_over_deflection(torque, deflection)
     motor, link = channels.get(f"motor_position{suffix}"), channels.get("link_position")
-    # A gear ratio read off the ranges is too rough to tell a deflection from.
+    # A gear ratio from the ranges is too rough for a deflection.
     if motor is None or link is None or checked.gear_ratio is not None:
         return "", None
     size = _motor_per_link(checked, channels, suffix)
@@ -102,7 +102,7 @@ def _over_deflection(
 
 
 def _motor_per_link(checked: Checked, channels: Mapping[str, Channel], suffix: str) -> float | None:
-    """Return the number for the motor's angle of which the link's is 1, where they are equal: by their units."""
+    """Return the motor's reading for a link's reading of 1 at equal angles, by their units."""
     motor, link = (
         guess_data.si_of(channels[role], checked.roles[role].unit)
         for role in (f"motor_position{suffix}", "link_position")

@@ -1,4 +1,4 @@
-"""What a recording's numbers say about guesses that were made from names."""
+"""Tests of guesses from names by the recording's numbers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Line:
     ----------
     slope, intercept : of the line
     correlation : of x and y, −1 … 1
-    residual : rms of what the line leaves, relative to the spread of y
+    residual : RMS residual of the line, relative to the standard deviation of y
     """
 
     slope: float
@@ -39,7 +39,7 @@ class Line:
 
 
 def is_constant(channel: Channel) -> bool:
-    """Tell whether a channel never changes, or holds no number at all."""
+    """Return whether a channel never changes, or contains no number."""
     finite = channel.values[np.isfinite(channel.values)]
     return finite.size == 0 or float(np.ptp(finite)) <= 1e-12 * float(np.abs(finite).max(initial=0.0))
 
@@ -51,7 +51,7 @@ def span(channel: Channel) -> float:
 
 
 def looks_like_counts(channel: Channel) -> bool:
-    """Tell whether an angle is raw counts: by its unit, or, without one, by whole numbers beyond a turn of radians."""
+    """Return whether an angle is raw counts: by its unit, or, without one, by whole numbers beyond a turn of radians."""
     if channel.unit:
         return is_counts(channel.unit)
     finite = channel.values[np.isfinite(channel.values)]
@@ -61,7 +61,7 @@ def looks_like_counts(channel: Channel) -> bool:
 def counts_of_turn(channel: Channel) -> int | None:
     """Return after how many counts an encoder wraps to zero, None where it does not.
 
-    It jumps by most of the power of two that holds its counts: by more than half, for less could be a motion.
+    It jumps by most of the power of two that contains its counts: by more than half, since less could be a motion.
     """
     finite = channel.values[np.isfinite(channel.values)]
     if finite.size < 2 or finite.min() < 0.0 or not 1.0 < finite.max() < 2.0**53:
@@ -71,7 +71,7 @@ def counts_of_turn(channel: Channel) -> int | None:
 
 
 def si_of(channel: Channel, unit: str | None, like: str = "rad") -> float | None:
-    """Return what a channel is multiplied with to be SI; None for raw counts and for a unit of something else.
+    """Return the factor from a channel to SI; None for raw counts and for a unit of something else.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def together(*channels: Channel) -> tuple[Array, ...]:
 
 
 def line(x: Array, y: Array) -> Line | None:
-    """Fit a line; None where there is too little to fit, or one of them never changes."""
+    """Fit a line; None where there are too few samples, or one of them never changes."""
     if x.size < 10:
         return None
     dx, dy = x - x.mean(), y - y.mean()
@@ -132,7 +132,7 @@ def gear_between(motor: Channel, link: Channel) -> Line | None:
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """How large the spring or the inertia is that would take all of a torque, by the sizes of both and the motion's frequency.
+    """The stiffness or the inertia that would take all of a torque, by the sizes of both and the motion's frequency.
 
     Attributes
     ----------
@@ -145,13 +145,13 @@ class Scale:
 
 
 def scale_of(torque: Channel, factor: float, ends: Sequence[tuple[Channel, float]]) -> Scale | None:
-    """Return the scale of what a torque moves, None where one of them never changes.
+    """Return the scale of the load of a torque, None where one of them never changes.
 
     Parameters
     ----------
     torque : of the motor
-    factor : what makes it SI on the joint's side
-    ends : channels whose sum is the angle, and what makes each rad on the joint's side
+    factor : from it to SI on the joint's side
+    ends : channels whose sum is the angle, and their factors to rad on the joint's side
     """
     values, *angles = together(torque, *(channel for channel, _ in ends))
     angle = np.zeros(values.size)
@@ -176,7 +176,7 @@ def torque_over_deflection(torque: Channel, deflection: Channel) -> Line | None:
 
 
 def is_the_same(one: Channel, other: Channel) -> bool:
-    """Tell whether two channels have the same numbers but for a lag: what was wanted, and what came of it."""
+    """Return whether two channels have the same numbers except for a lag: a command and its result."""
     x, y = together(one, other)
     spread = float(np.var(x)) if x.size else 0.0
     return spread > 0.0 and 1.0 - float(np.mean((y - x) ** 2)) / spread > CORRELATED

@@ -1,4 +1,4 @@
-"""What a guessed rig lacks that no log tells, and which command can use it as it stands."""
+"""The gaps of a guessed rig that no log can fill, and which command can use it as it is."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class Gap(Struct, frozen=True):
 
     Attributes
     ----------
-    key : below the joint, such as ``signals.link_position.counts_per_turn``; its last part says what is lacking
+    key : below the joint, such as ``signals.link_position.counts_per_turn``; its last part names the missing number
     unit : SI; "" for a plain number
     channel : that it is about
-    guess : as the log shows it; None where it does not
+    guess : from the log; None where it shows none
     """
 
     key: str
@@ -54,7 +54,7 @@ def counts_key(role: str) -> str:
 
 
 def waits_for(joint: JointGuess, answers: Answers) -> tuple[str, ...]:
-    """Return the keys without which a command refuses a joint: of counts there is no angle to begin with."""
+    """Return the keys without which a command refuses a joint: counts alone are no angle."""
     keys = ((counts_key(role), guess) for role, guess in joint.roles.items())
     return tuple(
         key for key, guess in keys if guess.unit == "counts" and guess.counts_per_turn is None and key not in answers
@@ -62,7 +62,7 @@ def waits_for(joint: JointGuess, answers: Answers) -> tuple[str, ...]:
 
 
 def command_for(joint: JointGuess, answers: Answers) -> Command:
-    """Return the command that can use a guessed joint, once it waits for nothing: the one that says most of it."""
+    """Return the command that can use a guessed joint, once nothing is missing: the most informative one."""
     roles = set(joint.roles)
     if joint.kind == "rigid":
         moves = "motor_torque" in roles or not roles.isdisjoint(COMMANDS)

@@ -1,4 +1,4 @@
-"""Guessing one joint: the roles of its channels by name, then what the numbers say."""
+"""Guesses one joint: the roles of its channels by name, then by the numbers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ROLES: dict[str, tuple[str, ...]] = {
     "antagonistic": AntagonisticSignals.__struct_fields__,
 }
 
-# What no estimator reads: recorded in few logs, and not missed in the others.
+# Roles that no estimator reads: recorded in few logs, and not reported as missing in the others.
 EXTRA = (
     "commanded_position", "commanded_velocity", *VELOCITIES, "link_acceleration", "external_torque", "secondary_torque",
     "accelerometer_x", "accelerometer_y", "accelerometer_z",
@@ -46,8 +46,8 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
     Parameters
     ----------
     name : of the joint
-    group : the channels whose names say that they are this joint's
-    has_set_runs : the log holds runs whose names give a set-point
+    group : the channels that belong to this joint by their names
+    has_set_runs : the log contains runs whose names give a set-point
     """
     moving, still = _without_constants(group)
     if any(c.meaning.quantity in ("torque", "current") for c in still):
@@ -89,7 +89,7 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
 
 
 def _scales(checked: Checked, channels: dict[str, Channel]) -> tuple[float | None, float | None]:
-    """Return how large the stiffness and the inertia are that a motor's torque moves; None for what cannot be told."""
+    """Return the stiffness and the inertia that a motor's torque moves; None for unknown ones."""
     torque, gear = checked.roles.get("motor_torque"), checked.gear_ratio or 1.0
     if torque is None:
         return None, None
@@ -114,7 +114,7 @@ def _scales(checked: Checked, channels: dict[str, Channel]) -> tuple[float | Non
 
 
 def _without_constants(group: list[Candidate]) -> tuple[list[Candidate], list[Candidate]]:
-    """Set channels apart that never change: no position or torque, though a set-point or a command may stand still, and with it
+    """Separate channels that never change: no position or torque, though a set-point or a command may be constant, and with it
     the joint.
     """
     commands = [c for c in group if c.meaning.quantity in COMMANDS]
@@ -145,7 +145,7 @@ def _without_targets(group: list[Candidate]) -> list[Candidate]:
 
 
 def _sided(group: list[Candidate]) -> list[Candidate]:
-    """Return the channels with the part of those positions whose names do not say it, as far as the numbers tell."""
+    """Return the channels with the parts of positions whose names do not contain it, as far as the numbers show."""
     named = {c.meaning.part for c in group if c.meaning.quantity == "position"}
     unsided = [c for c in group if c.meaning.quantity == "position" and c.meaning.part in ("", "series")]
     found: dict[str, Candidate] = {}
@@ -185,7 +185,7 @@ def _motor_and_link(first: Candidate, second: Candidate) -> dict[str, Candidate]
 
 
 def _beside(candidate: Candidate, other: Candidate) -> dict[str, Candidate]:
-    """Return a position whose name does not say its part, next to one of a motor or a link."""
+    """Return a position whose name does not contain its part, next to one of a motor or a link."""
     if guess_data.gear_between(candidate.channel, other.channel) is None:
         return {}
     part = "link" if other.meaning.part == "motor" else "motor"
@@ -222,7 +222,7 @@ def _options(candidate: Candidate, group: list[Candidate]) -> Iterator[_Option]:
 
 
 def _fits(unit: str | None, role: str) -> bool:
-    """Tell whether a name ends in a unit that the role may have: ``torque_deg`` does not."""
+    """Return whether a name ends in a unit that the role may have: ``torque_deg`` does not."""
     units = role_units(role)
     if unit is None or is_counts(unit):
         return unit is not None and units == ("rad",)
@@ -236,11 +236,11 @@ def _by_name(candidate: Candidate, group: list[Candidate]) -> Iterator[tuple[str
     meaning, channel = candidate.meaning, candidate.channel
     part = meaning.part
     if meaning.quantity == "deflection":
-        yield "deflection", 0.9, "its name says so", None
+        yield "deflection", 0.9, "by its name", None
     elif meaning.quantity == "setpoint":
         yield "setpoint", 0.6, "its name is that of a set-point", None
     elif meaning.quantity in EXTRA and part != "secondary":
-        yield meaning.quantity, 0.8, "its name says so", None
+        yield meaning.quantity, 0.8, "by its name", None
     elif meaning.quantity == "position" and part in ("sensor", "series"):
         yield "deflection", 0.7, "a spring's angle", None
     elif meaning.quantity == "position":
@@ -255,7 +255,7 @@ def _by_name(candidate: Candidate, group: list[Candidate]) -> Iterator[tuple[str
         yield (
             "motor_torque",
             sure,
-            f"a {part or ''} current; the torque constant makes it a torque".replace("  ", " "),
+            f"a {part or ''} current; the torque constant converts it to a torque".replace("  ", " "),
             unit,
         )
     elif meaning.quantity == "torque":
@@ -264,43 +264,43 @@ def _by_name(candidate: Candidate, group: list[Candidate]) -> Iterator[tuple[str
 
 def _position(part: str, group: list[Candidate]) -> tuple[str, float, str, str | None]:
     if part == "motor":
-        return "motor_position", 0.9, "its name says motor and position", None
+        return "motor_position", 0.9, "its name contains motor and position", None
     if part == "secondary":
         return "setpoint", 0.8, "the secondary motor's position sets the stiffness", None
     if part == "link":
-        return "link_position", 0.85, "its name says the joint's or link's position", None
+        return "link_position", 0.85, "a joint's or link's position by its name", None
     positions = {c.meaning.part for c in group if c.meaning.quantity == "position"}
     if "motor" in positions or any(c.meaning.quantity == "deflection" for c in group):
         return "link_position", 0.7, "a position next to the motor's", None
     if sum(c.meaning.quantity == "position" for c in group) > 1:
-        return "link_position", 0.3, "one of several positions, its name does not say whose", None
+        return "link_position", 0.3, "one of several positions, not identified by its name", None
     return "link_position", 0.5, "the only position of this joint", None
 
 
 def _velocity(part: str, group: list[Candidate]) -> tuple[str, float, str, str | None]:
-    """Return whose velocity it is: of the only position, where its name does not say."""
+    """Return whose velocity it is: that of the only position, where its name does not contain it."""
     parts = {c.meaning.part for c in group if c.meaning.quantity == "position"}
     is_motors = part == "motor" if part else parts == {"motor"}
-    return "motor_velocity" if is_motors else "link_velocity", 0.8, "its name says so", None
+    return "motor_velocity" if is_motors else "link_velocity", 0.8, "by its name", None
 
 
 def _torque(part: str, channel: Channel) -> Iterator[tuple[str, float, str, str | None]]:
     if part == "motor":
-        yield "motor_torque", 0.85, "its name says motor and torque", None
+        yield "motor_torque", 0.85, "its name contains motor and torque", None
     elif part in ("sensor", "series"):
-        yield "torque_sensor", 0.85, "its name says a sensor's or the transmission's torque", None
+        yield "torque_sensor", 0.85, "a sensor's or the transmission's torque by its name", None
     elif part == "external":
-        yield "external_torque", 0.8, "its name says a torque from outside", None
+        yield "external_torque", 0.8, "an external torque by its name", None
     elif part == "secondary":
-        yield "secondary_torque", 0.8, "its name says the secondary motor's torque", None
+        yield "secondary_torque", 0.8, "the secondary motor's torque by its name", None
     elif part == "link":
         yield "torque_sensor", 0.6, "a torque on the link's side", None
     elif part == "" and channel.type.endswith("JointState"):
         yield "motor_torque", 0.45, "a JointState's effort is the actuator's by convention", None
         yield "torque_sensor", 0.4, "a JointState's effort may be measured", None
     elif part == "":
-        yield "torque_sensor", 0.5, "a torque, its name does not say whose", None
-        yield "motor_torque", 0.4, "a torque, its name does not say whose", None
+        yield "torque_sensor", 0.5, "a torque, not identified by its name", None
+        yield "motor_torque", 0.4, "a torque, not identified by its name", None
 
 
 def _numbered(options: list[_Option], numbers: list[int]) -> Iterator[_Option]:
@@ -323,7 +323,7 @@ def _numbered(options: list[_Option], numbers: list[int]) -> Iterator[_Option]:
 
 
 def _choose(options: list[_Option]) -> dict[str, _Option]:
-    """Give each role the surest channel and each channel one role; a measured one wins a draw, then the shorter name."""
+    """Give each role the channel of highest confidence and each channel one role; then measured ones and short names win."""
     ordered = sorted(
         options,
         key=lambda o: (
@@ -348,7 +348,7 @@ def _spread_rank(option: _Option) -> float:
 
 
 def _spring_at_rest(chosen: dict[str, _Option], group: list[Candidate]) -> dict[str, _Option]:
-    """Take a lone angle as the deflection where a torque follows it: a spring held still at its other end.
+    """Take a lone angle as the deflection where a torque follows it: a spring fixed at its other end.
 
     Not for a JointState: there gravity makes the torque follow the angle.
     """
@@ -360,8 +360,8 @@ def _spring_at_rest(chosen: dict[str, _Option], group: list[Candidate]) -> dict[
     if follows is None or abs(follows.correlation) < guess_data.CORRELATED:
         return chosen
     reason = (
-        f"the only angle, and the torque follows it (correlation {follows.correlation:.2f}) as a spring's does that is"
-        " held still at its other end"
+        f"the only angle, and the torque follows it (correlation {follows.correlation:.2f}) as that of a spring that is"
+        " fixed at its other end"
     )
     spring = _Option("deflection", position.candidate, 0.5, reason, position.unit)
     return {"deflection": spring, **{role: o for role, o in chosen.items() if role != "link_position"}}
@@ -372,16 +372,16 @@ def _count_positions(group: list[Candidate]) -> int:
 
 
 def _torque_of_rigid(chosen: dict[str, _Option]) -> dict[str, _Option]:
-    """Take a torque whose name does not say whose it is as what moves a joint, where no spring can have it.
+    """Take a torque without an owner in its name as the motor's, where no spring can have it.
 
-    A current is no torque yet, and makes way for it.
+    A current is no torque yet, and has lower priority.
     """
     torque, motors = chosen.get("torque_sensor"), chosen.get("motor_torque")
     if torque is None or torque.candidate.meaning.part or torque.candidate.meaning.is_measured:
         return chosen
     if motors is not None and motors.candidate.meaning.quantity != "current":
         return chosen
-    moved = replace(torque, role="motor_torque", reason="a torque, and no spring of which it could be")
+    moved = replace(torque, role="motor_torque", reason="a torque, and there is no spring that it could belong to")
     return {"motor_torque": moved, **{r: o for r, o in chosen.items() if r not in ("torque_sensor", "motor_torque")}}
 
 
@@ -421,13 +421,13 @@ def _role_guess(option: _Option, findings: list[Finding]) -> RoleGuess:
 
 
 def _why_missing(role: str, kind: Kind, roles: dict[str, RoleGuess], still: list[Candidate]) -> tuple[str, bool]:
-    """Say why a role has no channel; return whether an estimate may need it, too."""
+    """Return why a role has no channel, and whether an estimate may need it."""
     base = _base(role)
     constant = [c.channel.name for c in still if _could_be(base, c)]
     if constant:
         return f"not found: '{constant[0]}' never changes", True
     if kind == "rigid" and base in ("motor_position", "deflection"):
-        return "not found: a second position, on the motor's side of the spring, is what a stiffness needs", True
+        return "not found: a stiffness needs a second position, on the motor's side of the spring", True
     if base == "deflection" and _has_both(role, roles):
         return "not needed where both positions are recorded", False
     if base in ("motor_position", "link_position") and role.replace(base, "deflection") in roles:
@@ -450,5 +450,5 @@ def _base(role: str) -> str:
 
 
 def _could_be(base: str, candidate: Candidate) -> bool:
-    """Tell whether a channel that stands still would have been this role's."""
+    """Return whether a constant channel would have been this role's."""
     return any(role == base for role, *_ in _by_name(candidate, []))

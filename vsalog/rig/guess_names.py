@@ -1,4 +1,4 @@
-"""What a channel's name, unit and message type say about what it measures."""
+"""The quantity that a channel measures, from its name, unit and message type."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ COMMAND = _words("command commands cmd commanded desired des ref reference targe
 CONTROL = _words("control controls action actions")
 MEASURED = _words("actual act measured meas mes present feedback fb fbk")
 STATE = MEASURED | _words("state states")
-# Derivatives, housekeeping, what was computed: never a role.
+# Derivatives, housekeeping, computed values: never a role.
 OTHER = _words(
     "velocity velocities vel speed speeds omega dq qd dtheta thetad "
     "ddq qdd rate dot acceleration acc accel jerk gyro temperature temp "
@@ -53,7 +53,7 @@ FILLER = MEASURED | _words(
     "joint joints data state states raw msg field value values x y z side abs absolute sensors stamped topic of the in cell "
     "scope logsout simout"
 )
-# A letter behind the symbol of a quantity, as in theta_m and tau_J_d.
+# A letter after the symbol of a quantity, as in theta_m and tau_J_d.
 SUBSCRIPTS = {"m": "motor", "l": "link", "j": "link", "s": "sensor", "d": "command", "c": "secondary"}
 _SHORT = {"jnt": "joint", "jt": "joint", "joi": "joint"}
 # Two words for one.
@@ -66,7 +66,7 @@ UNITS = {
     "rad_per_s": "rad/s", "degps": "deg/s", "dps": "deg/s", "deg_s": "deg/s", "deg_per_s": "deg/s",
     **dict.fromkeys(COUNTS, "counts"),
 }  # fmt: skip
-"""What a name may end in for its unit."""
+"""Endings of a name that are its unit."""
 _UNIT_AT_END = re.compile(
     r"(?P<name>.*?[^\W_])(?:[\W_]+|(?<=[a-z\d])(?=[A-Z]))\(?(?P<unit>"
     + "|".join(sorted(UNITS, key=len, reverse=True))
@@ -92,11 +92,11 @@ _VOCABULARY = (
     | EXTERNAL
     | ACCELERATION
 )
-# A number behind one of these counts the motors or transmissions of a joint.
+# A number after one of these counts the motors or transmissions of a joint.
 _NUMBERED = (
     POSITION | VELOCITY | DEFLECTION | TORQUE | CURRENT | COMMAND | MOTOR | LINK | SENSOR | EXTERNAL | {"m", "c", "d"}
 )
-# Words that stand for a part as well: θ is the motor's angle and q the link's throughout the literature.
+# Words that also name a part: θ is the motor's angle and q the link's throughout the literature.
 _SYMBOLS = {"theta": "motor", "q": "link", "dtheta": "motor", "thetad": "motor", "dq": "link", "qd": "link"}
 
 _PART_OF = {
@@ -108,7 +108,7 @@ _PART_OF = {
     **dict.fromkeys(EXTERNAL, "external"),
     **dict.fromkeys(SECONDARY, "secondary"),
 }
-# Where a name has words for several parts: which one is meant.
+# The order of priority where a name has words for several parts.
 _SUREST = (
     "secondary", "external", "motor", "series", "sensor", "link", "motor by its gear", "motor by its symbol",
     "link by its symbol",
@@ -125,7 +125,7 @@ _QUANTITY_OF_KIND = {
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
-    """What a name says.
+    """The meaning of a name.
 
     Attributes
     ----------
@@ -133,12 +133,12 @@ class Meaning:
         ``commanded_position``, ``commanded_velocity``, ``commanded_torque``, ``link_acceleration``,
         ``accelerometer_x`` (``_y``, ``_z``) or ``other``
     part : ``motor``, ``link``, ``sensor``, ``series``, ``secondary``, ``external`` or ""
-    index : the number behind the part, e.g. 2 of ``motor_2``; None without one
-    joint : the words that are left: the joint's name
+    index : the number after the part, e.g. 2 of ``motor_2``; None without one
+    joint : the remaining words: the joint's name
     label : the element's name in a message that names its elements, else ""
-    in_command_topic : the topic's name says that these are commands
-    in_motor_topic : the topic's name says that these are a motor's
-    is_measured : it says so
+    in_command_topic : by the topic's name these are commands
+    in_motor_topic : by the topic's name these are a motor's
+    is_measured : by the name
     is_element : the index is that of a list, not part of the name
     unit : that the name ends in, where the log states none; else None
     """
@@ -173,7 +173,7 @@ def words_of(name: str) -> list[str]:
 def split_unit(name: str) -> tuple[str, str | None]:
     """Split the unit off that a name ends in: ``motor_deg[0]`` → ``motor[0]``, deg; (name, None) where it ends in none.
 
-    A lone A is one of amperes behind a current only: ``leg_A`` is a leg.
+    A lone A is ampere after a current only: ``leg_A`` is a leg.
     """
     match = _UNIT_AT_END.fullmatch(name)
     if match is None or (match["unit"] == "A" and not CURRENT & set(words_of(match["name"]))):
@@ -183,7 +183,7 @@ def split_unit(name: str) -> tuple[str, str | None]:
 
 
 def meaning_of(channel: Channel, *, with_stream: bool = True) -> Meaning:
-    """Return what a channel's name and unit say; the stream's name counts unless it is a run's name only."""
+    """Return the meaning of a channel's name and unit; the stream's name counts unless it is a run's name only."""
     topic, field, label, element = _parts(channel)
     topic = topic if with_stream else ""
     field, by_name = split_unit(field)
@@ -194,7 +194,7 @@ def meaning_of(channel: Channel, *, with_stream: bool = True) -> Meaning:
     part, index, joint = _part(named, quantity)
     index = index if element is None else element
     if label and not (part or joint) and (quantity == "velocity" or _named_quantity(field_words)):
-        joint = label_words  # a joint may be called as a quantity is: Rotation
+        joint = label_words  # a joint may have the name of a quantity: Rotation
     if label and not part and any(word in SENSOR for word in topic_words) and quantity == "torque":
         part = "sensor"
     elif label and not part and any(word in MOTOR for word in topic_words) and quantity == "torque":
@@ -247,7 +247,7 @@ def _split_compound(word: str) -> list[str]:
 def _quantity(field: list[str], label: list[str], topic: list[str], unit: str | None) -> str:
     words = [*field, *label]
     by_unit = _by_unit(unit)
-    # Simulations write what the sensors could not see along with what they saw.
+    # Simulations write true values along with the sensors' readings.
     is_truth = "truth" in topic
     if not is_truth and not _is_command([*words, *topic]) and (role := _acceleration(field, [*words, *topic], unit)):
         return role
@@ -264,7 +264,7 @@ def _quantity(field: list[str], label: list[str], topic: list[str], unit: str | 
     if by_unit == "length":
         return "setpoint" if named in ("setpoint", "position") and _is_setpoint(words) else "other"
     if named == "torque" and not (CURRENT - {"i"}).isdisjoint(field):
-        return "other" if "from" in field else "current"  # computed of a current, or the current that makes torque
+        return "other" if "from" in field else "current"  # computed from a current, or the current that makes torque
     if by_unit == "current" and named in (None, "torque"):
         return "current"
     if named == "position" and by_unit in (None, "position") and _is_command_topic(topic):
@@ -275,12 +275,12 @@ def _quantity(field: list[str], label: list[str], topic: list[str], unit: str | 
 
 
 def _is_command_topic(topic: list[str]) -> bool:
-    """Tell whether a stream holds what is asked for, as ``/joint_commands`` or a table called ``control``, and no state."""
+    """Return whether a stream contains commands, as ``/joint_commands`` or a table called ``control``, and no state."""
     return any(word in COMMAND or word in CONTROL for word in topic) and not any(word in STATE for word in topic)
 
 
 def _is_velocity(field: list[str], unit: str | None) -> bool:
-    """Tell whether a channel is an angular velocity by its name, and not by its unit something else."""
+    """Return whether a channel is an angular velocity by its name, and not something else by its unit."""
     if not any(word in VELOCITY for word in field):
         return False
     try:
@@ -290,7 +290,7 @@ def _is_velocity(field: list[str], unit: str | None) -> bool:
 
 
 def _is_joint_velocity(field: list[str], words: list[str], unit: str | None) -> bool:
-    """Tell whether a channel is how fast a position changes: no body's velocity, error, or rate of something else."""
+    """Return whether a channel is the rate of a position: no body's velocity, error, or rate of something else."""
     derived = any(word in DEFLECTION or (word in OTHER and word not in VELOCITY) for word in field)
     is_bodys = not BODY.isdisjoint(field) or not BODY_TOPICS.isdisjoint(words)
     return _is_velocity(field, unit) and not derived and not is_bodys
@@ -316,7 +316,7 @@ def _is_setpoint(words: list[str]) -> bool:
 
 
 def _is_command(words: list[str]) -> bool:
-    """Tell whether a name is of something asked for: ``position_command``, ``position_setpoint``."""
+    """Return whether a name is of a command: ``position_command``, ``position_setpoint``."""
     if any(word in COMMAND or _subscript(words, i) == "command" for i, word in enumerate(words)):
         return True
     return "setpoint" in words and _named_quantity([w for w in words if w != "setpoint"]) not in (None, "setpoint")
@@ -338,7 +338,7 @@ def _named_quantity(words: list[str]) -> str | None:
 
 
 def _by_unit(unit: str | None) -> str | None:
-    """Return the quantity a unit implies, ``other`` for one that no role has, None where it says nothing."""
+    """Return the quantity a unit implies, ``other`` for one that no role has, None where it implies none."""
     if not unit:
         return None
     if is_counts(unit):
@@ -351,7 +351,7 @@ def _by_unit(unit: str | None) -> str | None:
 
 
 def _subscript(words: list[str], i: int) -> str | None:
-    """Return what a letter behind a quantity's symbol stands for: ``m`` in theta_m, ``d`` in dq_d and tau_J_d."""
+    """Return the meaning of a letter after a quantity's symbol: ``m`` in theta_m, ``d`` in dq_d and tau_J_d."""
     behind = words[i - 1] if i else ""
     if behind in SUBSCRIPTS and i > 1:
         behind = words[i - 2]

@@ -1,4 +1,4 @@
-"""Runs in a log: several groups of channels that hold the same things, distinguished by a number in the group's name."""
+"""Runs in a log: several groups of equal channels, distinguished by a number in the group's name."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class RunGroup:
     Attributes
     ----------
     template : the streams' common name with ``{run}`` in it
-    names : what ``{run}`` stands for, in the log's order
+    names : the values of ``{run}``, in the log's order
     streams : the streams, in the same order
     numbers : set-points as the names give them, without a unit; empty where the names just count
     left_out : streams that look alike but do not fit
@@ -89,7 +89,7 @@ def _templates(stream: str) -> Iterable[tuple[str, str]]:
 
 
 def _are_runs(recording: Recording, members: list[tuple[str, str]]) -> bool:
-    """Tell runs from parts of one machine that were recorded side by side."""
+    """Distinguish runs from parts of one machine that were recorded together."""
     if len(members) < 2:
         return False
     if any(set(words_of(name)) & _PARTS for name, _ in members):

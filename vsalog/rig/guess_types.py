@@ -1,4 +1,4 @@
-"""What a guess consists of."""
+"""The parts of a guess."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ Kind = Literal["rigid", "elastic", "serial", "antagonistic"]
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A channel that may have a role, what its name says, and what tells its part where the name does not."""
+    """A channel that may have a role, the meaning of its name, and the evidence for its part where the name lacks it."""
 
     channel: Channel
     meaning: Meaning
     because: str = ""
 
     def with_part(self, part: str, because: str) -> Candidate:
-        """Return it as a part's, which something other than its name tells."""
+        """Return it as a part's, by evidence other than its name."""
         return replace(self, meaning=replace(self.meaning, part=part), because=because)
 
 
@@ -37,10 +37,10 @@ class RoleGuess(Struct, frozen=True):
     channel : its name, with ``{run}`` where the log has runs
     confidence : 0 … 1
     reasons : in words
-    unit : to be stated in the rig, where the log does not say what the name does
+    unit : to be stated in the rig, where only the name contains it, not the log
     side, sign : as in the rig
     is_current : a motor torque that is recorded as a current
-    counts_per_turn : after how many counts its encoder wraps; None for one that does not, or that is not in ``counts``
+    counts_per_turn : the counts after which its encoder wraps; None for one that does not, or that is not in ``counts``
     """
 
     channel: str
@@ -54,7 +54,7 @@ class RoleGuess(Struct, frozen=True):
 
 
 class RunGuess(Struct, frozen=True):
-    """A run: what ``{run}`` stands for, and the number in it, whose unit the log does not tell."""
+    """A run: the value of ``{run}``, and the number in it, whose unit is not in the log."""
 
     name: str
     setpoint: float | None = None
@@ -66,16 +66,16 @@ class JointGuess(Struct, frozen=True):
     Attributes
     ----------
     name, kind : as for the rig
-    reason : why that kind
+    reason : for that kind
     confidence : of the kind
     roles : role → channel
     missing : role → why there is none
-    not_needed : those of the missing roles that an estimate does without
-    stiffness, inertia : in front of which an identification may begin, by the sizes of torque and motion; in the torque's unit
+    not_needed : those of the missing roles that an estimate does not need
+    stiffness, inertia : initial values for an identification, by the sizes of torque and motion; in the torque's unit
         and per rad; None where there is no torque of a motor, or the joint has two
     gear_ratio : rotor turns per joint turn as the ranges of two positions show it
-    runs : where the log holds several
-    findings : what a person should know
+    runs : if the log contains several
+    findings : about the joint
     """
 
     name: str
@@ -93,12 +93,12 @@ class JointGuess(Struct, frozen=True):
 
     @property
     def is_driven(self) -> bool:
-        """Whether a drive with a command moves it, and nothing tells a deflection."""
+        """Whether a drive with a command moves it, and no deflection is known."""
         return self.kind == "rigid" and any(role in self.roles for role in COMMANDS)
 
 
 class Guess(Struct, frozen=True):
-    """All joints that were recognised, and what a person should know."""
+    """All joints that were recognised, and the findings."""
 
     joints: tuple[JointGuess, ...]
     findings: tuple[Finding, ...] = ()

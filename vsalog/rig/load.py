@@ -30,7 +30,7 @@ class Rig:
     Attributes
     ----------
     file : its structures
-    where : what messages call it: the file's name, a log's name, or ``preset vsa2``
+    where : its name in messages: the file's name, a log's name, or ``preset vsa2``
     stated : the tolerances it states, by the paths of their keys from the file's root; `tolerances` is easier to read
     """
 
@@ -48,7 +48,7 @@ class Rig:
         Raises
         ------
         RigError
-            There is no such file or preset, or what it says is not possible.
+            There is no such file or preset, or its content is not possible.
         """
         if isinstance(source, str) and ("\n" in source or "=" in source):
             return cls.from_toml(source, "rig")
@@ -65,12 +65,12 @@ class Rig:
 
     @classmethod
     def from_toml(cls, text: str, where: str = "rig") -> Rig:
-        """Load from TOML text; `where` is what messages call it.
+        """Load from TOML text; `where` is its name in messages.
 
         Raises
         ------
         RigError
-            The text is no TOML, or what it says is not possible; the message names the key.
+            The text is no TOML, or its content is not possible; the message names the key.
         """
         return _build(_parse(text, where), where)
 
@@ -87,7 +87,7 @@ class Rig:
 
     @property
     def name(self) -> str:
-        """What the rig is called in reports."""
+        """The rig's name in reports."""
         return self.file.name
 
     @property
@@ -97,7 +97,7 @@ class Rig:
 
     @property
     def tolerances(self) -> dict[str, dict[str, float]]:
-        """How well each joint's quantities are known, as far as the rig says so.
+        """The tolerances of each joint's quantities that the rig states.
 
         By joint, then by the key's path below it, such as ``motor.inertia`` or ``motor.cogging[0].torque``: one standard
         deviation in the unit and on the side of the gear of the rig's own value.
@@ -127,13 +127,13 @@ class Rig:
         return tomli_w.dumps(self._tables())
 
     def with_setting(self, key: str, value: str, where: str = "--set") -> Rig:
-        """Return the rig with one key changed, as `--set joint.elbow.motor.inertia="7.3 kg*m*mm"` asks for.
+        """Return the rig with one key changed, as by `--set joint.elbow.motor.inertia="7.3 kg*m*mm"`.
 
         Parameters
         ----------
         key : its path as TOML writes it, e.g. ``joint.elbow.motor.inertia``; ``…run[0].setpoint`` for a run
         value : as TOML, or a text without quotes
-        where : what messages call the setting
+        where : its name in messages
 
         Raises
         ------
@@ -148,7 +148,7 @@ class Rig:
         Parameters
         ----------
         settings : key → value, as for `with_setting`
-        where : what messages call the settings
+        where : the name of the settings in messages
 
         Raises
         ------
@@ -216,12 +216,12 @@ def _build(tables: Table, where: str) -> Rig:
 
 
 def _over_preset(tables: Table) -> tuple[Table, str]:
-    """Lay the tables over the preset they name; also return what a message says about the preset."""
+    """Merge the tables into the preset they name; also return the part of a message about the preset."""
     if "preset" not in tables:
         return tables, ""
     name = tables["preset"]
     if not isinstance(name, str):
-        raise RigError('preset: the name of a preset is wanted, such as "vsa2"')
+        raise RigError('preset: give the name of a preset, such as "vsa2"')
     below = parse_toml(preset_text(name))
     above = {key: value for key, value in tables.items() if key != "preset"}
     joints = ", ".join(key_path((joint,)) for joint in below.get("joint", {}))
@@ -241,7 +241,7 @@ def _put(tables: Table, path: list[str], value: Any, where: str, known: Any) -> 
     """Return the tables with the value put at the path; `known` is their structure, which also has the defaults."""
     for i, part in enumerate(path):
         if part.isdigit() and not isinstance(rows := _at(tables, path[:i]), dict):
-            # Merging would replace a list as a whole: its other elements are taken along.
+            # Merging would replace a list as a whole: its other elements are kept.
             whole = _inside(known, path[:i])
             rows, row = rows or list(whole if isinstance(whole, tuple) else ()), int(part)
             if row >= len(rows):
@@ -256,7 +256,7 @@ def _put(tables: Table, path: list[str], value: Any, where: str, known: Any) -> 
 
 
 def _inside(known: Any, path: list[str]) -> Any:
-    """Return what stands at a path of structures, None where nothing does."""
+    """Return the value at a path of structures, None where there is none."""
     for part in path:
         if isinstance(known, tuple):
             known = known[int(part)] if part.isdigit() and int(part) < len(known) else None
@@ -272,7 +272,7 @@ def _nested(path: list[str], value: Any) -> Any:
 
 
 def _at(tables: Any, path: list[str]) -> Any:
-    """Return what stands at a path, None where nothing does."""
+    """Return the value at a path, None where there is none."""
     for part in path:
         if isinstance(tables, list) and part.isdigit() and int(part) < len(tables):
             tables = tables[int(part)]

@@ -1,4 +1,4 @@
-"""Laying one rig's tables over another's: a file over its preset, a `--set` over a file."""
+"""Merges rigs' tables: a file into its preset, a `--set` into a file."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ Table = dict[str, Any]
 
 
 def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> Table:
-    """Return `below` with what stands in `above` put over it, table by table; neither is changed."""
+    """Return `below` with the values of `above` replacing its own, table by table; neither is changed."""
     result: Table = dict(below)
     for key, value in above.items():
         result[key] = _over(result.get(key), value, inside_signals=False, key=key)
@@ -30,18 +30,18 @@ def _over(old: Any, new: Any, inside_signals: bool, key: str) -> Any:
 
 
 def _is_other_type(old: Table, new: Table) -> bool:
-    """Tell whether a transmission changes its type, so that the old one's parameters mean nothing any more."""
+    """Return whether a transmission changes its type, so that the old one's parameters have no meaning any more."""
     return "type" in new and new["type"] != old.get("type")
 
 
 def _signal_over(old: Any, new: Table) -> Table:
-    """Put a role's table over what was there, which may be a table, or a channel's name or number in short."""
+    """Merge a role's table into the old value, which may be a table, or a channel's name or number in short."""
     if isinstance(old, str):
         old = {"channel": old}
     if not isinstance(old, dict):
         return new
     if "constant" in new and "channel" not in new:
-        # What the sensor of a channel does says nothing about a constant.
+        # The sensor of a channel does not apply to a constant.
         unit = {"unit": old["unit"]} if "unit" in old and not isinstance(new["constant"], str) else {}
         return {**unit, **new}
     result = {**old, **new}

@@ -1,4 +1,4 @@
-"""The numbers of a joint: where each stands in its tables, in which unit, and which values are possible."""
+"""The numbers of a joint: their keys, their units, and their possible values."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Number:
 
 
 def numbers_of(joint: Any) -> list[Number]:
-    """Return all numbers of a joint that are there, in the order of its tables."""
+    """Return all numbers of a joint, in the order of its tables."""
     return list(_numbers(joint, ()))
 
 
@@ -91,7 +91,7 @@ def _fields(kind: Any) -> tuple[inspect.Field, ...]:
 
 
 def _float_of(kind: inspect.Type) -> tuple[inspect.FloatType, dict[str, Any]]:
-    """Return the type of the number in a field, and what its metadata say."""
+    """Return the type of the number in a field, and its metadata."""
     extra: dict[str, Any] = {}
     while True:
         if isinstance(kind, inspect.Metadata):

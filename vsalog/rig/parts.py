@@ -1,4 +1,4 @@
-"""What a joint is made of: motor, transmission, link, and the effects each may have. Every effect is absent by default."""
+"""The parts of a joint: motor, transmission, link, and their effects. Every effect is absent by default."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ Array = NDArray[np.float64]
 
 
 class MotorCore(Body, frozen=True):
-    """A motor and its gear (Flacco 2012 eq. 4). Everything is as the joint feels it unless `side` says otherwise.
+    """A motor and its gear (Flacco 2012 eq. 4). Values are reduced to the joint unless `side` is ``rotor``.
 
-    The torque that acts is torque_gain · τ(t − torque_delay) + torque_offset + what effects add − friction, where τ is what is
-    recorded.
+    The acting torque is torque_gain · τ(t − torque_delay) + torque_offset + terms of effects − friction, where τ is the
+    recorded one.
 
     Attributes
     ----------
@@ -51,11 +51,11 @@ class MotorCore(Body, frozen=True):
     damping : D_θ, viscous friction [N·m·s/rad]
     gear_ratio : γ ≥ 1, rotor turns per joint turn
     torque_constant : rotor torque per current [N·m/A]; needed when the motor torque is recorded as a current
-    side : ``joint`` when all values are as the joint feels them (B = B_m γ²), ``rotor`` when they are the rotor's own
+    side : ``joint`` when all values are reduced to the joint (B = B_m γ²), ``rotor`` when they are the rotor's own
     friction : dry friction
-    torque_gain : torque made per torque recorded
-    torque_offset : torque made when none is recorded [N·m]
-    torque_delay : how long after its recording a torque acts [s]
+    torque_gain : acting torque per recorded torque
+    torque_offset : acting torque when the recorded one is zero [N·m]
+    torque_delay : of the acting after the recorded torque [s]
     torque_step : least step of the commanded torque, a drive's resolution [N·m]; none when absent
     """
 
@@ -72,7 +72,7 @@ class MotorCore(Body, frozen=True):
 
     @property
     def reflected(self) -> Self:
-        """The motor with all values as the joint feels them (Flacco 2012 §2.1: B = B_m γ²); itself if it is given so."""
+        """The motor with all values reduced to the joint (Flacco 2012 §2.1: B = B_m γ²); itself if it is given so."""
         if self.side == "joint":
             return self
         ratio = self.gear_ratio
@@ -89,17 +89,17 @@ class MotorCore(Body, frozen=True):
 
     @property
     def reflected_inertia(self) -> float | None:
-        """B [kg·m²] as the joint feels it."""
+        """B [kg·m²], reduced to the joint."""
         return self.reflected.inertia
 
     @property
     def reflected_damping(self) -> float:
-        """D_θ [N·m·s/rad] as the joint feels it."""
+        """D_θ [N·m·s/rad], reduced to the joint."""
         return self.reflected.damping
 
 
 class TransmissionEffects(Base, frozen=True):
-    """What any transmission may have in addition to its spring. With u the deflection less the gap,
+    """The effects of any transmission in addition to its spring. With u the deflection less the gap,
 
     τ = (1 + drift t) (1 ± asymmetry) (τ_spring(u) + added_cubic u³) + damping u̇ + hysteresis(u), with + where u > 0.
 
@@ -137,7 +137,7 @@ class CubicTransmission(TransmissionEffects, frozen=True, kw_only=True, tag="cub
 
 
 class PolynomialTransmission(TransmissionEffects, frozen=True, kw_only=True, tag="polynomial", tag_field="type"):
-    """τ_e = Σ c_i (φ/s)^i, i = 1, 2, …: any smooth spring, alike in both directions or not.
+    """τ_e = Σ c_i (φ/s)^i, i = 1, 2, …: any smooth spring, symmetric or not.
 
     Attributes
     ----------
@@ -173,7 +173,7 @@ class AwasTransmission(TransmissionEffects, frozen=True, kw_only=True, tag="awas
 
 
 class UnknownTransmission(Base, frozen=True, tag="unknown", tag_field="type"):
-    """No nominal model is known: it is estimated all the same, only the MODEL modality is not available."""
+    """No nominal model is known: the stiffness is estimated nevertheless, but without the MODEL modality."""
 
 
 KnownTransmission = (
@@ -216,7 +216,7 @@ else:
 
 
 class Lever(Base, frozen=True):
-    """How a secondary motor's angle sets the lever arm: r = start − travel θ_c (Flacco 2012 eq. 51).
+    """The lever arm for a secondary motor's angle: r = start − travel θ_c (Flacco 2012 eq. 51).
 
     Where a rig has a lever, a set-point recorded as an angle is converted to the length r.
     """

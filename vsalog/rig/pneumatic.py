@@ -1,4 +1,4 @@
-"""What a joint of two pneumatic artificial muscles (PAM) is made of: Shin, Ibayashi, Kogiso (2021), their Tables I and II.
+"""The parts of a joint with two pneumatic artificial muscles (PAM): Shin, Ibayashi, Kogiso (2021), their Tables I and II.
 
 Muscle 1 pulls towards positive angles. Pressures are absolute. Every effect beyond the paper's model is absent by default.
 """
@@ -185,7 +185,7 @@ class Muscle(Base, frozen=True):
     volume_curvature : D₁ [m]
     volume_slope : D₂ [m²]
     volume_constant : D₃ [m³]
-    force : how pressure and length make the force
+    force : its law over pressure and length
     force_gain : the muscle pulls this many times as strongly
     leak_area : of a hole from the muscle to the outside [m²]; tight when absent
     """
@@ -200,13 +200,13 @@ class Muscle(Base, frozen=True):
 
 
 class Seesaw(Base, frozen=True):
-    """The part the muscles turn: J ψ̈ = τ − T_f − k_s ψ + τ_ext, τ = r cos ψ (F₁ − F₂) (Shin 2021 eq. 2, 8, 9).
+    """The part that the muscles turn: J ψ̈ = τ − T_f − k_s ψ + τ_ext, τ = r cos ψ (F₁ − F₂) (Shin 2021 eq. 2, 8, 9).
 
     Attributes
     ----------
-    radius : r, from the axis to where a muscle pulls [m]
+    radius : r, from the axis to a muscle's end [m]
     inertia : J [kg·m²]
-    return_stiffness : k_s, torque per angle that the seesaw's own weight makes [N·m/rad]
+    return_stiffness : k_s, torque per angle of the seesaw's own weight [N·m/rad]
     mass : M, of which the shaft is relieved by the muscles' pull [kg]
     gravity : g [m/s²]
     held_at : the angle at which the seesaw is clamped, as when the torque is measured [rad]; free when absent
@@ -301,7 +301,7 @@ class PneumaticJoint(Base, frozen=True, tag="pneumatic", tag_field="kind"):
 
 
 def pneumatic_problem(joint: PneumaticJoint) -> tuple[tuple[str, ...], str] | None:
-    """Return the key of the first contradiction in a pneumatic joint and what is wrong there; None when all is well."""
+    """Return the key of the first contradiction in a pneumatic joint and its description; None when there is none."""
     if joint.air.supply_pressure <= joint.air.outside_pressure:
         return ("air", "supply_pressure"), "has to be above 'outside_pressure'; both are absolute pressures"
     for key, valve in (("valve_1", joint.valve_1), ("valve_2", joint.valve_2)):

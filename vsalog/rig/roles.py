@@ -1,4 +1,4 @@
-"""Where each role of a joint is found in a log, and what its sensor does to it."""
+"""The channel of each role of a joint in a log, and the model of its sensor."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from vsalog.core.quantities import (
 )
 from vsalog.rig.effect_tables import Sensor, composed
 
-# What a role may be measured in, before torque constant and lever make a current a torque and an angle a lever arm.
+# The quantities a role may be measured as, before torque constant and lever convert a current or an angle.
 ROLE_UNITS: dict[str, tuple[str, ...]] = {
     "motor_position": ("rad",),
     "link_position": ("rad",),
@@ -43,30 +43,30 @@ ROLE_UNITS: dict[str, tuple[str, ...]] = {
 
 
 def role_units(role: str) -> tuple[str, ...]:
-    """Return the SI units of what a role may be measured in; ``motor_position_1`` is a ``motor_position``."""
+    """Return the SI units that a role may be measured in; ``motor_position_1`` is a ``motor_position``."""
     return ROLE_UNITS[role.removesuffix("_1").removesuffix("_2")]
 
 
 class SignalCore(Sensor, frozen=True):
-    """Where a role is found in the log, and how its numbers become SI on the joint's side.
+    """The source of a role in the log, and its conversion to SI on the joint's side.
 
-    With m = sign × (recorded, in SI, divided or multiplied by the gear ratio when `side` is rotor), what the sensor says is
-    m(t) = gain · x(t − delay) + offset + drift · t + errors of tables + noise, and x is what vsalog works with.
+    With m = sign × (recorded, in SI, divided or multiplied by the gear ratio when `side` is rotor), the sensor's reading is
+    m(t) = gain · x(t − delay) + offset + drift · t + errors of tables + noise, and vsalog uses x.
 
     Attributes
     ----------
-    channel : name as `vsalog inspect` prints it; ``{run}`` stands for the run's name
+    channel : name as `vsalog inspect` prints it; ``{run}`` is replaced by the run's name
     constant : a value instead of a channel (a set-point that does not move)
-    unit : of the channel; what the log itself says is used when this is absent, SI when neither says
+    unit : of the channel; by default that of the log, else SI
     counts_per_turn : of an encoder that is recorded in counts; a loaded rig has it as the unit, ``rev/4096``
-    side : ``rotor`` when it was measured before the gear: positions are divided, torques multiplied by the gear ratio
-    sign : −1 when the recording counts the other way round
-    offset : what the sensor says at zero, in SI; subtracted
-    gain : what the sensor makes of one; divided by
+    side : ``rotor`` when it was measured on the rotor's side of the gear: positions are divided, torques multiplied by its ratio
+    sign : −1 when the recording has the opposite sign
+    offset : the sensor's reading at zero, in SI; subtracted
+    gain : the sensor's reading per unit; divided by
     drift : change of the offset per second from the log's start, in SI
-    delay : how late the sensor is, or its clock fast [s]; a negative one is early
-    series_stiffness : of a part in series whose deflection is seen too, such as the dynamometer's own; the torque sensor's
-        torque over it is taken off a `deflection` [N·m/rad]
+    delay : of the sensor, or lead of its clock [s]; a negative one is early
+    series_stiffness : of a part in series whose deflection is measured too, such as the dynamometer's own; the torque sensor's
+        torque over it is subtracted from a `deflection` [N·m/rad]
     resolution : least step of the sensor, in SI; taken from the data when absent; the simulation rounds to it
     noise : standard deviation of gaussian noise, in SI; for the simulation
     jitter : standard deviation of the stamps [s]; for the simulation
@@ -100,17 +100,17 @@ SignalSpec = str | float | Signal
 
 
 VELOCITIES = ("motor_velocity", "link_velocity")
-"""What a driver makes of its encoders, which positions are held against."""
+"""A driver's velocities from its encoders, which positions are compared with."""
 
 COMMANDS = ("commanded_position", "commanded_velocity")
-"""What a drive may be commanded."""
+"""Commands of a drive."""
 
 
 class SingleSignals(Base, frozen=True):
     """The roles of a joint with one transmission.
 
-    `commanded_position` and `commanded_velocity` are what the motor's drive is told, on the joint's side; `external_torque` is a
-    push on the link; `motor_velocity` and `link_velocity` are what a driver reports next to its positions;
+    `commanded_position` and `commanded_velocity` are those of the drive, on the joint's side; `external_torque` is a
+    push on the link; `motor_velocity` and `link_velocity` are those that a driver reports along with its positions;
     `link_acceleration` is that of the joint, q̈; `accelerometer_x`, `accelerometer_y` and `accelerometer_z` are the axes of an
     accelerometer on the link, mounted as the chain says.
     """
@@ -170,7 +170,7 @@ class AntagonisticSignals(Base, frozen=True):
 class Run(Base, frozen=True):
     """One stretch of data under a fixed set-point, when a log or a set of logs holds several.
 
-    `name` is what ``{run}`` in the signals' channels stands for (a group inside a file); `file` is a pattern that the
+    `name` replaces ``{run}`` in the signals' channels (a group inside a file); `file` is a pattern that the
     log's name must match for the run to apply.
     """
 

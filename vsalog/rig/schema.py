@@ -1,4 +1,4 @@
-"""The structures of `rig.toml`: everything a log does not say about the joints it was recorded on.
+"""The structures of `rig.toml`: the properties of joints that a log does not contain.
 
 Every quantity is SI inside; `core.quantities` has the types, `effects` the keys of effects, `parts` what joints are made of,
 `roles` where they are recorded.
@@ -119,11 +119,11 @@ class Basis(Base, frozen=True):
     Attributes
     ----------
     order : n, number of terms in φ
-    odd : only odd powers φ, φ³, …, φ^(2n−1) (a transmission that behaves alike in both directions); else φ⁰ … φ^(n−1)
+    odd : only odd powers φ, φ³, …, φ^(2n−1) (a symmetric transmission); else φ⁰ … φ^(n−1)
     setpoint_order : m, number of powers of the set-point (θ_c or r) each φ-term is multiplied with; 1 without a set-point
     deflection_scale : φ is divided by this before powers are taken [rad]; the log's largest |φ| when absent
     setpoint_scale : the set-point is divided by this [rad or m]; the log's largest when absent
-    branches : fit loading (|φ| grows) and unloading apart, for a transmission with hysteresis
+    branches : fit loading (|φ| grows) and unloading separately, for a transmission with hysteresis
     knots : of a quadratic spline on either side of zero, for a spring with a corner or a knee; none when 0
     setpoint_knots : pieces of a quadratic spline along the log's range of the set-point, for a torque that is no polynomial of
         it; none when 0
@@ -140,7 +140,7 @@ class Basis(Base, frozen=True):
 
 
 class RigidJoint(Base, frozen=True, tag="rigid", tag_field="kind"):
-    """A joint whose motor and link move as one: it has no stiffness to estimate, but `diagnose` holds it against a log.
+    """A joint whose motor and link move as one: it has no stiffness to estimate, but `diagnose` compares it with a log.
 
     `drive` is that of a motor that is commanded a position.
     """
@@ -208,8 +208,8 @@ class RigFile(Base, frozen=True):
 
     Attributes
     ----------
-    name : what the rig is called in reports
-    preset : name of a preset this file starts from; what stands here replaces what stands there
+    name : of the rig in reports
+    preset : name of a preset this file starts from; keys here replace those there
     joint : the joints by name
     chain : the arm that joints form
     """

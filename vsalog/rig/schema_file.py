@@ -1,6 +1,6 @@
 """The JSON Schema of `rig.toml`, which lets editors complete, explain and check rig files.
 
-`python -m vsalog.rig.schema_file` prints it; `docs/rig.schema.json` is what it prints.
+`python -m vsalog.rig.schema_file` prints it; `docs/rig.schema.json` is its output.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def rig_schema() -> dict[str, Any]:
 
     It is msgspec's own, with four differences: a quantity may be a text with a unit, a number without unit one with a
     tolerance, descriptions come key by key from the structures' docstrings, and a file that starts from a preset may leave
-    out what the preset says.
+    out the preset's keys.
     """
     schema: dict[str, Any] = msgspec.json.schema(RigFile)
     definitions: dict[str, Any] = schema["$defs"]
@@ -103,7 +103,7 @@ def _without_null(schema: dict[str, Any]) -> dict[str, Any]:
 
 
 def _with_text(schema: dict[str, Any], kind: inspect.Type) -> dict[str, Any]:
-    """Allow a text with a unit or a tolerance in place of a number; the number's bounds do not concern a text."""
+    """Allow a text with a unit or a tolerance in place of a number; the number's bounds do not apply to a text."""
     options = kind.types if isinstance(kind, inspect.UnionType) else (kind,)
     extras = [option.extra or {} for option in options if isinstance(option, inspect.Metadata)]
     if schema.get("type") != "number" or not extras:
@@ -115,7 +115,7 @@ def _with_text(schema: dict[str, Any], kind: inspect.Type) -> dict[str, Any]:
 
 
 def schema_text() -> str:
-    """Return the schema as it stands in `docs/rig.schema.json`."""
+    """Return the schema as written to `docs/rig.schema.json`."""
     return json.dumps(rig_schema(), indent=2, ensure_ascii=False) + "\n"
 
 

@@ -47,9 +47,9 @@ def rig_template(
 
     Parameters
     ----------
-    recording, guess : the log, and what was guessed of it
-    answers : per joint, what somebody knows of its gaps
-    with_beginnings : write numbers to begin with, where a command needs some; else nothing that the log does not hold
+    recording, guess : the log, and the guess about it
+    answers : per joint, the answers about its gaps
+    with_beginnings : write initial values, where a command needs some; else only numbers from the log
     """
     lines = [*_head(recording, guess), ""]
     for name, joint in named_joints(guess):
@@ -79,7 +79,7 @@ def preset_template(recording: Recording, guess: Guess, name: str) -> str:
 
 
 def toml_string(text: str) -> str:
-    """Write a text as a TOML string, whatever is in it."""
+    """Write any text as a TOML string."""
     escaped = []
     for c in text:
         if c in '"\\':
@@ -131,8 +131,10 @@ def _joint(name: str, joint: JointGuess, answers: Answers, command: Command) -> 
     yield ""
     begin = command != "estimate"
     if begin:
-        fits = "fits them to the log" if command == "identify" else "plays them; the log lacks what a stiffness needs"
-        yield f"# Numbers to begin with: 'vsalog {command}' {fits}."
+        fits = (
+            "fits them to the log" if command == "identify" else "simulates them; the log lacks signals for a stiffness"
+        )
+        yield f"# Initial values: 'vsalog {command}' {fits}."
     for motor in _MOTORS[joint.kind]:
         yield from _motor(f"{path}.{motor}", motor, joint, answers, begin)
     for transmission in _TRANSMISSIONS.get(joint.kind, ()):
@@ -168,17 +170,15 @@ def _joint(name: str, joint: JointGuess, answers: Answers, command: Command) -> 
 
 
 def _lacks_constant(role: str, guess: RoleGuess, answers: Answers, command: Command) -> bool:
-    """Tell whether a current would stop a command that can do without: it is no torque yet."""
+    """Return whether a current would stop a command that does not need it: it is no torque yet."""
     key = f"motor{role.removeprefix('motor_torque')}.torque_constant"
     return guess.is_current and command == "estimate" and key not in answers
 
 
 def _servo(path: str) -> Iterator[str]:
-    """Yield a position loop of a few hertz, of a joint whose inertia is 1: where an identification begins."""
+    """Yield a position loop of a few hertz, of a joint whose inertia is 1: initial values of an identification."""
     yield f"[{path}.motor]"
-    yield _line(
-        'inertia = "1 kg*m^2 ± 0"', "not fitted; write what is known of it, else torques are per unit of inertia"
-    )
+    yield _line('inertia = "1 kg*m^2 ± 0"', "not fitted; write the known value, else torques are per unit of inertia")
     yield 'damping = "20 N*m*s/rad"'
     yield 'friction = { coulomb = "1 N*m" }'
     yield ""
@@ -202,12 +202,10 @@ def _servo(path: str) -> Iterator[str]:
 
 def _basis(path: str) -> Iterator[str]:
     yield f"[{path}.basis]"
-    yield _line(
-        "odd = false", "a constant term takes up what encoders and sensors are off by; true once these are zeroed"
-    )
+    yield _line("odd = false", "a constant term absorbs offsets of encoders and sensors; true once these are zeroed")
     yield _gap("order", "4", "terms in the deflection: more where the curve has knees")
     yield _gap(
-        "branches", "true", "loading and unloading apart, where the torque makes a wide loop over the deflection"
+        "branches", "true", "loading and unloading separately, where the torque has a wide loop over the deflection"
     )
     yield ""
 
@@ -224,12 +222,12 @@ def _motor(path: str, key: str, joint: JointGuess, answers: Answers, begin: bool
         size, why = ("1", "made up") if joint.inertia is None else (f"{joint.inertia:.2g}", "by torque and motion")
         yield _line(f'inertia = "{size} kg*m^2"', why)
     else:
-        why = "no log says it; needed where the torque comes from the motor's side"
+        why = "not in any log; needed where the torque comes from the motor's side"
         yield _known(answers, f"{key}.inertia", '"2.3e-5 kg*m^2"', why)
     yield _gap("damping", '"0.001 N*m*s/rad"', "0 when left out")
     yield _gap("side", '"rotor"', "where inertia and damping are the rotor's own, not yet times gear_ratio²")
     if joint.gear_ratio is not None and f"{key}.gear_ratio" not in answers:
-        yield _line(f"gear_ratio = {joint.gear_ratio!r}", "60 %: the ratio of the two positions' ranges; look it up")
+        yield _line(f"gear_ratio = {joint.gear_ratio!r}", "60 %: the ratio of the two positions' ranges; check it")
     else:
         why = "1 when left out; needed for whatever is measured on the rotor's side"
         yield _known(answers, f"{key}.gear_ratio", "50.0", why)
@@ -238,7 +236,7 @@ def _motor(path: str, key: str, joint: JointGuess, answers: Answers, begin: bool
     if torque is not None and torque.is_current:
         if begin and f"{key}.torque_constant" not in answers:
             yield _line(
-                'torque_constant = "1 N*m/A ± 0"', "not fitted; write what is known of it, else torques are currents"
+                'torque_constant = "1 N*m/A ± 0"', "not fitted; write the known value, else torques are currents"
             )
         else:
             why = "needed for the motor torque, which is recorded as a current"
@@ -247,7 +245,7 @@ def _motor(path: str, key: str, joint: JointGuess, answers: Answers, begin: bool
 
 
 def _known(answers: Answers, key: str, example: str, why: str) -> str:
-    """Return the line of a key with what somebody answered, or else as a gap."""
+    """Return the line of a key with its answer, or else as a gap."""
     name = key.rpartition(".")[2]
     return f"{name} = {answers[key]}" if key in answers else _gap(name, example, why)
 
@@ -307,11 +305,11 @@ def _signal(
     value = f"{{ channel = {channel}, {', '.join(parts)} }}" if parts else channel
     why = f"{_percent(guess.confidence)}: {'; '.join(guess.reasons)}"
     if RUN in guess.channel and not has_runs:
-        return _gap(role, value, f"{why}; but its name holds {RUN}, which stands for a run")
+        return _gap(role, value, f"{why}; but its name contains {RUN}, which is replaced by a run")
     if lacks_constant:
-        return _gap(role, value, f"{why}; write the motor's torque_constant, and take the # away")
+        return _gap(role, value, f"{why}; write the motor's torque_constant, and remove the #")
     if guess.unit == "counts" and counts is None:
-        why = f"write counts_per_turn = 4096, or what it is, for the unit; {why}"
+        why = f"write counts_per_turn = 4096, or its number, for the unit; {why}"
     return _line(f"{role} = {value}", why)
 
 
@@ -326,7 +324,7 @@ def _preset_signals(recording: Recording, joint: Joint, found: JointGuess | None
         elif guess is not None and guess.channel not in kept:
             yield _signal(role, guess, has_runs=False)
         elif there is not None:
-            yield _gap(role, '"…"', f"not found: the preset says '{there}', which the log does not have")
+            yield _gap(role, '"…"', f"not found: the preset has '{there}', which the log lacks")
 
 
 def _channel(joint: Joint, role: str) -> str | None:

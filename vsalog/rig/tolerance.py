@@ -1,6 +1,6 @@
-"""How well a rig's quantities are known where it states no tolerance: one default per kind of quantity, each with its reason.
+"""Default tolerances of a rig's quantities: one per kind of quantity, each with its reason.
 
-`python -m vsalog.rig.tolerance` prints the table that stands in docs/reference/rig/tolerances.md.
+`python -m vsalog.rig.tolerance` prints the table in docs/reference/rig/tolerances.md.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def default_deviation(quantity: str, nominal: float, scale: float) -> float:
 
 
 def table_text() -> str:
-    """Return the table as it stands in docs/reference/rig/tolerances.md."""
+    """Return the table in docs/reference/rig/tolerances.md."""
     rows = [f"| {', '.join(f'`{name}`' for name in d.names)} | {d.words} | {d.reason} |\n" for d in DEFAULTS]
     return "".join(["| key | tolerance | because |\n", "| --- | --- | --- |\n", *rows])
 

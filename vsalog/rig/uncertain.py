@@ -1,8 +1,8 @@
-"""Quantities that state how well they are known: "0.08 kg*m^2 ± 10 %".
+"""Quantities with a tolerance: "0.08 kg*m^2 ± 10 %".
 
-The tolerance is the half-width of the interval that holds the true value with 95 % probability. While a rig's tables are
+The tolerance is the half-width of the interval that contains the true value with 95 % probability. While a rig's tables are
 decoded, a number carries its tolerance along (`UncertainNumber`); `collect` then separates the two, so that the structures
-hold plain numbers.
+contain plain numbers.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ Path = tuple[str, ...]
 
 TOLERANCE_SIGN = r"±|\+/?[-−]"
 _SIGN = re.compile(TOLERANCE_SIGN)
-_EXAMPLE = 'write the value, ± and how far off it may be, such as "0.08 kg*m^2 ± 10 %" or "0 rad ± 0.5 deg"'
+_EXAMPLE = 'write the value, ± and the tolerance, such as "0.08 kg*m^2 ± 10 %" or "0 rad ± 0.5 deg"'
 
 
 class Tolerance(NamedTuple):
-    """How well a quantity is known.
+    """The tolerance of a quantity.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class UncertainNumber(float):
 
 
 class Quantity(NamedTuple):
-    """What a text says of a quantity.
+    """A quantity parsed from a text.
 
     Attributes
     ----------
@@ -79,19 +79,17 @@ class Quantity(NamedTuple):
             A unit does not fit, or the tolerance is not possible.
         """
         value = self.number * (si_factor(self.unit, like) if like else 1.0)
-        # A value that is not finite is refused for itself.
+        # A value that is not finite is refused separately.
         if self.half_width is None or not math.isfinite(value):
             return value
         return uncertain(value, self._half_width(self.half_width, value, like), like)
 
     def _half_width(self, half_width: float, value: float, like: str) -> float:
         if half_width < 0.0:
-            raise UnitError(
-                f"the tolerance, {half_width:g}, is negative; write how far off the value may be either way"
-            )
+            raise UnitError(f"the tolerance, {half_width:g}, is negative; write the largest error in either direction")
         if self.half_unit == "%":
             if value == 0.0 and half_width > 0.0:
-                raise UnitError("a tolerance in per cent of 0 says nothing; write it in the quantity's unit")
+                raise UnitError("a tolerance in per cent of 0 has no meaning; write it in the quantity's unit")
             return abs(value) * half_width / 100.0
         if not like or (half_width == 0.0 and not self.half_unit):
             return half_width
@@ -110,22 +108,22 @@ def uncertain(value: float, half_width: float, unit: str) -> UncertainNumber:
     """
     # A variance is a finite double.
     if not math.isfinite(half_width * half_width):
-        raise UnitError("the tolerance is beyond what can be computed with; leave it out where it is not known")
+        raise UnitError("the tolerance is too large to compute with; leave it out if it is not known")
     return UncertainNumber(value, Tolerance(half_width, unit))
 
 
 def states_tolerance(text: str) -> bool:
-    """Tell whether a text has the sign of a tolerance: ±, +- or +/-."""
+    """Return whether a text has the sign of a tolerance: ±, +- or +/-."""
     return _SIGN.search(text) is not None
 
 
 def parse_stated(text: str) -> Quantity:
-    """Return what "0.08 kg*m^2 ± 10 %", "0.08 ± 0.008 kg*m^2" or "0.08 kg*m^2" says.
+    """Parse "0.08 kg*m^2 ± 10 %", "0.08 ± 0.008 kg*m^2" or "0.08 kg*m^2".
 
     Raises
     ------
     UnitError
-        There is no plain number in front of or behind the sign, or more than that, or no unit.
+        There is no plain number before or after the sign, or more than that, or no unit.
     """
     if not states_tolerance(text):
         return Quantity(*split_quantity(text))
@@ -136,7 +134,7 @@ def parse_stated(text: str) -> Quantity:
 
 
 def parse_stated_number(text: str) -> Quantity:
-    """Return what "1 ± 0.1 %" or "1 ± 0.001" says of a number without unit.
+    """Parse "1 ± 0.1 %" or "1 ± 0.001", a number without unit.
 
     Raises
     ------
@@ -146,7 +144,7 @@ def parse_stated_number(text: str) -> Quantity:
     quantity = _split(text)
     if quantity.unit:
         raise UnitError(
-            f'\'{shown(text)}\' has a unit, but a plain number is wanted, such as "1 ± 0.1 %" or "1 ± 0.001"'
+            f'\'{shown(text)}\' has a unit, but a plain number is needed, such as "1 ± 0.1 %" or "1 ± 0.001"'
         )
     return quantity
 
@@ -188,7 +186,7 @@ def stated(value: float, tolerance: Tolerance) -> str:
 
 
 def value_at(structures: Any, path: Path) -> Any:
-    """Return what stands at a key's path in a rig's structures; None where nothing does."""
+    """Return the value at a key's path in a rig's structures; None where there is none."""
     for part in path:
         if isinstance(structures, tuple):
             index = int(part.strip("[]"))

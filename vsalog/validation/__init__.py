@@ -1,1 +1,1 @@
-"""A frozen model against a second experiment: does what was learnt in the first hold in the second? (Flacco 2012 §8.)"""
+"""A frozen model on a second experiment: does the fit to the first hold in the second? (Flacco 2012 §8.)"""

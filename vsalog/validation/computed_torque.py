@@ -1,4 +1,4 @@
-"""Torque channels that are no measurements: a formula of another channel."""
+"""Torque channels that are not measured, but computed from another channel."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def computed_torques(joint: str, roles: Mapping[str, Array], *, lever: bool) -> 
     Parameters
     ----------
     joint : its name
-    roles : role → values, shape (N,), as a formula in the drive or in the log has them
-    lever : whether the torque over the deflection goes with the square of a lever arm, the set-point (Flacco 2012 eq. 49)
+    roles : role → values, shape (N,), as a formula in the drive or in the log uses them
+    lever : whether the torque over the deflection scales with the square of a lever arm, the set-point (Flacco 2012 eq. 49)
     """
     found = dict[str, Finding]()
     for suffix in ("", "_1", "_2"):
@@ -40,7 +40,7 @@ def computed_torques(joint: str, roles: Mapping[str, Array], *, lever: bool) -> 
 
 
 def _deflections(roles: Mapping[str, Array], suffix: str) -> Iterator[tuple[Array, str]]:
-    """Yield the deflection as it is measured and as positions give it: a torque was computed from one of them."""
+    """Yield the deflection as measured and from the positions: a torque may be computed from either."""
     if f"deflection{suffix}" in roles:
         yield roles[f"deflection{suffix}"], "the deflection"
     if "link_position" in roles and f"motor_position{suffix}" in roles:

@@ -1,8 +1,8 @@
 """What an error depends on.
 
-Shapes that causes would leave (`signatures.py`) are taken one after the other: the one that, learnt from other blocks of the log,
-leaves least of the error, and the simplest of those that leave no more than chance makes of the difference. Then each has to say
-something beyond the others (`core/dependence.py`).
+The signatures of causes (`signatures.py`) are selected one after the other: the one that, fitted to other blocks of the log,
+leaves the smallest residual of the error, and the simplest of those whose residual is no larger than by chance. Then each has to
+explain something in addition to the others (`core/dependence.py`).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from vsalog.validation.signatures import Signature, signatures
 
 Array = NDArray[np.float64]
 
-# The finding that each kind is.
+# The finding of each kind.
 CODES = {
     "offset": "error.offset",
     "torque": "error.gain",
@@ -65,7 +65,7 @@ class _Cause:
 
 
 def thinned(use: NDArray[np.bool_]) -> tuple[NDArray[np.int64], int]:
-    """Return which samples of those in use to look at, as indices, and of how many each is one."""
+    """Return indices of the samples to use, and the number of samples that each represents."""
     rows = np.flatnonzero(use)
     thin = max(1, rows.size // PART)
     return rows[::thin], thin
@@ -79,7 +79,7 @@ def dependences(
     step: float | None = None,
     thin: int = 1,
 ) -> tuple[Dependence, ...]:
-    """Return what the error depends on, in the order in which it explains most of what is left; `itself` comes last.
+    """Return what the error depends on, in the order of the share that each explains of the residual; `itself` comes last.
 
     Parameters
     ----------
@@ -87,9 +87,9 @@ def dependences(
     predicted : the torque that was predicted
     variables : as many as there are, shape (N,) each: ``deflection``, ``setpoint``, ``velocity``, ``loading`` (its sign),
         ``time``, ``stiffness`` (predicted), `POSITIONS` of link and motors, ``velocity of`` each of these, ``loop …`` (`loops`)
-    smoothing : for how many samples the filter that both went through makes even white noise stay alike
+    smoothing : correlation length of white noise after their common filter [samples]
     step : the least step of the torque sensor [N·m]; None where it has none
-    thin : of how many samples of the log each that is given is one
+    thin : number of samples of the log that each given one represents
     """
     keep = np.isfinite(error) & np.isfinite(predicted)
     for x in variables.values():
@@ -102,14 +102,14 @@ def dependences(
         return ()
     steps = 0.0 if step is None else (ROUNDED * step) ** 2
     if step is not None and steps >= power - steps:
-        # A sensor's steps make more of the error than all else.
+        # The sensor's quantisation is most of the error.
         return (_steps(step, power),)
     at = {name: x[keep] for name, x in variables.items()}
-    told, rest = _causes(e, torque, at, power)
+    dependences, rest = _causes(e, torque, at, power)
     last = _itself(rest, power, smoothing / thin, thin)
     if last is not None and last.share >= REPORTED_SHARE and last.p_value <= FALSE_ALARM:
-        told.append(last)
-    return tuple(told)
+        dependences.append(last)
+    return tuple(dependences)
 
 
 def gain_of(error: Array, predicted: Array) -> float | None:
@@ -133,7 +133,7 @@ def _on_torque(values: Array, torque: Array) -> Association | None:
 
 
 def _causes(e: Array, torque: Array, at: Mapping[str, Array], power: float) -> tuple[list[Dependence], Array]:
-    """Return what signatures say of an error, and what they leave of it."""
+    """Return the parts of an error that signatures explain, and the residual."""
     offered = _offered(signatures(torque, at))
     columns = np.concatenate([c.signature.columns for c in offered], axis=1)
     moments = block_moments(np.column_stack((columns, e)), block_index(e.size))
@@ -149,17 +149,17 @@ def _causes(e: Array, torque: Array, at: Mapping[str, Array], power: float) -> t
         rest = e - columns[:, _all(chosen)] @ least_squares(moments.sum(axis=0), _all(chosen))
     p_values = [0.0]
     while chosen:
-        # Beyond the others: what they would leave of the error is no noise.
+        # In addition to the others: their residual is no noise.
         p_values = [_p(moments, c, [other for other in chosen if other is not c]) * len(offered) for c in chosen]
         if max(p_values) <= FALSE_ALARM:
             break
         del chosen[int(np.argmax(p_values))]
-    told: list[Dependence] = []
+    dependences: list[Dependence] = []
     for k, cause in enumerate(chosen):
         share = (_left(moments, chosen[:k]) - _left(moments, chosen[: k + 1])) / (power * e.size)
         coefficients = least_squares(moments.sum(axis=0), _all(chosen[: k + 1]))[-len(cause.columns) :]
-        told.append(_said(cause, coefficients, share, p_values[k], e, torque, at))
-    return told, e - columns[:, _all(chosen)] @ least_squares(moments.sum(axis=0), _all(chosen))
+        dependences.append(_said(cause, coefficients, share, p_values[k], e, torque, at))
+    return dependences, e - columns[:, _all(chosen)] @ least_squares(moments.sum(axis=0), _all(chosen))
 
 
 def _offered(found: Sequence[Signature]) -> list[_Cause]:
@@ -173,19 +173,19 @@ def _all(causes: Sequence[_Cause]) -> list[int]:
 
 
 def _left(moments: Array, causes: Sequence[_Cause]) -> float:
-    """Return the squares that causes leave of the error."""
+    """Return the squared residual of the error after causes."""
     whole, own = moments.sum(axis=0), _all(causes)
     return float(whole[-1, -1] - whole[own, -1] @ least_squares(whole, own))
 
 
 def _p(moments: Array, cause: _Cause, others: Sequence[_Cause]) -> float:
-    """Return the probability that chance gives a cause what it says beyond others."""
+    """Return the probability that a cause explains so much in addition to others by chance."""
     found = association(moments, cause.columns, _all(others))
     return 1.0 if found is None else found.p_value
 
 
 def _best(moments: Array, chosen: Sequence[_Cause], open_to: Sequence[_Cause]) -> _Cause | None:
-    """Return the cause that leaves least of the error in blocks that it was not learnt from; the simplest of several."""
+    """Return the cause with the smallest residual in blocks that it was not fitted to; the simplest of several."""
     controls, left = _all(chosen), dict[int, float]()
     for k, cause in enumerate(open_to):
         squares = held_out_squares(moments, cause.columns, controls)
@@ -196,7 +196,7 @@ def _best(moments: Array, chosen: Sequence[_Cause], open_to: Sequence[_Cause]) -
         return None
 
     def as_well(least: _Cause) -> list[_Cause]:
-        """Return the causes beyond which it says nothing (encompassing; Mizon and Richard 1986), the simplest first."""
+        """Return the causes that encompass this one (Mizon and Richard 1986), the simplest first."""
         found = [k for k, c in enumerate(open_to) if _p(moments, least, [*chosen, c]) > FALSE_ALARM]
         return [open_to[k] for k in sorted(found, key=lambda k: (len(open_to[k].columns), left[k]))]
 
@@ -209,11 +209,11 @@ def _best(moments: Array, chosen: Sequence[_Cause], open_to: Sequence[_Cause]) -
 
 
 def _simpler(moments: Array, chosen: Sequence[_Cause], curve: _Cause, physical: Sequence[_Cause]) -> _Cause:
-    """Prefer to a curve of any shape a physical effect that is right to first order, or the stronger of two that do as well.
+    """Prefer to a curve of any shape a physical effect that is right to first order, or the stronger of two equally good ones.
 
     Parameters
     ----------
-    physical : the one that leaves least of the error first
+    physical : the one with the smallest residual first
     """
     if not physical:
         return curve
@@ -263,7 +263,7 @@ def _over_time(signature: Signature) -> bool:
 
 
 def _has_a_trend(rest: Array, signature: Signature) -> bool:
-    """Tell whether what is left, block by block, rises or falls in the signature's own measure: a drift is no oscillation."""
+    """Return whether the residual, block by block, rises or falls in the signature's own measure: a drift is no oscillation."""
     n, size = LEAST_BLOCKS, rest.size // LEAST_BLOCKS
     base, left = (x[: n * size].reshape(n, size) for x in (signature.columns[:, 0], rest))
     norms = np.sum(base**2, axis=1)
@@ -281,7 +281,7 @@ def _steps(step: float, power: float) -> Dependence:
 
 
 def _itself(rest: Array, power: float, smoothing: float, thin: int) -> Dependence | None:
-    # Further apart than the filter reaches: what is alike there, the filter has not made so.
+    # Farther apart than the filter reaches: correlation there is not from the filter.
     left = (rest - rest.mean())[:: max(1, int(np.ceil(CORRELATION_TIMES * smoothing)))]
     if left.size <= LEAST_BLOCKS:
         return None

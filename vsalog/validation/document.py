@@ -20,7 +20,7 @@ class _Part(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Figure(_Part, frozen=True):
-    """A number with its 95 % interval from a block bootstrap; null where the data cannot tell.
+    """A number with its 95 % interval from a block bootstrap; null where the data do not determine it.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Score(_Part, frozen=True):
     Attributes
     ----------
     samples : that were judged
-    effective_samples : independent ones that they are worth
+    effective_samples : number of independent samples with the same information
     span : greatest minus least of the reference
     mse, rmse : mean square error and its root, in the unit (squared) of what is judged
     nrmse : rmse / span [%]
@@ -94,12 +94,12 @@ class Dependence(_Part, frozen=True):
         deflection's sign), ``deflection``, ``position`` (of link or motor), ``setpoint``, ``velocity``, ``late`` (a position's
         velocity), ``direction`` (of the velocity), ``loading`` (loops), ``time``, ``zero over time``, ``gain over time``,
         ``resolution`` (the sensor's steps), ``stuck`` (the sensor), ``itself`` (not white)
-    share : of the error's mean square that it explains beyond those told before it, 0 to 1
+    share : of the error's mean square that it explains in addition to those before it, 0 to 1
     p_value : probability of such a share by chance, with the effective number of samples
-    slope : of the error over the variable, SI, where a straight line says it; else null
+    slope : of the error over the variable, SI, where it is a straight line; else null
     code : of the finding that this is
     evidence : its numbers, by name
-    words : what that means, for people; made of the code when the report is written
+    words : the meaning, for people; made from the code when the report is written
     bins : error over the variable
     not_told_from : what would explain the error as well
     """
@@ -122,7 +122,7 @@ class Comparison(_Part, frozen=True):
     ----------
     quantity : ``flexibility_torque`` or ``stiffness``
     unit : of it
-    reference : what it was judged against
+    reference : of the comparison
     inside : score of samples inside the region that the model was fitted in; null where there is none
     outside : likewise outside: extrapolation, never mixed into the score
     """
@@ -146,16 +146,16 @@ class ModalityScore(_Part, frozen=True):
 
 
 class TransmissionReport(_Part, frozen=True):
-    """What was found about a transmission, or about the whole device (``total``).
+    """The results for a transmission, or for the whole device (``total``).
 
     Attributes
     ----------
     transmission : name
-    judged_on : the comparison the verdict rests on; null where nothing can be judged
+    judged_on : the comparison that the verdict is based on; null where nothing can be judged
     comparisons : all there are, that one first
-    inside_share : part of the samples that lie inside the region the model was fitted in
+    inside_share : part of the samples inside the region that the model was fitted in
     gain : how many times the predicted torque is measured; null where it is not clearly other than one
-    errors : over deflection, speed and set-point, of what the verdict rests on
+    errors : over deflection, speed and set-point, of the comparison that the verdict is based on
     dependence : what the error depends on, strongest first
     modalities : of the same log, side by side
     """
@@ -171,12 +171,12 @@ class TransmissionReport(_Part, frozen=True):
 
 
 class StiffnessVerdict(_Part, frozen=True):
-    """Whether the model's stiffness holds, which its torque alone does not tell.
+    """Whether the model's stiffness holds, which its torque alone does not show.
 
     Attributes
     ----------
     verdict : of the transmission whose stiffness is predicted worst
-    reference : what it was judged by: a simulator's truth in the log, else the rig's nominal transmission, which may be wrong
+    reference : of the comparison: a simulator's truth in the log, else the rig's nominal transmission, which may be wrong
     reason : the error, in a finding
     sentence : the same in words
     """
@@ -188,19 +188,19 @@ class StiffnessVerdict(_Part, frozen=True):
 
 
 class JointReport(_Part, frozen=True):
-    """What was found about a joint of a log.
+    """The results for a joint of a log.
 
     Attributes
     ----------
     joint : name
     verdict : whether the model's torque holds
-    reasons : findings that the verdict rests on: why nothing can be judged; else the error, where it is, what it depends on
-    findings : what else a person should know
+    reasons : findings that the verdict is based on: why nothing can be judged; else the error, where it is, what it depends on
+    findings : further ones
     duration, period : of the log [s]
     transmissions : one by one, then ``total`` where there are two
     sentences : the reasons, in words
-    stiffness : what is said of the stiffness; null where nothing in the log or the rig tells it
-    not_independent : that of them, in words, which says why a torque channel is no independent measurement; null where none does
+    stiffness : the verdict on the stiffness; null without a reference in the log or the rig
+    not_independent : the one that explains, in words, why a torque channel is no independent measurement; null for none
     warnings : the findings, in words
     """
 
@@ -218,7 +218,7 @@ class JointReport(_Part, frozen=True):
 
 
 class LogReport(_Part, frozen=True):
-    """What was found about one log: its name, SHA-256, and joints."""
+    """The results for one log: its name, SHA-256, and joints."""
 
     log: str
     sha256: str
@@ -226,7 +226,7 @@ class LogReport(_Part, frozen=True):
 
 
 class Threshold(_Part, frozen=True):
-    """A threshold that was asked for, and whether it was met."""
+    """A requested threshold, and whether it was met."""
 
     name: str
     limit: float
@@ -241,11 +241,11 @@ class Report(_Part, frozen=True):
     version : of this structure
     vsalog : version that wrote it
     model : file name, and ``model_sha256`` of it
-    model_logs : name → SHA-256 of the logs that the model was learnt from
+    model_logs : name → SHA-256 of the logs that the model was fitted to
     settings : of this run
     rig : as TOML text
     logs : what was found, log by log
-    thresholds : asked for
+    thresholds : as requested
     """
 
     version: int

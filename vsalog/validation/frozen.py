@@ -1,4 +1,4 @@
-"""Reading a model that is to be judged: one whose numbers do not fit together is refused before anything is done."""
+"""Reading a model for validation: one with inconsistent numbers is refused before anything is done."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ HIGHEST_POWER = 100
 
 
 def frozen(path: Path) -> ModelFile:
-    """Read a model file and see that it can be evaluated.
+    """Read a model file and check that it can be evaluated.
 
     Raises
     ------
     ReadError
-        It cannot be read, is no model file, holds no joint, or its numbers do not fit together.
+        It cannot be read, is no model file, contains no joint, or its numbers are inconsistent.
     """
     try:
         file = ModelFile.load(path)
     except (RecursionError, ValueError) as error:
         # The TOML parser's own limits, of nesting and of digits.
-        raise ReadError(f"{path}: is not a model file that 'vsalog estimate' writes: it is not sound TOML") from error
+        raise ReadError(f"{path}: is not a model file that 'vsalog estimate' writes: it is not valid TOML") from error
     try:
         Rig.from_toml(file.rig, f"{path}, the rig in it")
     except RigError as error:
         raise ReadError(f"{error}; write the model again with 'vsalog estimate'") from error
     if not file.joint:
-        raise ReadError(f"{path}: holds no joint, so there is nothing to judge")
+        raise ReadError(f"{path}: contains no joint, so there is nothing to judge")
     for name, joint in file.joint.items():
         wrong = _basis_fault(joint) or next((w for t in joint.transmission if (w := _fault(joint, t))), None)
         if wrong is not None:
@@ -72,13 +72,13 @@ def _fault(joint: JointModel, part: TransmissionModel) -> str | None:
     if len(part.coefficients) != size:
         return f"{where} has {len(part.coefficients)} coefficients for {size} functions"
     if not _usable(part.coefficients):
-        return f"{where} has coefficients that are not finite, or beyond all measure"
+        return f"{where} has coefficients that are not finite, or too large"
     if len(part.covariance) != size or any(len(row) != size for row in part.covariance):
         return f"{where} has a covariance that is not {size} by {size}"
     if any(part.covariance[i][i] < 0.0 for i in range(size)):
         return f"{where} has a negative variance"
     if not _is_covariance(np.array(part.covariance)):
-        return f"{where} has a covariance that is none: it is not symmetric, or some direction has a negative variance"
+        return f"{where} has an invalid covariance: it is not symmetric, or some direction has a negative variance"
     columns = {len(vertex) for vertex in part.region}
     if len(columns) > 1 or not columns <= {1, 2} or not all(_usable(vertex) for vertex in part.region):
         return f"{where} has a region that is no list of points (deflection) or (deflection, set-point)"
@@ -86,10 +86,10 @@ def _fault(joint: JointModel, part: TransmissionModel) -> str | None:
 
 
 def _is_covariance(matrix: Array) -> bool:
-    """Tell whether a matrix is symmetric and has no negative eigenvalue, but for rounding; what is not known (NaN) is none."""
+    """Return whether a matrix is a covariance: symmetric, without a negative eigenvalue except for rounding, and no NaN."""
     if not np.isfinite(matrix).all():
         return True
-    # In units of its deviations, for coefficients differ by orders of magnitude.
+    # In units of its standard deviations, since coefficients differ by orders of magnitude.
     deviations = np.sqrt(np.diagonal(matrix))
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         scaled = matrix / deviations / deviations[:, None]

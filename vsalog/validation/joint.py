@@ -1,4 +1,4 @@
-"""One joint of one log, judged: what a frozen model predicts against everything the log offers."""
+"""One joint of one log: the predictions of a frozen model compared with all references in the log."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ TORQUE, STIFFNESS = ("flexibility_torque", "N*m"), ("stiffness", "N*m/rad")
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """What was found about a joint: the report's parts."""
+    """The results for a joint: the report's parts."""
 
     transmissions: tuple[TransmissionReport, ...]
     not_independent: Finding | None
@@ -70,10 +70,10 @@ class Prepared:
 
     Attributes
     ----------
-    signals : as bound, but with smoothed values where there are such: an hour's are not kept twice
+    signals : as bound, but with smoothed values where available: an hour's are not kept twice
     smoothed : the same, with rates
     sensors : torque sensors as they were recorded, role → shape (N,)
-    not_independent : why a torque sensor is none; None where nothing speaks for that
+    not_independent : why a torque sensor is no measurement; None without evidence for that
     """
 
     signals: JointSignals
@@ -96,7 +96,7 @@ def prepare(device: Device, signals: JointSignals) -> Prepared:
         No run is long enough.
     """
     lever = any(isinstance(view.nominal, AwasTransmission) for view in device.transmissions)
-    with ThreadPoolExecutor(1) as pool:  # both take their time with an hour, and neither holds the other up
+    with ThreadPoolExecutor(1) as pool:  # both are slow with an hour's samples, and run in parallel
         computed = pool.submit(computed_torques, signals.joint, signals.roles, lever=lever)
         s = ref.smoothed(device, signals, tuple(signals.roles))
     sensors = {role: values for role, values in signals.roles.items() if role.startswith("torque_sensor")}
@@ -112,14 +112,14 @@ def judge(
     truth: Truth,
     draw: Callable[[JointEvidence], None] = lambda _: None,
 ) -> Judged:
-    """Hold a joint's frozen model against a log.
+    """Compare a joint's frozen model with a log.
 
     Parameters
     ----------
     model : frozen
     joint, device : of the rig
     prepared : the log's signals
-    truth : what a simulator left of its truth in the log, by channel
+    truth : a simulator's truth in the log, by channel
     draw : given each transmission, as soon as it is judged
     """
     signals, s = prepared.signals, prepared.smoothed
@@ -133,7 +133,7 @@ def judge(
 
     total: _Part | None = None
     for view in device.transmissions:
-        # A part is long: beside the sum there is no more than one, and of that only what is drawn once it is judged.
+        # A part is long: along with the sum only one is kept, and of that only the figures' data once it is judged.
         part = _part(model, joint, device, view, s, setpoint, signals, truth)
         evidence = report(part)
         if len(device.transmissions) > 1:
@@ -165,7 +165,7 @@ def _part(
 def _added(one: _Part, other: _Part) -> _Part:
     """Both transmissions' torques and stiffnesses add up (Flacco 2012 eq. 9–10); the standard deviations in squares.
 
-    The sums take the place of what `one` holds, which is judged and drawn already: an hour's are long.
+    The sums replace the arrays of `one`, which is judged and drawn already: an hour's are long.
     """
     nominal = None
     if one.nominal is not None and other.nominal is not None:
@@ -280,20 +280,20 @@ def _dependence(
     period: float,
     raw: Array | None,
 ) -> tuple[Dependence, ...]:
-    error, told = predicted - measured, []
+    error, found = predicted - measured, []
     use = part.inside & np.isfinite(error)
     step = None if raw is None else step_of(raw)
     if raw is not None:
         still = stuck(raw, predicted, step or 0.0) & use
         share = float(np.sum(error[still] ** 2) / max(np.sum(error[use] ** 2), 1e-300))
         if share >= REPORTED_SHARE:
-            told.append(_stuck(share, still, s.time))
+            found.append(_stuck(share, still, s.time))
             use &= ~still
     rows, thin = thinned(use)
     variables = _variables(part, s, setpoint, period, rows)
     rest = dependences(error[rows], predicted[rows], variables, ref.noise_correlation(), step, thin)
-    left = 1.0 - sum(d.share for d in told)
-    return (*told, *(structs.replace(d, share=left * d.share) for d in rest))
+    left = 1.0 - sum(d.share for d in found)
+    return (*found, *(structs.replace(d, share=left * d.share) for d in rest))
 
 
 def _variables(

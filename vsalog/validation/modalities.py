@@ -1,4 +1,4 @@
-"""One log by all modalities: where the torque comes from, side by side (Flacco 2012 eq. 44, Tables 1 and 2)."""
+"""One log by all modalities, that is sources of the torque (Flacco 2012 eq. 44, Tables 1 and 2)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def side_by_side(name: str, joint: Joint, recording: Recording) -> dict[str, lis
             choice = choose(name, joint, "residual-rls", {"modality": modality})
             estimate = estimate_joint([recording], name, joint, choice)
         except VsalogError:
-            continue  # a role or a parameter is missing: the report says which modalities there are
+            continue  # a role or a parameter is missing: the report lists the available modalities
         for transmission in estimate.trace.transmissions:
             row = _score(modality, name, joint, transmission, estimate.trace, recording)
             found.setdefault(transmission, []).append(row)

@@ -1,4 +1,4 @@
-"""A log's signals, conditioned, and what a frozen model's torque can be held against in them."""
+"""A log's filtered signals, and the references for a frozen model's torque in them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Flags = NDArray[np.bool_]
 # Nobody needs more than seven digits of a standard deviation.
 Deviations = NDArray[np.float32]
 
-# Samples of the filter of every signal, forwards and backwards alike: what `estimate` learns with.
+# Samples of the filter of every signal, forwards and backwards: the filter of `estimate`.
 WINDOW = Tuning.default_window
 # Bandwidth of the residual [rad/s].
 BANDWIDTH = float(PRINTED["bandwidth"])
@@ -46,8 +46,8 @@ class Smoothed:
     time : from the log's start [s]
     starts : where a run begins
     roles : role → values; also ``velocity:ROLE`` of the motor positions and of what a transmission's damping needs. A motor's
-        torque is what is left of it once its friction and cogging are accounted for, where the rig gives it any; which way the
-        friction acts, and the doubt in it, are there too
+        torque is compensated for its friction and cogging, where the rig gives any; the direction of the
+        friction, and its uncertainty, are there too
     """
 
     time: Array
@@ -97,7 +97,7 @@ def smoothed(device: Device, signals: JointSignals, roles: tuple[str, ...]) -> S
 
 
 def noise_correlation() -> float:
-    """Return for how many samples white noise stays alike once it has gone through the filter."""
+    """Return the correlation length of white noise after the filter [samples]."""
     return float(1.0 / np.sum(savgol_weights(WINDOW, Tuning().degree)[0] ** 2))
 
 
@@ -120,13 +120,13 @@ def prediction(
 
 
 def behind_the_lag(values: Array, period: float) -> Array:
-    """Pass a prediction through the residual's own lag, so that both are late alike."""
+    """Pass a prediction through the residual's own lag, so that both have the same delay."""
     use = np.isfinite(values)
     return lag_block(np.full((2, 1), np.nan), values[:, None].copy(), use, BANDWIDTH, period)[1][:, 0]
 
 
 def nominal(view: TransmissionView, s: Smoothed, setpoint: Array | None) -> tuple[Array, Array] | None:
-    """Return torque and stiffness of the rig's nominal transmission; None where the rig knows none."""
+    """Return torque and stiffness of the rig's nominal transmission; None where the rig has none."""
     if isinstance(view.nominal, UnknownTransmission):
         return None
     phi = deflection_of(s.roles, view)
@@ -150,7 +150,7 @@ def true_stiffness(channels: Mapping[str, Channel], joint: str, suffix: str, s: 
 
 
 def truth_channels(joint: str) -> tuple[str, ...]:
-    """Return the names of the channels a simulator may have left its truth in."""
+    """Return the names of the channels of a simulator's truth."""
     suffixes = ("", "_1", "_2", "_total")
     return tuple(f"/truth/{where}stiffness{suffix}.data" for where in ("", f"{joint}/") for suffix in suffixes)
 
@@ -164,6 +164,6 @@ def rate_at(values: Array, rows: NDArray[np.int64], s: Smoothed, period: float) 
 
 
 def runs_of(s: Smoothed) -> list[slice]:
-    """Return where each run lies."""
+    """Return the slice of each run."""
     edges = [0, *(int(i) for i in np.flatnonzero(s.starts) if i > 0), s.starts.size]
     return [slice(begin, end) for begin, end in pairwise(edges)]

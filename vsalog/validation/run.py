@@ -1,4 +1,4 @@
-"""One run of `validate`: a model file and logs in, a report and what it draws out."""
+"""One run of `validate`: a model file and logs in, a report and the data of its figures out."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ from vsalog.validation.verdict import joint_report, thresholds
 
 Progress = Callable[[str], None]
 
-# Estimating a log by all modalities takes longer than judging a model: logs with more samples are not, unless asked for.
+# Estimating a log by all modalities takes longer than testing a model: logs with more samples only on request.
 MANY_SAMPLES = 300_000
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What can be asked of `validate`; the command line's options of the same names.
+    """The options of `validate`, named as on the command line.
 
     Attributes
     ----------
@@ -74,15 +74,15 @@ def validate(
     progress: Progress = lambda _: None,
     draw: Draw = lambda _, __: None,
 ) -> Report:
-    """Hold a frozen model against logs.
+    """Test a frozen model on logs.
 
     Parameters
     ----------
     model : that `estimate` wrote
     logs : other experiments
-    options : what is asked for
+    options : of the command
     progress : called with the step that begins
-    draw : given what figures draw, one transmission at a time
+    draw : given the data of the figures, one transmission at a time
 
     Raises
     ------
@@ -94,8 +94,8 @@ def validate(
     for i, (name, log) in enumerate(zip(names_of(logs), logs, strict=True)):
         rig = _rig(file, log, options)
         progress(f"validating against {log.name}")
-        with ThreadPoolExecutor(1) as beside:
-            digest = beside.submit(_hash, log)
+        with ThreadPoolExecutor(1) as pool:
+            digest = pool.submit(_hash, log)
             joints = _judge_log(file, rig, log, digest, options, progress, partial(draw, i))
         same = hashes.setdefault(digest.result() or name, name)
         if same != name or log in logs[:i]:
@@ -148,8 +148,8 @@ def _judge_log(
         device = device_of(name, joint)
         if device.pneumatic is not None:
             raise EstimatorError(
-                f"joint '{name}' is of kind 'pneumatic': its model is the rig, and no fitted one; 'vsalog diagnose LOG' holds"
-                " the rig against a log"
+                f"joint '{name}' is of kind 'pneumatic': its model is the rig, and no fitted one; 'vsalog diagnose LOG' compares"
+                " the rig with a log"
             )
         _check_fit(file.joint[name], device, rig)
         roles = _roles(device, joint)
@@ -157,7 +157,7 @@ def _judge_log(
         bound = bind([recording], name, joint, roles)
         doubts = [*bound.findings, *implausible(device, bound), *log_findings([recording], name, joint)]
         prepared = prepare(device, bound)
-        del bound  # what is long is not kept twice
+        del bound  # long arrays are not kept twice
         signals = prepared.signals
         short = len(signals) <= MANY_SAMPLES if options.modalities is None else options.modalities
         truth = {c: recording.channels[c] for c in truth_channels(name) if c in recording.channels}
@@ -181,19 +181,19 @@ def _judge_log(
 
 
 def _other_runs(file: ModelFile, name: str, joint: Joint) -> bool:
-    """Tell whether the model was learnt from other runs of the same file."""
-    learnt = Rig.from_toml(file.rig, "the rig in the model file").joints.get(name)
-    theirs, ours = ({run.name for run in getattr(j, "run", ())} for j in (learnt, joint))
+    """Return whether the model was fitted to other runs of the same file."""
+    fitted = Rig.from_toml(file.rig, "the rig in the model file").joints.get(name)
+    theirs, ours = ({run.name for run in getattr(j, "run", ())} for j in (fitted, joint))
     return bool(theirs) and bool(ours) and not theirs & ours
 
 
 def _check_fit(model: JointModel, device: Device, rig: Rig) -> None:
-    """Refuse a rig that is no such device as the model's."""
+    """Refuse a rig for another kind of device than the model's."""
     theirs, ours = [t.name for t in model.transmission], [v.name for v in device.transmissions]
     if not theirs:
         raise EstimatorError(
-            f"the model of joint '{device.joint}' holds no torque over the deflection, because {model.estimator} follows the"
-            " stiffness or observes a state; learn one with another --estimator (docs/explanation/estimators/index.md says which)"
+            f"the model of joint '{device.joint}' contains no torque over the deflection, because {model.estimator} follows the"
+            " stiffness or observes a state; fit one with another --estimator (docs/explanation/estimators/index.md lists them)"
         )
     if len(theirs) == len(ours) and theirs != ours:
         raise RigError(
@@ -202,11 +202,11 @@ def _check_fit(model: JointModel, device: Device, rig: Rig) -> None:
     if theirs != ours:
         raise RigError(
             f"{rig.where}: joint '{device.joint}' has {len(ours)} transmission{'s' if len(ours) > 1 else ''}, but the model was"
-            f" learnt on a joint with {len(theirs)}"
+            f" fitted on a joint with {len(theirs)}"
         )
     if model.basis.has_setpoint and not device.has_setpoint:
         raise RigError(
-            f"{rig.where}: the model of joint '{device.joint}' depends on a set-point, which this rig's joint has not"
+            f"{rig.where}: the model of joint '{device.joint}' depends on a set-point, which this rig's joint lacks"
         )
 
 
@@ -217,7 +217,7 @@ def _roles(device: Device, joint: Joint) -> tuple[str, ...]:
         needed = list(view.deflection_roles(offered))
         require("validate", device, needed, offered)
         wanted += needed
-        # Without the motor's inertia there is no residual, and what is not needed need not fit.
+        # Without the motor's inertia there is no residual, and unused roles need not fit.
         if {view.motor_position, view.motor_torque} <= set(offered) and view.motor.inertia is not None:
             wanted += [view.motor_position, view.motor_torque]
         wanted += [view.torque_sensor]
@@ -245,5 +245,5 @@ def _read(log: Path, joint: Joint, roles: Sequence[str], name: str, options: Opt
 def _settings(options: Options) -> dict[str, str]:
     asked = {"rig": options.rig, "joints": ", ".join(options.joints), "rate": options.rate, "time": options.time}
     asked |= {"start": options.start, "end": options.end}
-    told = {key: str(value) for key, value in asked.items() if value}
-    return told | {f"set {key}": value for key, value in options.set.items()}
+    settings = {key: str(value) for key, value in asked.items() if value}
+    return settings | {f"set {key}": value for key, value in options.set.items()}

@@ -1,4 +1,4 @@
-"""How far a prediction is from its reference, with honest intervals: samples of a log are not independent."""
+"""The error of a prediction, with honest intervals: samples of a log are not independent."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from vsalog.validation.document import Bin, Figure, Score
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# A relative error of a torque means something where the torque is not nearly zero.
+# A relative error has a meaning where the torque is not nearly zero.
 LEAST_TORQUE = 0.05
 
 
@@ -118,7 +118,7 @@ def _sums(prediction: Array, reference: Array, where: Flags, edges: NDArray[np.i
 
 
 def _blocks(count: int, independent: float) -> NDArray[np.int64]:
-    """Return where blocks begin that are long against the correlation."""
+    """Return the starts of blocks that are long against the correlation."""
     wanted = independent / CORRELATION_TIMES
     blocks = int(np.clip(wanted, LEAST_BLOCKS, min(MOST_BLOCKS, count)))
     return np.linspace(0, count, blocks + 1).astype(np.int64)[:-1]

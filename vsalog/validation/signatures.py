@@ -1,7 +1,7 @@
-"""What each kind of cause would leave in a torque's error: the shapes an error is compared with.
+"""The signature of each kind of cause in a torque's error.
 
-An effect that is small shows to first order as its own function of what was measured: a zero of the deflection that is off by δ
-leaves σ δ, a gap of width b leaves σ times the deflection cut off at ± b/2, a drifting spring leaves t τ.
+A small effect shows to first order as its own function of the measured signals: a zero of the deflection that is wrong by δ
+gives σ δ, a gap of width b gives σ times the deflection clipped at ± b/2, a drifting spring gives t τ.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from vsalog.core.resolution import ENOUGH
 
 Array = NDArray[np.float64]
 
-# Half a gap, and the motion over which a loop changes sides, as parts of the largest deflection and of its span: of a shape
-# between two that follow each other, the nearer one leaves less than a tenth of the squares.
+# Half a gap, and the motion over which a loop changes sides, as parts of the largest deflection and of its span: for a shape
+# between two successive ones, the nearer one has a residual below a tenth of the squares.
 WIDTHS = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
 # Names of positions begin like this.
 POSITIONS = ("link_position", "motor_position")
@@ -27,7 +27,7 @@ POSITIONS = ("link_position", "motor_position")
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """The shape that one kind of cause leaves: any combination of its columns.
+    """The signature of one kind of cause: any combination of its columns.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ def _static(torque: Array, variables: Mapping[str, Array]) -> Iterator[Signature
     if setpoint is not None and np.ptp(setpoint) > 0.0:
         curve = _curve(setpoint)
         yield Signature("setpoint", curve, True)
-        # A set-point that is off makes the spring stiffer or softer than predicted.
+        # A wrong set-point makes the spring stiffer or softer than predicted.
         yield Signature("setpoint", curve * torque[:, None], True)
     if sigma is None or phi is None:
         return
@@ -123,7 +123,7 @@ def _curve(x: Array) -> Array:
 
 
 def loops(phi: Array, rows: NDArray[np.int64]) -> dict[str, Array]:
-    """Return the states of springs that slip, −1 to 1, driven by a deflection: what hysteresis of some width leaves.
+    """Return the states of springs that slip, −1 to 1, driven by a deflection: the signature of hysteresis of some width.
 
     Parameters
     ----------

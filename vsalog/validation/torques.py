@@ -1,4 +1,4 @@
-"""The torques that a frozen model is held against, less what the rig knows beside the springs, as the estimators take it off."""
+"""The reference torques for a frozen model, less the rig's known terms other than the springs, as in the estimators."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 def residual(device: Device, view: TransmissionView, s: Smoothed, signals: JointSignals) -> Array | None:
-    """Return the residual of the motor equation (Flacco 2012 eq. 17), less what the rig knows beside that equation.
+    """Return the residual of the motor equation (Flacco 2012 eq. 17), less the rig's terms that are not in that equation.
 
     Parameters
     ----------
@@ -27,8 +27,8 @@ def residual(device: Device, view: TransmissionView, s: Smoothed, signals: Joint
 
     Returns
     -------
-    Shape (N,) [N·m], NaN where it is not known or too much in doubt; None where a role or the motor's inertia is missing, or
-    friction grows as fast as the torque that it would be told from.
+    Shape (N,) [N·m], NaN where it is unknown or too uncertain; None where a role or the motor's inertia is missing, or
+    friction grows as fast as the torque that it would be separated from.
     """
     inertia, needed = view.motor.reflected_inertia, (view.motor_position, view.motor_torque)
     if inertia is None or not set(needed) <= set(s.roles):
@@ -42,17 +42,17 @@ def residual(device: Device, view: TransmissionView, s: Smoothed, signals: Joint
     known = known_of(device, view, signals, tuning_of(signals), needed[1], motor=True)
     if known is None:
         return residual_block(begin, theta, rate, tau, use, *motor, BANDWIDTH, signals.period)[1]
-    beside, doubt = _beside(known, s, signals)
-    use &= np.isfinite(beside) & np.isfinite(doubt)
-    loaded = (known.load, beside, s.roles[way_role(view)]) if known.load > 0.0 else ()
-    _, found = residual_block(begin, theta, rate, tau + beside, use, *motor, BANDWIDTH, signals.period, *loaded)
-    # What is in doubt stays so until the residual's lag has forgotten it.
+    additional, doubt = _additional(known, s, signals)
+    use &= np.isfinite(additional) & np.isfinite(doubt)
+    loaded = (known.load, additional, s.roles[way_role(view)]) if known.load > 0.0 else ()
+    _, found = residual_block(begin, theta, rate, tau + additional, use, *motor, BANDWIDTH, signals.period, *loaded)
+    # An uncertain residual stays uncertain for the duration of its lag.
     late = lag_block(np.full((2, 1), np.nan), doubt[:, None].copy(), use, BANDWIDTH, signals.period)[1][:, 0]
     return np.where(late > 1.0, np.nan, found)
 
 
 def sensor_of(device: Device, view: TransmissionView, s: Smoothed) -> str | None:
-    """Return the role of the sensor that feels this transmission alone; None where there is none."""
+    """Return the role of the sensor that measures this transmission alone; None where there is none."""
     role = sensor_role(view, s.roles)
     if role not in s.roles or (len(device.transmissions) > 1 and role == "torque_sensor"):
         return None
@@ -62,18 +62,18 @@ def sensor_of(device: Device, view: TransmissionView, s: Smoothed) -> str | None
 def felt(
     device: Device, views: tuple[TransmissionView, ...], role: str | None, s: Smoothed, signals: JointSignals
 ) -> Array | None:
-    """Return what a sensor says of the springs: its torque less the known damping and hysteresis of what it feels.
+    """Return the springs' torque by a sensor: its torque less the known damping and hysteresis of its transmissions.
 
     Parameters
     ----------
     device : of the joint
-    views : the transmissions that the sensor feels
+    views : the transmissions that the sensor measures
     role : of the sensor; None where there is none
     s, signals : smoothed and as bound, N samples
 
     Returns
     -------
-    Shape (N,) [N·m], NaN where it is not known or too much in doubt; None without a sensor
+    Shape (N,) [N·m], NaN where it is unknown or too uncertain; None without a sensor
     """
     if role is None or role not in s.roles:
         return None
@@ -81,13 +81,13 @@ def felt(
     for view in views:
         known = known_of(device, view, signals, tuning_of(signals), role, motor=False)
         if known is not None:
-            beside, doubt = _beside(known, s, signals)
-            torque = np.where(doubt > 1.0, np.nan, torque - beside)
+            additional, doubt = _additional(known, s, signals)
+            torque = np.where(doubt > 1.0, np.nan, torque - additional)
     return torque
 
 
-def _beside(known: KnownEffects, s: Smoothed, signals: JointSignals) -> tuple[Array, Array]:
-    """Return the torque transmitted beside the spring's [N·m] and the doubt as a share of what is borne, shape (N,) each."""
+def _additional(known: KnownEffects, s: Smoothed, signals: JointSignals) -> tuple[Array, Array]:
+    """Return the torque transmitted in addition to the spring's [N·m] and its relative uncertainty, shape (N,) each."""
     torque, doubt, state = np.empty(s.time.size), np.empty(s.time.size), known.start()
     for run in runs_of(s):
         fit = {name: values[run] for name, values in s.roles.items()}

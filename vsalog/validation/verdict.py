@@ -1,4 +1,4 @@
-"""From scores to a verdict and the findings that it rests on."""
+"""From scores to a verdict and its findings."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from vsalog.validation.references import WINDOW
 
 # A model whose torque is this close to the reference holds [% of the torque's span].
 HOLDING_ERROR = 5.0
-# A torque, or a stiffness, that is by more than this part larger or smaller than predicted is another spring's [1].
+# A torque, or a stiffness, that differs from the prediction by more than this share is another spring's [1].
 GAIN_ERROR = 0.1
-# By what a stiffness is judged, what is surest first.
+# References of a stiffness, the most reliable first.
 STIFFNESS_CODES: Mapping[Reference, str] = {
     "truth": "validation.stiffness_by_truth",
     "nominal": "validation.stiffness_by_nominal",
@@ -55,8 +55,8 @@ def joint_report(
     Parameters
     ----------
     judged, signals, modalities : of the joint
-    findings : what a person should know of the log and its signals
-    learnt_from : whether this is the log that the model was learnt from
+    findings : about the log and its signals
+    learnt_from : whether this is the log that the model was fitted to
     """
     parts = tuple(replace(t, modalities=tuple(modalities.get(t.transmission, ()))) for t in judged.transmissions)
     worst = _worst(parts)
@@ -70,7 +70,7 @@ def joint_report(
     elif worst is None:
         reasons = [_nothing_judged(found, parts)]
     elif standing != "fails" and (missing := _unjudged(parts)):
-        # A part of the joint of which nothing is known may be as bad as can be.
+        # A part of the joint without a reference may have any error.
         names = " and ".join(t.transmission for t in missing if t.transmission != "total")
         reasons = [found(code="validation.part_unjudged", part=names, severity="invalidates")]
     elif standing != "fails" and learnt_from:
@@ -82,15 +82,15 @@ def joint_report(
             _region(found, worst),
             *_why(found, _telling(parts, worst), standing),
         ]
-    told = (*_cautions(found, parts, worst), *findings)
-    # Signals that tell nothing may make an error smaller; one that is there all the same stays.
-    decisive = reasons if standing == "fails" else (*reasons, *told)
+    further = (*_cautions(found, parts, worst), *findings)
+    # Uninformative signals may make an error smaller; an error that shows nevertheless is kept.
+    decisive = reasons if standing == "fails" else (*reasons, *further)
     void = any(f.severity == "invalidates" for f in decisive)
     return JointReport(
         joint=signals.joint,
         verdict="cannot be judged" if void else standing,
         reasons=tuple(reasons),
-        findings=told,
+        findings=further,
         duration=len(signals) * signals.period,
         period=signals.period,
         transmissions=parts,
@@ -99,9 +99,9 @@ def joint_report(
 
 
 def _stiffness(found: partial[Finding], parts: Sequence[TransmissionReport]) -> StiffnessVerdict | None:
-    """Judge the stiffness by what there is: a torque that holds over a short range says little of its slope.
+    """Judge the stiffness by the available reference: a torque that holds over a short range determines its slope badly.
 
-    A nominal stiffness is as good as the rig: where the model's is another one, either may be wrong.
+    A nominal stiffness is as good as the rig: where the model's differs, either may be wrong.
     """
     for reference, code in STIFFNESS_CODES.items():
         scores = [
@@ -137,7 +137,7 @@ def _rms(msrep: float) -> float:
 
 
 def thresholds(logs: Sequence[LogReport], max_nrmse: float | None, max_msrep: float | None) -> tuple[Threshold, ...]:
-    """Hold every joint of every log against the thresholds asked for; what cannot be judged does not meet them."""
+    """Compare every joint of every log with the requested thresholds; what cannot be judged does not meet them."""
     out = []
     for name, limit in (("nrmse", max_nrmse), ("msrep", max_msrep)):
         if limit is not None:
@@ -148,7 +148,7 @@ def thresholds(logs: Sequence[LogReport], max_nrmse: float | None, max_msrep: fl
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One joint of one log in a table of several: its verdict and the score that this rests on; none where nothing is judged."""
+    """One joint of one log in a table of several: its verdict and the score for it; none where nothing is judged."""
 
     log: str
     joint: str
@@ -185,7 +185,7 @@ def _worst(parts: Sequence[TransmissionReport]) -> TransmissionReport | None:
 
 
 def _counted(parts: Sequence[TransmissionReport]) -> list[TransmissionReport]:
-    """Leave out what a residual judges where there is a torque sensor: one sensor of a whole joint tells more than its noise."""
+    """Leave out comparisons with a residual where there is a torque sensor: a joint's sensor is better than its noise."""
     by_sensor = [t for t in parts if t.judged_on == "sensor"]
     if any(t.transmission == "total" for t in by_sensor):
         return [t for t in parts if t.judged_on != "residual"]
@@ -198,14 +198,14 @@ def _judged(part: TransmissionReport) -> bool:
 
 
 def _is_noise(part: TransmissionReport) -> bool:
-    """Tell whether the error is what the sensor's noise or steps make it: no dependence, not even on its own past."""
+    """Return whether the error is the sensor's noise or quantisation: no dependence, not even on its own past."""
     return not part.dependence or part.dependence[0].on == "resolution"
 
 
 def _cautions(
     found: partial[Finding], parts: Sequence[TransmissionReport], worst: TransmissionReport | None
 ) -> Iterator[Finding]:
-    """Yield what the verdict does not tell."""
+    """Yield findings in addition to the verdict."""
     if worst is not None and worst.judged_on == "residual":
         yield found(code="validation.judged_by_residual", part=worst.transmission)
     alone = [t.transmission for t in parts if t.transmission != "total" and t.judged_on != "sensor"]
@@ -223,12 +223,12 @@ def _cautions(
 
 
 def _unjudged(parts: Sequence[TransmissionReport]) -> list[TransmissionReport]:
-    """Return the transmissions that the verdict would pass over though the log has something to judge them by."""
+    """Return the transmissions without a verdict though the log has a reference for them."""
     return [t for t in _counted(parts) if not _judged(t) and (t.judged_on is not None or t.inside_share == 0.0)]
 
 
 def _main(part: TransmissionReport) -> Score | None:
-    """Return the score the verdict rests on."""
+    """Return the score that the verdict is based on."""
     return None if part.judged_on is None or not part.comparisons else _of(part, part.judged_on).inside
 
 
@@ -242,7 +242,7 @@ def _nrmse(part: TransmissionReport) -> float:
 
 
 def _verdict(parts: Sequence[TransmissionReport], worst: TransmissionReport) -> Verdict:
-    """Return what the errors say, were nothing to invalidate them."""
+    """Return the verdict of the errors, if nothing invalidates them."""
     score = _main(worst)
     if score is None or score.nrmse.value is None:
         return "cannot be judged"
@@ -250,14 +250,14 @@ def _verdict(parts: Sequence[TransmissionReport], worst: TransmissionReport) -> 
     high = score.nrmse.value if score.nrmse.high is None else score.nrmse.high
     if any(_gain_is_off(part) for part in _counted(parts)):
         return "fails"
-    # What hides the model's error is no error of the model.
+    # A signal that hides the model's error is no error of the model.
     return (
         "holds" if high <= HOLDING_ERROR else "fails" if low > HOLDING_ERROR and not _is_noise(worst) else "undecided"
     )
 
 
 def _gain_is_off(part: TransmissionReport) -> bool:
-    """Tell whether what is measured is clearly more or less than predicted, however small that is against the span."""
+    """Return whether the measurement is clearly more or less than predicted, however small that is against the span."""
     return part.gain is not None and abs(part.gain - 1.0) > GAIN_ERROR
 
 
@@ -299,17 +299,17 @@ def _nothing_judged(found: partial[Finding], parts: Sequence[TransmissionReport]
 
 
 def _telling(parts: Sequence[TransmissionReport], worst: TransmissionReport) -> TransmissionReport:
-    """Return whose error says most of its cause: of a sum the summand that is predicted worst, where something is told of it."""
-    single = [t for t in parts if t.transmission != "total" and _judged(t) and _told(t)]
+    """Return the part whose error shows its cause best: of a sum the summand that is predicted worst, if anything is known."""
+    single = [t for t in parts if t.transmission != "total" and _judged(t) and _causes(t)]
     return max(single, key=_nrmse) if worst.transmission == "total" and single else worst
 
 
-def _told(part: TransmissionReport) -> list[Dependence]:
+def _causes(part: TransmissionReport) -> list[Dependence]:
     return [d for d in part.dependence if d.on != "itself"]
 
 
 def _region(found: partial[Finding], part: TransmissionReport) -> Finding:
-    """Return which share of the log is judged apart, for it lies outside the region that the model was fitted in."""
+    """Return the share of the log that is judged separately, outside the region that the model was fitted in."""
     outside = _of(part, part.judged_on or "sensor").outside
     share = 1.0 - part.inside_share
     if outside is None:
@@ -322,12 +322,12 @@ def _region(found: partial[Finding], part: TransmissionReport) -> Finding:
 def _why(found: partial[Finding], part: TransmissionReport, verdict: Verdict) -> Iterator[Finding]:
     """Yield what the error depends on."""
     about = partial(found, part=part.transmission)
-    told = _told(part)
-    if not told and verdict == "holds":
+    causes = _causes(part)
+    if not causes and verdict == "holds":
         yield about(code="error.independent", severity="info")
     elif not part.dependence:
         yield about(code="error.noise", severity="info", evidence={"reference": part.judged_on or ""})
-    for d in told[:2] if told or verdict == "holds" else part.dependence:
+    for d in causes[:2] if causes or verdict == "holds" else part.dependence:
         yield about(code=d.code, value=d.share, limit=REPORTED_SHARE, evidence=d.evidence | {"p_value": d.p_value})
         if d.not_told_from:
             others = ", ".join(CODES[on].removeprefix("error.").replace("_", " ") for on in d.not_told_from)

@@ -1,4 +1,4 @@
-"""Files that are whole or not there at all."""
+"""Files that are complete or absent."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def together() -> Iterator[None]:
 
 
 def _end_group(ready: list[tuple[Path, Path]]) -> None:
-    """Remove what is left of a group, and begin without one."""
+    """Remove the remains of a group, and begin without one."""
     _group.ready = None
     for temporary, _ in ready:
         with suppress(OSError):
@@ -68,15 +68,15 @@ def _end_group(ready: list[tuple[Path, Path]]) -> None:
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Give a temporary path next to `path` to write to; it becomes `path` when all went well and vanishes otherwise.
+    """Give a temporary path next to `path` to write to; it becomes `path` when all went well and is removed otherwise.
 
     Raises
     ------
     WriteError
-        The folder is not there or cannot be written to, or the disk is full.
+        The folder does not exist or cannot be written to, or the disk is full.
     """
     check_path(path)
-    # The name is known before the file is there: an interrupt in between leaves nothing that nobody knows of.
+    # The name is known before the file exists: an interrupt in between leaves no unknown file.
     temporary = path.parent / f".vsalog-{secrets.token_hex(8)}.part"
     with together():
         try:
@@ -101,7 +101,7 @@ def check_path(path: Path) -> None:
     Raises
     ------
     WriteError
-        The folder is not there, or the path is a folder or a device.
+        The folder does not exist, or the path is a folder or a device.
     """
     if not path.parent.is_dir():
         raise WriteError(f"{path}: the folder {path.parent} does not exist")
@@ -138,7 +138,7 @@ def _remove(path: Path) -> None:
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Put Ctrl-C and a request to end off until all is done; only the main thread receives them."""
+    """Delay Ctrl-C and SIGTERM until all is done; only the main thread receives them."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

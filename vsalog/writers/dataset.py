@@ -20,7 +20,7 @@ STAMP = "stamp"
 def in_dataset(table: pa.Table) -> pa.Table:
     """Return rows of a trace with the columns of the data set.
 
-    Those that an estimator has not are null, those that only a third party's estimator gives come after all others, and
+    Those that an estimator lacks are null, those that only a third party's estimator gives come after all others, and
     coefficients become one list per row.
     """
     fixed = trace_schema([]).names
@@ -40,7 +40,7 @@ def _coefficients(table: pa.Table) -> pa.Array:
 
 
 def day(path: Path) -> str:
-    """Return the day (UTC) of the first sample in a trace's file; 1970-01-01 where its clock knows no date."""
+    """Return the day (UTC) of the first sample in a trace's file; 1970-01-01 where its clock has no date."""
     with path.open("rb") as file:
         metadata = pq.ParquetFile(file).metadata
     column = metadata.schema.to_arrow_schema().get_field_index(STAMP)

@@ -1,4 +1,4 @@
-"""A recording and its rig as a log of the format that its name asks for."""
+"""A recording and its rig as a log of the format that its file name selects."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ FORMATS = {".mcap": MCAP, ".bag": ROSBAG1, ".csv": CSV, ".parquet": PARQUET, "":
 # Formats whose channels are fields of ROS messages.
 MESSAGE_FORMATS = (MCAP, ROSBAG1, ROSBAG2)
 
-# The first line of rig files written next to logs, by which they are known as ours to replace.
+# The first line of rig files written next to logs, which marks them as replaceable.
 MARK = "# Written by 'vsalog simulate' as the rig of "
 
 
 @dataclass(frozen=True, slots=True)
 class LogFiles:
-    """Where a log and its rig go.
+    """The files of a log and its rig.
 
     Attributes
     ----------
@@ -42,22 +42,22 @@ class LogFiles:
 
     @classmethod
     def named(cls, output: str) -> LogFiles:
-        """Tell the format by the name's ending: .mcap, .bag, .csv, .parquet; none, or a slash, is a ROS 2 bag's folder.
+        """Return the format by the name's suffix: .mcap, .bag, .csv, .parquet; none, or a slash, is a ROS 2 bag's folder.
 
         Raises
         ------
         WriteError
-            The ending is another one, the folder is not there, or something there would be overwritten.
+            The suffix is another one, the folder does not exist, or something there would be overwritten.
         """
         log = Path(output)
         ending = "" if output.endswith("/") else log.suffix.lower()
         if not log.name or log.name == "..":
             raise WriteError(f"'{output}' names no file")
         if log.name in FORMATS:
-            raise WriteError(f"'{output}' is an ending without a name")
+            raise WriteError(f"'{output}' is a suffix without a name")
         if ending not in FORMATS:
             raise WriteError(
-                f"{log}: no log format has the ending '{ending}'; write .mcap, .bag, .csv or .parquet, or a folder's name"
+                f"{log}: no log format has the suffix '{ending}'; write .mcap, .bag, .csv or .parquet, or a folder's name"
                 " with a slash behind it for a ROS 2 bag"
             )
         kind = FORMATS[ending]
@@ -77,7 +77,7 @@ class LogFiles:
                 ours = file.readline(len(MARK.encode())) == MARK.encode()
             if not ours:
                 raise WriteError(
-                    f"{self.rig}: is there already and not of 'vsalog simulate'; the log's rig would take its place:"
+                    f"{self.rig}: exists already and is not of 'vsalog simulate'; the log's rig would replace it:"
                     " choose another name with -o"
                 )
 

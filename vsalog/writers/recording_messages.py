@@ -55,7 +55,7 @@ class _Template:
         # A field that no joint has stays empty; one that some have is NaN for the others.
         fields = [field for field in JOINT_FIELDS if any(f == field for f, _ in topic.columns)]
         keys = [*topic.columns] if topic.type == FLOAT64 else [*product(fields, topic.elements)]
-        marks = {key: k + math.pi for k, key in enumerate(keys)}  # by which their places are found
+        marks = {key: k + math.pi for k, key in enumerate(keys)}  # to find their places
         raw = bytearray(_serialised(topic, cdr, marks))
         self._values_at = {key: raw.index(struct.pack("<d", mark)) for key, mark in marks.items()}
         for at in self._values_at.values():
@@ -69,7 +69,7 @@ class _Template:
         if topic.type == JOINT_STATE:
             if not self._cdr:
                 _put(rows, 0, np.arange(first, first + count).astype("<u4"))
-            # Behind ROS 1's sequence number, or the four bytes that tell ROS 2's encoding.
+            # After ROS 1's sequence number, or the four bytes of ROS 2's encoding.
             _put(rows, 4, (stamps // 10**9).astype("<u4"))
             _put(rows, 8, (stamps % 10**9).astype("<u4"))
         for key, values in topic.columns.items():

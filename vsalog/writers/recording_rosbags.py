@@ -38,7 +38,7 @@ def write_rosbag1(recording: Recording, path: Path | str) -> None:
     """
     topics = topics_of(recording)
     with atomic_path(Path(path)) as temporary:
-        # The library insists on a file that is not there yet.
+        # The library requires a file that does not exist yet.
         temporary.unlink()
         writer = rosbag1.Writer(temporary)
         writer.set_compression(rosbag1.Writer.CompressionFormat.BZ2)
@@ -51,12 +51,12 @@ def write_rosbag2(recording: Recording, path: Path | str) -> None:
     Parameters
     ----------
     recording : its channels are sorted into topics as `topics_of` says
-    path : the folder, which must not be there yet; it appears when all is written
+    path : the folder, which must not exist yet; it appears when all is written
 
     Raises
     ------
     WriteError
-        The folder is there already or cannot be written, or the channels do not make topics.
+        The folder exists already or cannot be written, or the channels do not make topics.
     """
     folder = Path(path)
     check_folder(folder)
@@ -91,13 +91,13 @@ def check_folder(folder: Path) -> None:
     Raises
     ------
     WriteError
-        It is there already, what it lies in is not, or SQLite cannot name it.
+        It exists already, its parent does not, or SQLite cannot name it.
     """
     if folder.exists() or folder.is_symlink():
-        raise WriteError(f"{folder}: is there already; remove it or name another folder")
+        raise WriteError(f"{folder}: exists already; remove it or name another folder")
     if not folder.parent.is_dir():
         raise WriteError(f"{folder}: the folder {folder.parent} does not exist")
-    # The library makes an address of the path, in which these mean something else.
+    # The library makes a URI of the path, in which these have another meaning.
     if any(c in os.fspath(folder) for c in "?#%"):
         raise WriteError(f"{folder}: the path of a ROS 2 bag must not contain any of ? # %")
     try:

@@ -52,7 +52,7 @@ def write_csv(recording: Recording, path: Path | str, time: Literal["s", "ns"] =
 def write_parquet(recording: Recording, path: Path | str, rig_text: str | None = None) -> None:
     """Write a recording as one table: the stamps as whole nanoseconds, then a column per channel.
 
-    A field's metadata tell its ``unit`` and the ``stream`` it belongs to. Streams on different clocks share the table: every
+    A field's metadata contain its ``unit`` and its ``stream``. Streams on different clocks share the table: every
     stamp of any of them has a row, and a cell is null where a channel has no sample.
 
     Parameters
@@ -87,7 +87,7 @@ def write_parquet(recording: Recording, path: Path | str, rig_text: str | None =
 
 
 def _all_stamps(channels: list[Channel]) -> Stamps:
-    """Return every stamp of any channel, in order; the very array of a clock that all share."""
+    """Return every stamp of any channel, in order; without a copy where all share a clock."""
     distinct = {id(channel.stamps): channel.stamps for channel in channels}
     if not distinct:
         return np.zeros(0, dtype=np.int64)
@@ -125,14 +125,14 @@ def _quoted(text: str) -> str:
 def _field(channel: Channel) -> pa.Field:
     name = channel.name
     if split_header(name) != (name, None):
-        # A reader would take the end of such a name for a unit; with the unit behind it, it takes that one.
+        # A reader would read the end of such a name as a unit; with the unit after it, it reads that one.
         if channel.unit is None or split_header(f"{name} [{channel.unit}]") != (name, channel.unit):
             raise WriteError(
                 f"channel '{name}': its name ends like a unit, so it cannot name a column; rename it in the rig"
             )
         name = f"{name} [{channel.unit}]"
     if name.lower() == STAMP:
-        raise WriteError(f"channel '{name}': is what the time column is called; rename it in the rig")
+        raise WriteError(f"channel '{name}': is the name of the time column; rename it in the rig")
     metadata = {"stream": channel.stream}
     return pa.field(
         name, pa.float64(), metadata=metadata if channel.unit is None else {**metadata, "unit": channel.unit}

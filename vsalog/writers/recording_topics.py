@@ -1,4 +1,4 @@
-"""Named columns as ROS topics: what goes into one message, before any encoding."""
+"""Named columns as ROS topics: the content of each message, before any encoding."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def scalar_topic(name: str, stamps: Stamps, values: Values) -> Topic:
 
 
 def topic_name(name: str) -> str:
-    """Return a valid topic name: dots and brackets become slashes, what ROS does not allow an underscore.
+    """Return a valid topic name: dots and brackets become slashes, characters that ROS does not allow an underscore.
 
     >>> topic_name("DESR_N.x00.torque"), topic_name("motor position"), topic_name("/raw.data[3]")
     ('/DESR_N/x00/torque', '/motor_position', '/raw/data/_3')
@@ -89,7 +89,7 @@ def topic_name(name: str) -> str:
 
 
 def read_back_name(name: str) -> str:
-    """Return what a channel is called once it was written as a message.
+    """Return the name of a channel after it was written as a message.
 
     >>> read_back_name("/joint_states.effort[a]"), read_back_name("motor torque"), read_back_name("/raw.value.x")
     ('/joint_states.effort[a]', '/motor_torque.data', '/raw/value/x.data')

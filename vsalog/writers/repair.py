@@ -1,4 +1,4 @@
-"""What can be read of a damaged log, as a sound MCAP file."""
+"""The readable part of a damaged log, as a sound MCAP file."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ RawMessage = tuple[int, int, int, int, bytes]
 
 
 def repair(source: Path, target: Path, rate: float | None = None) -> Repaired:
-    """Write what can be read of a log into an MCAP file with chunks, checksums and an index.
+    """Write the readable part of a log into an MCAP file with chunks, checksums and an index.
 
     Messages and definitions of MCAP files and ROS bags are copied bit for bit; metadata and attachments of MCAP files too.
     Tables have no messages: their columns become topics.
@@ -87,14 +87,14 @@ def repair(source: Path, target: Path, rate: float | None = None) -> Repaired:
                 messages += 1
         writer.finish()  # type: ignore[no-untyped-call]
         if not messages + others:
-            raise ReadError(f"{source}: not one message of it can be read: {target.name} was not written")
+            raise ReadError(f"{source}: none of its messages can be read: {target.name} was not written")
     found = Findings()
     found.add(*(one for part in [container, *parts] for one in part.findings), *findings, *_unfit(target))
     return Repaired(str(target), messages, len(definitions.announced), tuple(map(sentence, found)), tuple(found))
 
 
 def _unfit(target: Path) -> list[Finding]:
-    """Return which messages were copied although nobody can decode them."""
+    """Return which messages were copied although they cannot be decoded."""
     reader = BagReader(McapContainer(target))
     try:
         for _ in reader.blocks(None):
@@ -105,7 +105,7 @@ def _unfit(target: Path) -> list[Finding]:
 
 
 def _keep_source(source: Path, target: Path) -> None:
-    """Refuse to write over what is read."""
+    """Refuse to overwrite the input."""
     files = [source, *source.iterdir()] if source.is_dir() else [source]
     if target.exists() and any(target.samefile(file) for file in files):
         raise WriteError(f"{target}: is the log itself; give the repaired file another name")
@@ -133,7 +133,7 @@ def _profile(parts: list[Container]) -> str:
 
 
 class _Definitions:
-    """Announces schemas and channels; what the files of a split bag have in common, once."""
+    """Registers schemas and channels; those that the files of a split bag share, once."""
 
     def __init__(self, writer: Writer) -> None:
         self._schema = cache(writer.register_schema)
@@ -234,7 +234,7 @@ def _in_record(record: int, content: bytes) -> Iterator[RawMessage]:
 
 
 def _records_of(part: McapContainer, wanted: int, index: int) -> Iterator[bytes]:
-    """Yield the contents of the records of a kind: those between other records, and those only the summary tells of."""
+    """Yield the contents of the records of a kind: those between other records, and those only in the summary."""
     found = set()
     with part.open() as file:
         for record in Walk(file, kept=(wanted,)).records():

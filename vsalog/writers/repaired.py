@@ -1,4 +1,4 @@
-"""What `inspect --repair` wrote."""
+"""The result of `inspect --repair`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from vsalog.core.finding import Finding
 
 
 class Repaired(Struct, frozen=True):
-    """What was written.
+    """The written file.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ from vsalog.writers.atomic import atomic_path
 
 
 def widened(table: pa.Table, schema: pa.Schema) -> pa.Table:
-    """Return a table with the columns of a schema; those it has not are null."""
+    """Return a table with the columns of a schema; missing ones are null."""
     known = set(table.column_names)
     arrays = [table[f.name] if f.name in known else pa.nulls(table.num_rows, f.type) for f in schema]
     return pa.Table.from_arrays(arrays, schema=schema)
@@ -45,7 +45,7 @@ class TraceWriter:
     ----------
     path : of the file
     metadata : of its schema: provenance
-    layout : makes of a table as a trace gives it one as the file is to have it
+    layout : converts a trace's table to that of the file
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class TraceWriter:
             if error is None:
                 self.finish()
         except BaseException as failure:
-            # A full disk shows here: the temporary file must go all the same.
+            # A full disk shows here: the temporary file must be removed nevertheless.
             self._stack.__exit__(type(failure), failure, failure.__traceback__)
             raise
         self._stack.__exit__(kind, error, trace)
@@ -108,7 +108,7 @@ class TraceWriter:
             self._flush()
 
     def _add(self, columns: list[str]) -> None:
-        """Begin the file, or begin it again with what it holds so far and more columns, which are null there."""
+        """Begin the file, or begin it again with its content so far and more columns, which are null there."""
         self._columns += columns
         self._schema = trace_schema(self._columns, self.metadata)
         schema = self.layout(pa.Table.from_batches([], self._schema)).schema  # `empty_table` would import pandas
@@ -127,7 +127,7 @@ class TraceWriter:
                 self._writer.write_table(widened(narrow.read_row_group(i), schema))
 
     def _open(self, schema: pa.Schema) -> pq.ParquetWriter:
-        # Opened here: Arrow cannot be given a name whose bytes are no text.
+        # Opened here: Arrow does not accept a name whose bytes are no text.
         self._file = self._stack.enter_context(self._temporary.open("wb"))
         writer = pq.ParquetWriter(
             self._file, schema, compression="zstd", write_page_checksum=True, **_encodings(schema)

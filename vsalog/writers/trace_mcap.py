@@ -1,4 +1,4 @@
-"""Writes a trace as a log, for programs that draw logs."""
+"""Writes a trace as a log, for programs that plot logs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vsalog.writers.recording_topics import Topic, scalar_topic
 
 
 def write_trace_mcap(traces: Sequence[Trace], path: Path, provenance: dict[str, str]) -> None:
-    """Write traces as a log: per joint and transmission one Float64 topic per column that means something over time.
+    """Write traces as a log: per joint and transmission one Float64 topic per column that varies over time.
 
     Raises
     ------

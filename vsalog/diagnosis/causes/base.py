@@ -27,7 +27,7 @@ class Parameter:
     Attributes
     ----------
     name, unit : as the diagnosis reports it, SI
-    start : what it is in the rig as given, or where the search begins
+    start : what it is in the original rig, or where the search begins
     step : small enough for the equations to be straight over it
     low, high : bounds
     reach : largest step of a fit, where the equations are non-linear

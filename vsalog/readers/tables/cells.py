@@ -24,7 +24,7 @@ _LIST = r"^\s*[\[(].*[\])]\s*$"
 
 
 class Cells:
-    """Turns the cells of a column into numbers and counts those that are none."""
+    """Converts the cells of a column to numbers and counts those that are none."""
 
     def __init__(self) -> None:
         self.rows = 0
@@ -42,7 +42,7 @@ class Cells:
         return "text" if self.bad else "no values"
 
     def findings(self, column: str) -> list[Finding]:
-        """Return what was no number, or is none that floating point can hold."""
+        """Return the cells that are no number, or none that floating point can represent."""
         found = []
         if self.rounded:
             found.append(Finding(code="table.numbers_rounded", part=column, evidence={"number": self.rounded}))
@@ -72,7 +72,7 @@ class Cells:
 def numbers_in(cells: pa.Array) -> tuple[pa.Array, NDArray[np.bool_] | None]:
     """Return cells as float64, durations in seconds, null where one is no number.
 
-    Along with them comes which texts are something else; None where none is.
+    Along with them come flags of texts that are something else; None where there are none.
     """
     kind = cells.type
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
@@ -108,7 +108,7 @@ def _numbers_in_text(cells: pa.Array) -> tuple[pa.Array, NDArray[np.bool_] | Non
 
 
 def with_points(cells: pa.Array, decimal_comma: bool) -> pa.Array:
-    """Return texts with numbers as ``1234.5``; among decimal commas, a point alone is of a thousand or of nothing."""
+    """Return texts with numbers as ``1234.5``; with decimal commas, a single point separates thousands or is invalid."""
     apart = pc.match_substring_regex(cells, GROUPED[decimal_comma].pattern)
     marks = ("." if decimal_comma else ",") + BETWEEN_THOUSANDS
     cells = pc.if_else(apart, pc.replace_substring_regex(cells, f"[{marks}]", ""), cells)
@@ -136,21 +136,21 @@ def _rounded(cells: pa.Array, values: Values) -> str:
 def _all_numbers(cells: pa.Array) -> pa.Array | None:
     """Return cells as numbers; None where one of them is none."""
     try:
-        pc.cast(cells[:SAMPLE_ROWS], pa.float64())  # to tell of each cell that it is no number takes long
+        pc.cast(cells[:SAMPLE_ROWS], pa.float64())  # checking every cell takes long
         return pc.cast(cells, pa.float64())
     except pa.ArrowInvalid:
         return None
 
 
 def numbers_and_words(column: pa.Array) -> tuple[int, int]:
-    """Count the cells that hold a number and those that hold something else: prose has numbers too, between words."""
+    """Count the cells with a number and those with something else: prose has numbers too, between words."""
     cells = Cells()
     cells.convert(column)
     return cells.good, cells.bad
 
 
 def elements_of(column: pa.Array) -> int:
-    """Return how many numbers the lists in most cells of a column hold, 0 where they hold none."""
+    """Return how many numbers the lists in most cells of a column contain, 0 for none."""
     filled = column.drop_null()
     lists = pc.filter(filled, pc.match_substring_regex(filled, _LIST))
     if not len(lists) or len(lists) < (1 - MOST_EXCEPTIONS) * len(filled):

@@ -1,4 +1,4 @@
-"""Tables of text or of Parquet: which columns are clocks, which say whose values a row holds, and the streams of the others."""
+"""Tables of text or of Parquet: the columns of clocks, of keys that name a row's owner, and the streams of the others."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Batch(NamedTuple):
 
 
 class CountedClock(NamedTuple):
-    """A clock's name, its unit, and how far its numbers usually are apart."""
+    """A clock's name, its unit, and the usual step of its numbers."""
 
     name: str
     unit: str
@@ -58,7 +58,7 @@ class CountedClock(NamedTuple):
 
 
 class ColumnarReader(ABC):
-    """Reads a table, whatever it is stored as; see `vsalog.readers.base.Reader`.
+    """Reads a table in any storage format; see `vsalog.readers.base.Reader`.
 
     A subclass finds names, units and first rows of the columns and calls `_interpret`; `_batches` yields its rows.
 
@@ -86,7 +86,7 @@ class ColumnarReader(ABC):
 
     @abstractmethod
     def _batches(self, columns: Sequence[int], required: Collection[int]) -> Iterator[Batch]:
-        """Yield the rows of some columns; without all of those that are required, a row says nothing.
+        """Yield the rows of some columns; a row needs all of those that are required.
 
         Raises
         ------
@@ -100,7 +100,7 @@ class ColumnarReader(ABC):
 
     @abstractmethod
     def _where(self, row: int) -> str:
-        """Return where one of the first rows stands in the file, in words."""
+        """Return the position of one of the first rows in the file, in words."""
 
     def _with_given(self, names: Sequence[str], units: Sequence[str | None]) -> list[str | None]:
         """Return the columns' units, those that were given where the file states none."""
@@ -113,7 +113,7 @@ class ColumnarReader(ABC):
         keys: tuple[int, ...] = (),
         streams: Mapping[int, str] | None = None,
     ) -> None:
-        """Tell what the columns are.
+        """Determine the roles of the columns.
 
         Parameters
         ----------
@@ -122,7 +122,7 @@ class ColumnarReader(ABC):
         columns : sequence of int
             Those of which all but clocks and keys may be channels.
         keys : tuple of int
-            Columns that are known to say together whose values a row holds.
+            Columns that are known to name together the owner of a row's values.
         streams : mapping of int to str, optional
             The stream of each column, where the file states it.
         """
@@ -151,7 +151,7 @@ class ColumnarReader(ABC):
 
     @property
     def has_clock(self) -> bool:
-        """Whether columns tell the time."""
+        """Whether columns contain the time."""
         return bool(self._plan.clocks)
 
     def first_stamps(self) -> Stamps:
@@ -163,7 +163,7 @@ class ColumnarReader(ABC):
         return stamps[good]
 
     def clock_by_steps(self) -> CountedClock | None:
-        """Return the clock where it counts from some start in a unit that its steps told; None where it does not."""
+        """Return the clock if it counts from some start in a unit guessed from its steps; else None."""
         clock = self._plan.clocks.get("column")
         if clock is None or len(clock.columns) > 1 or clock.form not in COUNTED:
             return None
@@ -210,7 +210,7 @@ class ColumnarReader(ABC):
         texts = self.catalogue().unread if self._speakers else self._no_signals()  # which would be unread for each
         self.unread |= texts
         asked = [i for i in self._channels if self._names[i] not in texts and self._is_wanted(i, wanted)]
-        # A row is there for a sparse stream where any of its columns has a sample, whichever of them are wanted.
+        # A sparse stream has a row where any of its columns has a sample, whichever of them are wanted.
         sparse = self._sparse & {self._streams[i] for i in asked}
         taken = {*asked}
         columns = [i for i in self._channels if i in taken or self._streams[i] in sparse]
@@ -265,7 +265,7 @@ class ColumnarReader(ABC):
         values: Mapping[str, Values],
         wanted: Collection[str] | None,
     ) -> Iterator[Block]:
-        """Yield a block of some rows per stream, the sparse ones without their blank rows; `part` stands behind all names."""
+        """Yield a block of some rows per stream, the sparse ones without their blank rows; `part` is appended to all names."""
         for stream in dict.fromkeys(self._streams[i] for i in columns) or [self.path.stem]:
             own = {name: i for i in columns if self._streams[i] == stream for name in self._named(i)}
             kept = rows
@@ -293,15 +293,15 @@ class ColumnarReader(ABC):
 
     @property
     def _parts(self) -> Collection[str]:
-        """What stands behind the names of channels and streams."""
+        """The suffix of the names of channels and streams."""
         return self._speakers.parts if self._speakers else ("",)
 
     def _not_channels(self) -> set[int]:
-        """Return the columns that tell when and whose the values of a row are."""
+        """Return the columns of the time and the owner of a row's values."""
         return {*self._plan.columns(), *(self._speakers.columns if self._speakers else ())}
 
     def _no_signals(self) -> dict[str, str]:
-        """Return the columns that are none by their type, with the reason."""
+        """Return the columns that are no signal by their type, with the reason."""
         return {}
 
     def _untimed(self, batch: Batch, column: Sequence[int], good: NDArray[np.bool_]) -> int:
@@ -317,7 +317,7 @@ class ColumnarReader(ABC):
         return runs_backwards(self._names[column], self._where(row))
 
     def _note(self) -> None:
-        """Tell what there is to tell ahead of the rows."""
+        """Record the findings that are known before the rows."""
         self.findings.add(*self._plan.findings)
         if self._long:
             self.findings.add(self._long)

@@ -1,6 +1,6 @@
-"""Dates and times of day in the ways that programs write them, as nanoseconds.
+"""Dates and times of day in the formats of common programs, as nanoseconds.
 
-A log has many times but few dates, so that dates are read each once, and times of day as whole columns.
+A log has many times but few dates, so that each date is read once, and times of day as whole columns.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FORMATS = (
     "%d.%m.%Y", "%d.%m.%y", "%Y.%m.%d", "%Y%m%d",
     "%d-%b-%Y", "%d %b %Y", "%d-%b-%y", "%b %d %Y", "%b %d, %Y",
 )  # fmt: skip
-"""How dates are written besides ISO 8601, as for `strptime`; of those with another order of day and month, the usual first."""
+"""Formats of dates in addition to ISO 8601, as for `strptime`; of two orders of day and month, the usual one first."""
 _ORDERS = {"d": "day", "m": "month", "y": "year"}
 
 _ISO = r"^\d{4}-\d\d-\d\d([T ]\d\d(:?\d\d(:?\d\d([.]\d{1,9})?)?)?)?([+-]\d\d:?\d\d)?$"
@@ -40,10 +40,10 @@ _MOMENT = (
 )
 _COMPACT = r"^(\d{8})T(\d\d)(\d\d)(\d\d)"
 _NO_TIME_OF_DAY = r"[\sT]+(?:0{1,2}:00(?::00(?:[.,]0+)?)?|12:00(?::00)? ?[Aa][Mm])$"
-"""What spreadsheets add to a date that has a column of its own."""
+"""The time of day that spreadsheets add to a date in a column of its own."""
 _OFFSET = re.compile(r"^([+-])(\d{1,2}):?(\d\d)?$")
 _FACTORS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
-"""How many nanoseconds the units of Arrow's types have."""
+"""Nanoseconds of the units of Arrow's types."""
 
 
 def dates(array: pa.Array, form: str = "") -> tuple[Stamps, NDArray[np.bool_]]:
@@ -54,7 +54,7 @@ def dates(array: pa.Array, form: str = "") -> tuple[Stamps, NDArray[np.bool_]]:
     array : pyarrow array
         Timestamps, dates, or texts.
     form : str
-        How dates are written besides ISO 8601, one of `FORMATS`; "" for no other way.
+        Format of dates in addition to ISO 8601, one of `FORMATS`; "" for none.
     """
     if pa.types.is_timestamp(array.type) or pa.types.is_date(array.type):
         return in_nanoseconds(array)
@@ -68,7 +68,7 @@ def dates(array: pa.Array, form: str = "") -> tuple[Stamps, NDArray[np.bool_]]:
 
 
 def of_day(text: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
-    """Return times of day [ns since midnight], and which texts are such; they may be of several days, or say how many ahead."""
+    """Return times of day [ns since midnight], and which texts are such; they may exceed a day, or begin with the days."""
     found = pc.extract_regex(text, _TIME)
     good = np.array(pc.is_valid(found).to_numpy(zero_copy_only=False), bool)
     days, hour, minute, second = (_digits(found, name) for name in ("days", "hour", "minute", "second"))
@@ -82,7 +82,7 @@ def of_day(text: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
 
 
 def without_midnight(text: pa.Array) -> pa.Array:
-    """Return dates without the time of day that is none."""
+    """Return dates without a time of day of midnight."""
     return pc.replace_substring_regex(text, _NO_TIME_OF_DAY, "")
 
 
@@ -92,7 +92,7 @@ def dates_of(text: pa.Array) -> list[str]:
 
 
 def possible_formats(written: Sequence[str]) -> list[str]:
-    """Return the formats in which most dates are some, the usual order of day and month first.
+    """Return the formats in which most of the texts are dates, the usual order of day and month first.
 
     >>> possible_formats(["3/4/2024"]), possible_formats(["3/4/2024", "13/4/2024"]), possible_formats(["4-Mar-2024"])
     (['%m/%d/%Y', '%d/%m/%Y'], ['%d/%m/%Y'], ['%d-%b-%Y'])
@@ -104,14 +104,14 @@ def possible_formats(written: Sequence[str]) -> list[str]:
 
 
 def format_of(name: str, written: Sequence[str]) -> tuple[str, list[Finding]]:
-    """Return how dates are written, "" where they are none, and what is worth telling of it.
+    """Return the format of dates, "" where they are none, and the findings about it.
 
-    What is possible as a date decides; else that the log's time runs forward, and ends early.
+    The possible dates decide; else that the log's time increases, over the shortest range.
 
     Parameters
     ----------
     name : str
-        What the column is called.
+        The column's name.
     written : sequence of str
         Its dates, each once, in the order of the log.
     """
@@ -121,7 +121,7 @@ def format_of(name: str, written: Sequence[str]) -> tuple[str, list[Finding]]:
     cost = {form: _cost(written, form) for form in possible}
     best = min(possible, key=cost.__getitem__)
     if best != "%y-%m-%d" and len(set(possible) - {"%y-%m-%d"}) == 1:
-        return best, []  # a year of two digits ahead of the month is so rare that it is no doubt
+        return best, []  # a year of two digits before the month is so rare that it needs no finding
     unknown = sum(cost[form] == cost[best] for form in possible) > 1
     evidence = {"example": written[0], "order": ", ".join(_ORDERS[letter] for letter in _order(best))}
     code = "clock.date_order_unknown" if unknown else "clock.date_order_by_time"
@@ -140,7 +140,7 @@ def integers(array: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
 def in_nanoseconds(array: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
     """Return dates, times of day and durations as `integers` does, and those that do not fit into 64 bits as none.
 
-    Arrow's own conversion would either refuse all for the sake of one, or let it wrap around.
+    Arrow's own conversion would either refuse all because of one, or let it wrap around.
     """
     kind = array.type
     if pa.types.is_date32(kind):
@@ -222,7 +222,7 @@ def _days(written: pa.Array, form: str) -> tuple[Stamps, NDArray[np.bool_]]:
     moments = pc.strptime(texts, format=form, unit="s", error_is_null=True)
     same = pc.equal(_unpadded(pc.strftime(moments, format=form)), _unpadded(texts))  # 31 February is read as 3 March
     found, good = integers(pc.if_else(same, pc.cast(moments, pa.int64()), None))
-    # Any time of day and zone fits into 64 bits besides.
+    # Any time of day and zone still fits into 64 bits.
     good &= np.abs(found) < (np.iinfo(np.int64).max - 7 * Nanoseconds.DAY) // Nanoseconds.SECOND
     which = coded.indices.to_numpy(zero_copy_only=False)
     return np.where(good, found, 0)[which] * Nanoseconds.SECOND, good[which]
@@ -247,7 +247,7 @@ def _order(form: str) -> str:
 
 
 def _cost(written: Sequence[str], form: str) -> tuple[int, int]:
-    """Return how often dates run backwards, and over which time they go."""
+    """Return how often dates decrease, and the range they cover."""
     days, good = _days(pa.array(written, pa.string()), form)
     known = days[good].tolist()
     return sum(later < earlier for earlier, later in pairwise(known)), max(known) - min(known)

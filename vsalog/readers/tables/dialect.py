@@ -1,4 +1,4 @@
-"""How a text table is written: encoding, separator, decimal mark, quotes, labels, header."""
+"""The dialect of a text table: encoding, separator, decimal mark, quotes, labels, header."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ _FRACTION = re.compile(NUMBER)
 _STATED_SEPARATOR = re.compile(r"^sep=(.)$")
 """A first line that spreadsheets write and read."""
 _LABELLED = re.compile(r"^\s*([A-Za-z_][^:=\"{}]*)[:=]\s*(.*)$")
-"""A cell that says what it is, as lines for the plotter of a microcontroller: ``t:0.01,angle:0.5``."""
+"""A cell with a label, as in lines for the plotter of a microcontroller: ``t:0.01,angle:0.5``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """How a text table is written.
+    """The dialect of a text table.
 
     Attributes
     ----------
     encoding : str
         Python's name of it.
     separator : str
-        One of `SEPARATORS`; `WHITESPACE` stands for any run of blanks.
+        One of `SEPARATORS`; `WHITESPACE` is any run of blanks.
     decimal_comma : bool
         Numbers are written ``1,5``.
     quoted : bool
@@ -58,13 +58,13 @@ class Dialect:
     rows : tuple of tuple of str
         The first rows.
     lines : tuple of int
-        The lines they stand in, counted from 1.
+        Their line numbers, counted from 1.
     findings : tuple of Finding
-        What is worth telling.
+        Findings about the table.
     torn : int
-        How many names there are where commas both separate cells and stand in numbers, so that rows fall apart; else 0.
+        The number of names where commas are both separators and decimal marks, so that rows have too many cells; else 0.
     labels : tuple of str
-        What stands ahead of the number in every cell, by column; empty where nothing does.
+        The text before the number in every cell, by column; empty for none.
     """
 
     encoding: str
@@ -83,14 +83,14 @@ class Dialect:
 
 
 def detect(head: bytes, whole: bool) -> Dialect:
-    """Tell how a text table is written.
+    """Detect the dialect of a text table.
 
     Parameters
     ----------
     head : bytes
         The start of the file.
     whole : bool
-        Whether that is all of it; otherwise the last line is taken to be cut off.
+        Whether that is all of it; otherwise the last line is taken to be truncated.
     """
     encoding = detect_encoding(head)
     text = codecs.getincrementaldecoder(encoding)("replace").decode(head, final=whole).removeprefix("\ufeff")
@@ -102,9 +102,9 @@ def detect(head: bytes, whole: bool) -> Dialect:
     if stated:
         lines[0] = ""
     of_labview = without_labview_head(lines)
-    said = [(i, line) for i, line in enumerate(lines) if line.strip() and not is_comment(line)]
-    separator = stated[1] if stated else _separator([line for _, line in said])
-    table = [(i, split(line, separator)) for i, line in said]
+    filled = [(i, line) for i, line in enumerate(lines) if line.strip() and not is_comment(line)]
+    separator = stated[1] if stated else _separator([line for _, line in filled])
+    table = [(i, split(line, separator)) for i, line in filled]
     rows = [cells for _, cells in table]
     width = most_common_width(rows)
     labels = _labels_of(rows, width)
@@ -121,7 +121,7 @@ def detect(head: bytes, whole: bool) -> Dialect:
         encoding=encoding,
         separator=separator,
         decimal_comma=decimal_comma,
-        quoted=any(has_quotes(line) for i, line in said if i >= skip_lines),
+        quoted=any(has_quotes(line) for i, line in filled if i >= skip_lines),
         skip_lines=skip_lines,
         names=tuple(unique_names([name for name, _ in pairs])),
         units=tuple(unit or own for (_, unit), own in zip(pairs, header.units, strict=True)),
@@ -170,13 +170,13 @@ def _separator(lines: Sequence[str]) -> str:
 
 
 def _has_decimal_commas(cells: Sequence[str]) -> bool:
-    """Tell whether more numbers have a decimal comma than a point."""
+    """Return whether more numbers have a decimal comma than a point."""
     commas = sum(bool(COMMA_NUMBER.match(cell) or GROUPED[True].match(cell)) for cell in cells)
     return commas > sum(bool(("." in cell and _FRACTION.match(cell)) or GROUPED[False].match(cell)) for cell in cells)
 
 
 def _doubts(separator: str, cells: Sequence[str]) -> list[Finding]:
-    """Return that commas are taken for decimal marks where they separate cells too, or all may set thousands apart."""
+    """Return that commas are read as decimal marks where they separate cells too, or all may separate thousands."""
     commas = [cell for cell in cells if COMMA_NUMBER.match(cell)]
     unsure = bool(commas) and (separator == "," or all(_THOUSANDS.match(cell) for cell in commas))
     return [Finding(code="table.decimal_commas")] if unsure else []
@@ -204,7 +204,7 @@ def _torn(rows: Sequence[Sequence[str]], width: int) -> int:
 
 
 def _labels_of(rows: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
-    """Return what stands ahead of the number in each cell of a column, none where a column's cells have no label in common."""
+    """Return the text before the number in each cell of a column, none where a column's cells have no common label."""
     labels = []
     for cells in zip(*(row for row in rows if len(row) == width), strict=True):
         found = Counter(match[1].strip() for cell in cells if (match := _LABELLED.match(cell)))
@@ -216,7 +216,7 @@ def _labels_of(rows: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
 
 
 def _without_label(cell: str) -> str:
-    """Return what stands behind a cell's label.
+    """Return the text after a cell's label.
 
     >>> _without_label("angle = 0.5")
     '0.5'

@@ -1,4 +1,4 @@
-"""The header of a text table: what its columns are called, in which units, and where the values begin."""
+"""The header of a text table: the names and units of its columns, and the beginning of the values."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Table = Sequence[tuple[int, list[str]]]
 
 
 class Header(NamedTuple):
-    """What stands ahead of the values.
+    """The part before the values.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Header(NamedTuple):
     rows : int
         Index of the first row of values in the table.
     findings : Findings
-        What is worth telling.
+        Findings about it.
     """
 
     names: list[str]
@@ -48,7 +48,7 @@ class Header(NamedTuple):
 def find_header(lines: Sequence[str], table: Table, width: int, decimal_comma: bool) -> Header:
     """Find the header of a table and its first row of values.
 
-    It is the first row of words that names a clock, else the last one ahead of the values that states no units, else a remark.
+    It is the first row of words that names a clock, else the last one before the values that states no units, else a remark.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def find_header(lines: Sequence[str], table: Table, width: int, decimal_comma: b
     width : int
         Cells that most of them have.
     decimal_comma : bool
-        How numbers are written.
+        Whether numbers have a decimal comma.
     """
     findings = Findings()
     rows = [_without_end(cells, width) for _, cells in table]
@@ -104,7 +104,7 @@ def find_header(lines: Sequence[str], table: Table, width: int, decimal_comma: b
 
 
 def split_names(names: Sequence[str]) -> list[tuple[str, str | None]]:
-    """Split the cells of a header into names and units, also where pandas put a number behind one that comes again.
+    """Split the cells of a header into names and units, also where pandas appended a number to a repeated one.
 
     >>> split_names(["q [rad]", "q [rad].1"])
     [('q', 'rad'), ('q.1', 'rad')]
@@ -121,12 +121,12 @@ def split_names(names: Sequence[str]) -> list[tuple[str, str | None]]:
 
 
 def without_labview_head(lines: list[str]) -> str:
-    """Blank what LabVIEW writes ahead of a table, call its X_Value what it is, and leave the last column, of remarks, unnamed.
+    """Blank LabVIEW's lines before a table, rename its X_Value to the time, and leave the last column, of remarks, unnamed.
 
     Returns
     -------
     str
-        The header as it is written, which comes again ahead of each segment; "" where LabVIEW wrote none.
+        The header as it is written, which is repeated before each segment; "" where LabVIEW wrote none.
     """
     ends = [i for i, line in enumerate(lines) if line.startswith(_LABVIEW_END)]
     at = ends[0] + 1 if ends else len(lines)
@@ -152,12 +152,12 @@ def without_labview_head(lines: list[str]) -> str:
 
 
 def is_clock(name: str) -> bool:
-    """Tell whether a column is called a clock; a date alone is none."""
+    """Return whether a column has the name of a clock; a date alone is none."""
     return rank_of(split_header(name)[0]) not in (None, Rank.DATED)
 
 
 def names_a_clock(cells: Sequence[str]) -> bool:
-    """Tell whether words name columns, one of them a clock; LabVIEW says ahead of a segment that its clock is one."""
+    """Return whether words name columns, one of them a clock; LabVIEW states before a segment which one is."""
     return (
         len(cells) > 1
         and cells[0] != _LABVIEW_AXIS
@@ -176,7 +176,7 @@ def _without_end(cells: list[str], width: int) -> list[str]:
 
 
 def _mixed_header(rows: Sequence[Sequence[str]], at: int, width: int, decimal_comma: bool) -> bool:
-    """Tell whether a row with values names columns all the same: it has words where most others have values."""
+    """Return whether a row with values nevertheless names columns: it has words where most others have values."""
     words = [i for i, cell in enumerate(rows[at]) if cell and not is_value(cell, decimal_comma)]
     for i in words:
         below = [row[i] for row in rows[at + 1 :] if len(row) == width and row[i]]
@@ -196,7 +196,7 @@ def _aligned(header: list[str], rows: Sequence[Sequence[str]], width: int, findi
 
 
 def _are_units(row: Sequence[str]) -> bool:
-    """Tell whether a row of words states the units: most are in brackets, or units that are known by heart."""
+    """Return whether a row of words states the units: most are in brackets, or units that are known by heart."""
     texts = [cell for cell in row if cell]
     stated = sum(
         cell[0] in "[(" or cell in _NO_UNIT or is_known_by_heart(cell) or _UNIT_LABEL.match(cell) is not None

@@ -1,4 +1,4 @@
-"""Long tables: columns say whose values a row holds; rows of several joints or signals alternate, or come in blocks."""
+"""Long tables: key columns name the owner of a row's values; rows of several joints or signals alternate, or are in blocks."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ _NAMED = re.compile(
 )
 
 BETWEEN = "\x1f"
-"""Stands between the texts of several columns; no text has it."""
+"""The separator between the texts of several columns; no text contains it."""
 Whole = Callable[[Sequence[int]], Iterable[Sequence[pa.Array]]]
-"""Gives some columns from their first row to the last, part by part."""
+"""Returns some columns from their first row to the last, part by part."""
 Keys = tuple[int, ...]
 
 
 def find_speakers(
     names: Sequence[str], sample: Sequence[pa.Array], plan: ClockPlan, whole: Whole
 ) -> tuple[Speakers | None, Finding | None]:
-    """Return whose values the rows of a table hold, None where they are all of the same, and what to tell of that.
+    """Return the owners of the rows of a table, None where there is only one, and the findings about them.
 
     Parameters
     ----------
@@ -60,10 +60,10 @@ def find_speakers(
 
 
 def find_keys(names: Sequence[str], sample: Sequence[pa.Array], plan: ClockPlan, whole: Whole) -> Keys:
-    """Return the columns that together say whose values a row holds: the fewest for each of whose values the time goes on.
+    """Return the columns that together name the owner of a row's values: the fewest for each of whose values the time increases.
 
-    Columns of words may say it where rows share their times. A column that is called so may also where rows take turns, and
-    where they come in blocks, with the same times once more; so may any where these are dates, which do not begin again with
+    Columns of words may be keys where rows share their times. A column with such a name may also be one where rows alternate, and
+    where they are in blocks, with the same times again; so may any where these are dates, which do not restart with
     every experiment.
     """
     clock = plan.clocks.get("column")
@@ -90,7 +90,7 @@ def find_keys(names: Sequence[str], sample: Sequence[pa.Array], plan: ClockPlan,
 
 
 def _may_name(cells: pa.Array, called: bool) -> bool:
-    """Tell whether a column holds words, or whole numbers and is called so."""
+    """Return whether a column contains words, or whole numbers and has the name of a key."""
     if not (pa.types.is_string(cells.type) or pa.types.is_integer(cells.type)):
         return False
     numbers, words = numbers_and_words(pc.cast(cells, pa.string()))
@@ -98,13 +98,13 @@ def _may_name(cells: pa.Array, called: bool) -> bool:
 
 
 def _alternates(cells: pa.Array) -> bool:
-    """Tell whether few values change from row to row, mostly."""
+    """Return whether few values change from row to row, mostly."""
     who = joined([cells]).dictionary_encode().indices.to_numpy()
     return 2 <= who.max() + 1 <= len(who) // 3 and bool(np.mean(np.diff(who) != 0) > 0.5)
 
 
 def _keys(able: Sequence[int], known: Keys, parts: Iterable[Sequence[pa.Array]], clock: ClockColumn) -> Keys:
-    """Return the fewest columns, those known among them, for each of whose values the time goes on where it does not for all.
+    """Return the fewest columns, those known among them, for each of whose values the time increases if it does not for all.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def _keys(able: Sequence[int], known: Keys, parts: Iterable[Sequence[pa.Array]],
 
 
 class _Rows:
-    """Counts how often the time does not go on for the values of some columns.
+    """Counts how often the time does not increase for the values of some columns.
 
     Attributes
     ----------
@@ -192,12 +192,12 @@ def _called(names: Sequence[str]) -> str:
 
 
 class Speakers:
-    """Whose values the rows of a table hold.
+    """The owners of the rows of a table.
 
     Parameters
     ----------
     names : sequence of str
-        Of the columns whose values together say whose, for messages.
+        Of the key columns, for messages.
     columns : tuple of int
         Those columns.
     cells : iterable of sequences of pyarrow arrays
@@ -208,7 +208,7 @@ class Speakers:
     columns : tuple of int
         As given.
     parts : dict of str to str
-        Whose there are, by what stands behind the names of their channels.
+        The owners, by the suffix of the names of their channels.
     """
 
     def __init__(self, names: Sequence[str], columns: tuple[int, ...], cells: Iterable[Sequence[pa.Array]]) -> None:
@@ -227,12 +227,12 @@ class Speakers:
         self._others = 0
 
     def rows(self, cells: Sequence[pa.Array]) -> dict[str, NDArray[np.bool_]]:
-        """Return which rows are whose, by what stands behind the names of their channels.
+        """Return the rows of each owner, by the suffix of the names of their channels.
 
         Parameters
         ----------
         cells : sequence of pyarrow arrays
-            Of the columns that say it.
+            Of the key columns.
         """
         found = pc.fill_null(pc.index_in(joined(cells), self._known), -1)
         who = np.asarray(found.to_numpy(zero_copy_only=False), np.int64)
@@ -240,13 +240,13 @@ class Speakers:
         return {part: who == k for k, part in enumerate(self.parts)}
 
     def finding(self) -> Finding:
-        """Return what to tell of them."""
+        """Return the findings about them."""
         shown = ", ".join([part[1:-1] for part in self.parts][:6]) + (", …" if len(self.parts) > 6 else "")
         evidence = {"names": printable_cell(shown)}
         return Finding(code="table.long", part=self._called, value=len(self.parts), evidence=evidence)
 
     def left_out(self) -> list[Finding]:
-        """Return what to tell of rows that are nobody's, once all were given to `rows`."""
+        """Return the findings about rows without an owner, once all were given to `rows`."""
         if not self._others:
             return []
         return [Finding(code="table.others_left_out", part=self._called, value=self._others, limit=MOST_PARTS)]

@@ -34,7 +34,7 @@ class TableReader(ColumnarReader):
     rate : float or None
         Samples per second [Hz], for a table without a time column.
     thorough : bool
-        Read all of a column where its first rows leave open what it says.
+        Read all of a column where its first rows are ambiguous.
     units : mapping of str to str
         Units of columns whose headers state none.
 
@@ -67,7 +67,7 @@ class TableReader(ColumnarReader):
         lists = {i: elements_of(column) for i, column in enumerate(self._sample) if counts[i][1] and i not in clocks}
         self._lists = {i: [f"{self._names[i]}[{k}]" for k in range(count)] for i, count in lists.items() if count}
         if not self._lists and not any(good and (clocks or good > words) for good, words in counts):
-            raise ReadError("holds text, but no table: none of its columns holds numbers", path)
+            raise ReadError("contains text, but no table: none of its columns has numbers", path)
         self._interpret(plan, range(len(self._names)))
         taken = self._not_channels()
         self._kinds = {i: kind for i, kind in self._kinds.items() if i not in taken} | self._kinds_of_clocks()
@@ -102,7 +102,7 @@ class TableReader(ColumnarReader):
             yield batch.columns
 
     def _all_cells(self, column: int) -> Iterator[pa.Array]:
-        """Yield all of a column, part by part; nothing where its first rows have to do."""
+        """Yield all of a column, part by part; nothing where its first rows must suffice."""
         if self._thorough:
             yield from (cells for (cells,) in self._whole([column]))
 
@@ -125,7 +125,7 @@ class TableReader(ColumnarReader):
             raise ReadError(f"has {columns} columns; more than {MAX_FIELDS} are no log of a machine", self.path)
         dialect = detect(head, whole)
         if not dialect.names or not dialect.rows:
-            raise ReadError("holds text, but no table: no row of values was found", self.path)
+            raise ReadError("contains text, but no table: no row of values was found", self.path)
         if dialect.torn:
             raise ReadError(
                 f"the header has {plural(dialect.torn, 'name')}, but rows have {len(dialect.names)} cells: its"
@@ -141,7 +141,7 @@ class TableReader(ColumnarReader):
 
     @property
     def dialect(self) -> Dialect:
-        """How the text is written."""
+        """The dialect of the text."""
         return self._dialect
 
     @property
@@ -151,12 +151,12 @@ class TableReader(ColumnarReader):
 
 
 def _too_many_columns(head: bytes) -> str:
-    """Return how many columns the first lines have, "" where they are not too many: to look at all of them takes long."""
+    """Return how many columns the first lines have, "" where they are not too many: reading all of them takes long."""
     *lines, last = head.split(b"\n")
     lines = [line for line in lines[:SAMPLE_ROWS] if line.strip() and not line.lstrip().startswith((b"#", b"%"))]
     fewest = min(lines, key=len, default=last)
     count = max(len(fewest.split()), *(fewest.count(mark) + 1 for mark in (b",", b";", b"\t", b"|")))
-    quotes = 10 if b'"' in fewest else 1  # which may hold such marks
+    quotes = 10 if b'"' in fewest else 1  # which may contain such marks
     return "" if count <= quotes * MAX_FIELDS else f"{count}" if lines else f"more than {count}"
 
 

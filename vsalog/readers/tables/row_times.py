@@ -1,6 +1,6 @@
-"""When the rows of a table were: what its clocks say, made to go on where they go back, or else their numbers.
+"""The times of a table's rows: by its clocks, continued where they step back, or else by the row numbers.
 
-Clocks go back at midnight, where a counter is full, and where a log was appended.
+Clocks step back at midnight, where a counter overflows, and where a log was appended.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from vsalog.readers.reach import Nanoseconds, Stamp
 from vsalog.readers.tables.time_columns import ClockColumn, nanoseconds
 
 _FULL = tuple(2**32 * unit for unit in (1, 10**3, 10**6))
-"""How far counters of nanoseconds, microseconds and milliseconds reach that have 32 bits [ns]."""
+"""The range of counters of nanoseconds, microseconds and milliseconds with 32 bits [ns]."""
 
 
 class Unfolding:
-    """Makes the stamps of a clock go on where the clock goes back, block by block.
+    """Continues the stamps of a clock where the clock steps back, block by block.
 
-    Times of day begin again at midnight, and minutes after an hour. Of any other clock, what was appended to a log goes behind
-    it, with a gap, and what follows an overflow goes on.
+    Times of day restart at midnight, and minutes after an hour. For any other clock, an appended log is put after the
+    first one, with a gap, and stamps after an overflow continue.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class Unfolding:
         return unfolded
 
     def _turn(self, times: Stamps, before: Stamps, steps: Stamps) -> Stamps:
-        """Return by how much more each sample and those after it are put later [ns]: a period where the clock begins again."""
+        """Return the additional shift of each sample and those after it [ns]: a period where the clock restarts."""
         late = self._period // 24
         wraps = steps < -self._period // 8  # no sample comes so late
         if self._dated:  # only where the date stays the same, because that is the date of the log's begin
@@ -76,7 +76,7 @@ class Unfolding:
         return sizes
 
     def _append(self, times: Stamps, before: Stamps, steps: Stamps) -> Stamps:
-        """Return by how much more each sample and those after it are put later [ns]: behind what was there already."""
+        """Return the additional shift of each sample and those after it [ns]: after the earlier samples."""
         ahead, self._step = self._step, int(steps[-1])
         falls = steps < 0
         sizes = np.zeros(len(steps), np.int64)
@@ -84,7 +84,7 @@ class Unfolding:
             return sizes
         earlier, later = np.append(ahead, steps[:-1]), np.append(steps[1:], 0)
         few = min(REPEATS * int(np.median(steps[steps > 0])), Stamp.YEAR_2000) if (steps > 0).any() else 0
-        # The clock goes on from the first stamps; a single stamp that is wrong, before or here, is left where it is.
+        # The clock continues from the first stamps; a single wrong stamp, before or here, is left unchanged.
         restarts = falls & (-steps > few) & (times <= self._first + few) & (np.maximum(earlier, later) < -steps // 2)
         restarts &= (self._first < Stamp.YEAR_2000) & (-steps < Stamp.YEAR_2000)
         restarts &= 2 * np.count_nonzero(falls) <= len(steps)  # else the newest rows are first
@@ -98,7 +98,7 @@ class Unfolding:
         return sizes
 
     def findings(self) -> list[Finding]:
-        """Return what to tell."""
+        """Return the findings."""
         what = {"what": "at midnight" if self._period == Nanoseconds.DAY else "after an hour"}
         found = (
             Finding(code="clock.restarts", value=self._restarts, evidence=what),
@@ -109,14 +109,14 @@ class Unfolding:
 
 
 class RowTimes:
-    """Tells the times of a table's rows, block by block.
+    """Returns the times of a table's rows, block by block.
 
     Parameters
     ----------
     clocks : mapping of str to ClockColumn
         By kind.
     parts : collection of str
-        Those whose rows go on each by themselves, as of the joints that a long table holds.
+        Those whose rows each continue by themselves, as of the joints in a long table.
     """
 
     def __init__(self, clocks: Mapping[str, ClockColumn], parts: Collection[str]) -> None:
@@ -133,9 +133,9 @@ class RowTimes:
         Parameters
         ----------
         cells : callable
-            Gives columns of the block by their numbers.
+            Returns columns of the block by their numbers.
         parts : mapping of str to bool array, shape (n,)
-            Whose rows they are.
+            The rows of each owner.
         """
         good = np.ones(len(next(iter(parts.values()), ())), dtype=bool)
         stamps: dict[str, Stamps] = {}
@@ -151,7 +151,7 @@ class RowTimes:
         return stamps, good
 
     def findings(self) -> Findings:
-        """Return what to tell."""
+        """Return the findings."""
         found = Findings()
         found.add(*(one for folds in self._folds.values() for one in folds.findings()))
         return found
@@ -175,7 +175,7 @@ def row_clock(first: int, count: int, rate: float | None) -> dict[str, Stamps]:
     Raises
     ------
     ReadError
-        At that rate the rows' times cannot be told apart, or are farther apart than 64 bits reach.
+        At that rate the rows' times are equal, or exceed the range of 64 bits.
     """
     rows = np.arange(first, first + count, dtype=np.int64)
     if rate is None:

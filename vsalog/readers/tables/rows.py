@@ -1,4 +1,4 @@
-"""The rows of a text table, block by block: numbers as numbers, and what of it is no row."""
+"""The rows of a text table, block by block: numbers as numbers, and lines that are no rows."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ _COMMENT = r"^\s*(#|%)"
 class Rows:
     """Parses a text table.
 
-    A block all of whose cells are what their columns are said to hold is parsed into numbers at once. Of any other, all columns
-    are parsed as text, so that remarks, headers that come again and rows that are none can be told from bad cells.
+    A block whose cells all have the types of their columns is parsed into numbers at once. Of any other, all columns
+    are parsed as text, to separate remarks, repeated headers and lines that are no rows from bad cells.
 
     Parameters
     ----------
     path : Path
         The file.
     dialect : Dialect
-        How it is written.
+        Its dialect.
     kinds : mapping of int to pyarrow type
         Of the columns of numbers; the others are text.
     digits : mapping of int to int
@@ -46,9 +46,9 @@ class Rows:
     Attributes
     ----------
     findings : Findings
-        What was left out; complete once all batches are read.
+        Findings about what was left out; complete once all batches are read.
     expected : int
-        How many rows there are, as the first block's size says; 0 where the file is compressed.
+        The number of rows, estimated from the first block; 0 where the file is compressed.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class Rows:
         self._digits = digits or {}
         self.expected = 0
         self._quoted = dialect.quoted
-        # To look for words that stand for no number takes as long as parsing the numbers does.
+        # Searching words for "no number" takes as long as parsing the numbers.
         words = any(cell and cell in NULLS for row in dialect.rows for cell in row)
         self._nulls = [*NULLS] if words else [""]
         self._whole = {i for i in kinds if any(row[i].lstrip("+-").isdigit() for row in dialect.rows)}
@@ -108,7 +108,7 @@ class Rows:
         self._note()
 
     def _has_quotes(self, block: pa.Buffer, skip: int) -> bool:
-        """Tell whether quotes hold cells together: in a table without them one is damage, and would swallow lines."""
+        """Return whether quotes enclose cells: in a table without them one is damage, and would join lines."""
         lines = [line.decode() for line in block.to_pybytes().splitlines()[skip:] if b'"' in line][:SAMPLE_ROWS]
         width = len(self._dialect.names)
         fitting = sum(has_quotes(line) and len(split(line, self._dialect.separator)) == width for line in lines)
@@ -210,7 +210,7 @@ class Rows:
         batch : RecordBatch
             All columns.
         wordy : int array
-            Rows that hold no number.
+            Rows without a number.
         odd : sequence of (int, str)
             Lines that are no rows, and how many rows are ahead of each.
         """
@@ -246,9 +246,9 @@ class Rows:
         return kept
 
     def _without_damage(self, wrong: NDArray[np.bool_], odd: Sequence[int], rows: int) -> NDArray[np.bool_]:
-        """Return which rows are ahead of damage: from a changed byte on, what comes out of a compressed file is made up.
+        """Return which rows are before damage: after a changed byte, the decompressed data of a file are invalid.
 
-        Whether bytes have changed its end alone tells; where there is no end, nobody knows.
+        Only the checksum at its end shows whether bytes have changed; without the end this is unknown.
         """
         first = min([*odd, *np.flatnonzero(wrong)[:1].tolist()], default=None)
         kept = np.ones(rows, bool)
@@ -265,7 +265,7 @@ class Rows:
         self._count[code] = self._count.get(code, 0) + count
 
     def _note(self) -> None:
-        """Tell what was left out."""
+        """Record the findings about what was left out."""
         lines: Evidence = {"cells": len(self._dialect.names), "first": printable_cell(self._example)}
         for code in ("table.remarks", "table.stray_quotes", "table.lines_skipped", "table.header_again"):
             if count := self._count.get(code):
@@ -276,7 +276,7 @@ class Rows:
 
 
 def _whole_numbers_hold(cells: pa.Array) -> bool:
-    """Tell whether floating point holds all whole numbers of the cells' size."""
+    """Return whether floating point holds all whole numbers of the cells' size."""
     ends = np.array([one for one in pc.min_max(cells).as_py().values() if one is not None])
     return not (too_large(ends) & np.isfinite(ends)).any()
 

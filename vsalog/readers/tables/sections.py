@@ -33,12 +33,12 @@ class Section(NamedTuple):
 def find_sections(
     names: Sequence[str], sample: Sequence[pa.Array], plan: ClockPlan, channels: Sequence[int]
 ) -> list[Section]:
-    """Tell which columns are on which clock: where the clock's name comes again, what follows is on that one.
+    """Return which columns are on which clock: where the clock's name is repeated, the following columns are on that one.
 
     Parameters
     ----------
     names : sequence of str
-        Of all columns, the second of one name with ``#2`` behind it, or ``.1`` where pandas wrote the table.
+        Of all columns, the second of one name with the suffix ``#2``, or ``.1`` where pandas wrote the table.
     sample : sequence of pyarrow arrays
         First rows of all columns.
     plan : ClockPlan
@@ -52,7 +52,7 @@ def find_sections(
     first = clock.columns[0]
     again = [i for i in _called_again(names, first) if i in channels and _rises(sample[i], clock.form)]
     clocks = [first, *again]
-    ahead = first > 0 and clocks[-1] == len(names) - 1  # values stand ahead of their clock
+    ahead = first > 0 and clocks[-1] == len(names) - 1  # values are before their clock
     sections = [Section({"column": ClockColumn((at,), clock.form)}, []) for at in clocks]
     others = set(again)
     for i in channels:
@@ -88,7 +88,7 @@ def group_by_blanks(sample: Sequence[pa.Array], columns: Sequence[int]) -> list[
 
 
 def _called_again(names: Sequence[str], first: int) -> list[int]:
-    """Return the columns that are called as the clock once more: by the same name, or by one that programs make of it.
+    """Return the columns with the clock's name again: the same name, or one that programs derive from it.
 
     A number is that of a further log only where others have it too: ``time,position,time_1,position_1``.
     """

@@ -23,7 +23,7 @@ _NAME = re.compile(r"^(?P<stem>.*?)names?(?P<number>[\[_.]?\d+\]?)$")
 
 
 class _Family(NamedTuple):
-    """Columns of names, what they say in the first row, and columns of values of as many joints each."""
+    """Columns of names, their values in the first row, and columns of values of as many joints each."""
 
     namers: list[int]
     called: pa.Array
@@ -31,7 +31,7 @@ class _Family(NamedTuple):
 
 
 class Slots:
-    """The numbered columns of a table that say the names of others with the same numbers.
+    """The numbered columns of a table that contain the names of others with the same numbers.
 
     Parameters
     ----------
@@ -62,14 +62,14 @@ class Slots:
         self.begin(())
 
     def begin(self, columns: Sequence[int]) -> set[int]:
-        """Begin to read some columns; return what has to be read with them."""
+        """Begin to read some columns; return those that have to be read with them."""
         self._moved = [0 for _ in self._families]
         self._strangers, self._stranger = 0, ""
         mine = [one for one in self._families if any(set(kind).intersection(columns) for kind in one.kinds)]
         return {i for one in mine for kind in (one.namers, *one.kinds) for i in kind}
 
     def without_names(self, sample: Sequence[pa.Array]) -> list[pa.Array]:
-        """Return the first rows of all columns with nothing in those of names, which say nothing of the row as a whole."""
+        """Return the first rows of all columns with those of names blanked, which do not describe the row as a whole."""
         namers = {i for one in self._families for i in one.namers}
         return [pa.nulls(len(cells), cells.type) if i in namers else cells for i, cells in enumerate(sample)]
 
@@ -96,7 +96,7 @@ class Slots:
         return {**cells, **moved}
 
     def findings(self) -> list[Finding]:
-        """Return what to tell."""
+        """Return the findings."""
         found = []
         for count, family in zip(self._moved, self._families, strict=True):
             if count:

@@ -24,10 +24,10 @@ from vsalog.readers.limits import DECODED_BYTES, GLANCE_BYTES, PACKED_BYTES
 from vsalog.readers.tables.text import WHITESPACE, is_comment, printable_cell, split
 
 DAMAGE = (EOFError, zlib.error)
-"""What a damaged compressed file raises."""
+"""The exceptions of a damaged compressed file."""
 
 _CHECKS = ("data check", "length check")
-"""What zlib, which has one kind of error, calls the checksum and the length at the end."""
+"""The words of zlib, which has one kind of error, for the checksum and the length at the end."""
 
 _GZIP = b"\x1f\x8b"
 
@@ -57,7 +57,7 @@ def open_text(path: Path) -> io.BufferedReader | BoundedGzip:
 
 
 class BoundedGzip(io.RawIOBase):
-    """A compressed file: all that comes out ahead of damage, and no more than any recording would hold.
+    """A compressed file: all data before damage, limited to the size of any recording.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class BoundedGzip(io.RawIOBase):
         self._size = 0
 
     def readable(self) -> bool:
-        """Tell that the file can be read."""
+        """Return that the file can be read."""
         return True
 
     def readinto(self, buffer: bytearray) -> int:  # type: ignore[override]
@@ -87,7 +87,7 @@ class BoundedGzip(io.RawIOBase):
         zlib.error, EOFError
             The file is damaged or cut off here.
         ReadError
-            Too much came out so far.
+            Too much was decompressed so far.
         """
         data = b""
         while not data and self._more():
@@ -103,7 +103,7 @@ class BoundedGzip(io.RawIOBase):
         return len(data)
 
     def _more(self) -> bool:
-        """Tell whether more is to come, and have some of it at hand."""
+        """Return whether there is more, and read some of it."""
         self._left = self._left or self._compressed.read(GLANCE_BYTES)
         if not self._stream.eof:
             return True
@@ -114,7 +114,7 @@ class BoundedGzip(io.RawIOBase):
         return bool(self._left)
 
     def _some(self, most: int) -> bytes:
-        """Return what comes out next; of damaged bytes, ever fewer are taken until they end ahead of the damage."""
+        """Return the next decompressed data; of damaged bytes, ever fewer are taken until they end before the damage."""
         taken = len(self._left)
         while True:
             stream = self._stream.copy()
@@ -154,14 +154,14 @@ def read_beginning(source: Source, most: int) -> bytes:
 
 
 def without_holes(text: bytes) -> bytes:
-    """Return text without runs of zeros, which files are left with that were being written when power failed."""
+    """Return text without runs of zeros, which a power failure leaves in files being written."""
     return re.sub(rb"\0{16,}", b"", text)
 
 
 def trouble_at_end(path: Path) -> str:
-    """Return what is wrong with a compressed file, all of which is read.
+    """Return the fault of a compressed file, all of which is read.
 
-    ``changed`` are bytes of it; ``missing`` is its end, which would tell of such; "" is nothing.
+    ``changed`` for changed bytes; ``missing`` for its end, which has the checksum; "" for none.
     """
     try:
         with open_text(path) as file:
@@ -180,18 +180,18 @@ class Lines:
     Parameters
     ----------
     file : binary file
-        What to read.
+        The input.
     encoding : str
         Python's name of its encoding; what does not decode is replaced.
     separator : str
-        What separates cells. Where that is blanks, every run of them becomes a single one.
+        The separator of cells. If it is blanks, every run of them becomes a single one.
     labels : sequence of str
-        What stands ahead of the number in every cell, by column; empty where nothing does.
+        The text before the number in every cell, by column; empty for none.
 
     Attributes
     ----------
     findings : list of Finding
-        What was left out at the end; complete once all blocks are read.
+        Findings about the end; complete once all blocks are read.
     """
 
     def __init__(self, file: Source, encoding: str, separator: str, labels: Sequence[str] = ()) -> None:
@@ -227,7 +227,7 @@ class Lines:
                 yield self._plain(text, end), b'"' in text
 
     def _behind(self, rest: bytes | bytearray) -> tuple[bytes | bytearray, bool]:
-        """Return a text with what comes next, and whether the file is damaged there; the same memory is taken for the next."""
+        """Return the next text, and whether the file is damaged there; its memory is reused for the next."""
         if len(self._buffer) < 2 * len(rest):
             self._buffer = bytearray(4 * len(rest))
         self._buffer[: len(rest)] = rest
@@ -258,7 +258,7 @@ class Lines:
 
 
 def _end_of_lines(text: bytes | bytearray) -> int:
-    """Return where the last whole line ends that no quotes hold together with the next, 0 where there is none."""
+    """Return where the last whole line ends that no quotes join with the next, 0 where there is none."""
     mark = b"\n" if b"\n" in text else b"\r"
     end = last = text.rfind(mark) + 1
     if b'"' not in text:
@@ -280,7 +280,7 @@ def _squeezed(text: bytes) -> bytes:
 
 
 def may_be_cut(lines: Sequence[str], last: str, separator: str) -> bool:
-    """Tell whether the last cell of a line without an end may have been longer.
+    """Return whether the last cell of a line without an end may have been longer.
 
     It is whole where it is as long as the longest above, or where more decimals would make no other number in single precision,
     unless numbers may have an exponent or not.
@@ -306,7 +306,7 @@ def may_be_cut(lines: Sequence[str], last: str, separator: str) -> bool:
 
 
 def _may_lack_digits(cell: str, above: Sequence[str]) -> bool:
-    """Tell whether more digits would make another number of a cell, in single precision of the largest above."""
+    """Return whether more digits would make another number of a cell, in single precision of the largest above."""
     decimals = len(cell.replace(",", ".").partition(".")[2])
     largest = 0.0
     for one in above:

@@ -1,4 +1,4 @@
-"""Lines and cells of text tables: what a line is split into, what a cell may hold, what columns are called."""
+"""Lines and cells of text tables: the cells of a line, the content of a cell, the names of columns."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _WORDS = (
     "#DIV/0!", "#VALUE!", "#NUM!", "#REF!",
 )  # fmt: skip
 NULLS = ("", "-", "--", "?", "*", *_WORDS)
-"""What programs write where there is no number."""
+"""Words of programs for "no number"."""
 LIKE_NUMBERS = ("-nan", "-NaN", "nan(ind)", "-nan(ind)", "1.#QNAN", "-1.#QNAN", "1.#IND", "-1.#IND", "—")
-"""The same, but kept apart, as it takes long to tell of each number that it is none of these."""
+"""The same, but separate, since checking each number against them takes long."""
 
 NUMBER = r"^[+-]?(\d+(?:\.\d*)?|\.\d+)([eE][+-]?\d+)?$"
 COMMA_NUMBER = re.compile(r"^[+-]?\d*,\d+([eE][+-]?\d+)?$")
@@ -28,7 +28,7 @@ GROUPED = {
     True: re.compile(rf"^[+-]?\d{{1,3}}(?:(?:\.\d{{3}})+,\d+|(?:[{BETWEEN_THOUSANDS}]\d{{3}})+(?:,\d+)?)$"),
     False: re.compile(rf"^[+-]?\d{{1,3}}(?:(?:,\d{{3}})+\.\d+|(?:[{BETWEEN_THOUSANDS}]\d{{3}})+(?:\.\d+)?)$"),
 }
-"""Thousands apart, by which there is no doubt what the decimal mark is; by whether that is a comma."""
+"""Separated thousands, which determine the decimal mark; by whether that is a comma."""
 DURATION = r"^(?P<number>-?\d+(?:\.\d+)?) (?P<unit>sec|min|hr|days?)$"
 """As MATLAB writes durations."""
 _BLANKS = re.compile(r"[ \t]+(?![\[(])")
@@ -42,7 +42,7 @@ _LIST = re.compile(r"^\[\s*(?:[+-]?[\d.]|nan)[^\]]*\]$")
 
 
 def is_comment(line: str) -> bool:
-    """Tell whether a line is a remark; ``%time`` starts the header of a rostopic export."""
+    """Return whether a line is a remark; ``%time`` starts the header of a rostopic export."""
     start = line.lstrip()
     return start.startswith("#") or (start.startswith("%") and not start.startswith("%time"))
 
@@ -58,7 +58,7 @@ def split(line: str, separator: str) -> list[str]:
 
 
 def is_value(cell: str, decimal_comma: bool) -> bool:
-    """Tell whether a cell holds a number, a list, a date, a duration or a word for none."""
+    """Return whether a cell contains a number, a list, a date, a duration or a word for none."""
     found = (
         cell in _WORDS
         or cell in LIKE_NUMBERS
@@ -74,7 +74,7 @@ def most_common_width(rows: Sequence[Sequence[str]]) -> int:
 
 
 def has_quotes(line: str) -> bool:
-    """Tell whether a line has cells in quotes; a single quote is damage."""
+    """Return whether a line has cells in quotes; a single quote is damage."""
     count = line.count('"')
     return count > 0 and count % 2 == 0
 

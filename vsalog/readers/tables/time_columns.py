@@ -1,4 +1,4 @@
-"""Which columns of a table are its clock, and what they say in nanoseconds."""
+"""The clock columns of a table, and their values in nanoseconds."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class ClockColumn:
     form : str
         A unit (``s``, ``ms``, ``us``, ``ns``, ``min``, ``h``, ``d``), ``serial`` or ``datenum`` (days), ``date``, ``day`` (time
         of day), ``minutes`` (``59:58.5``), ``duration s`` (``0.5 sec``), ``pair``, ``pair us`` or
-        ``date+day``. Behind ``date`` and ``date+day`` may stand how dates are written: ``date %d.%m.%Y``.
+        ``date+day``. After ``date`` and ``date+day`` may be the format of dates: ``date %d.%m.%Y``.
     """
 
     columns: tuple[int, ...]
@@ -52,16 +52,16 @@ class ClockColumn:
 
 @dataclass(frozen=True, slots=True)
 class ClockPlan:
-    """The clocks of a table by kind, and what to tell about the choice.
+    """The clocks of a table by kind, and the findings about the choice.
 
     Attributes
     ----------
     clocks : dict of str to ClockColumn
         By kind; none where no column is a clock.
     findings : tuple of Finding
-        What to tell.
+        Findings about the choice.
     backwards : tuple of int, or None
-        Where there is no clock: the column that is called one but runs backwards, and the row at which it does.
+        Where there is no clock: the column that has the name of one but runs backwards, and the row where it does.
     """
 
     clocks: dict[str, ClockColumn] = field(default_factory=dict)
@@ -75,7 +75,7 @@ class ClockPlan:
 
 Rest = Callable[[], Iterable[pa.Array]]
 Whole = Callable[[int], Iterable[pa.Array]]
-"""Gives all of a column, part by part."""
+"""Returns all of a column, part by part."""
 
 
 def _nothing(_: int) -> Iterable[pa.Array]:
@@ -99,9 +99,9 @@ def find_clocks(
     sample : sequence of pyarrow arrays
         The columns' first rows.
     whole : callable, optional
-        Asked for dates whose day and month the first rows do not tell apart.
+        Called for dates whose day and month the first rows do not determine.
     by_rise : bool
-        Whether a first column that rises evenly is the time where nothing else is.
+        Whether a first column that increases evenly is the time where no other is.
     """
     pair = _second_and_fraction(names, sample)
     ranked = sorted(
@@ -130,7 +130,7 @@ def find_clocks(
 
 
 def _unnamed(names: Sequence[str], sample: Sequence[pa.Array], whole: Whole) -> ClockPlan | None:
-    """Return the clock that is not called so, but whose cells leave no doubt: a date with a time of day in each, which go on.
+    """Return the clock without such a name, but with unambiguous cells: a date with a time of day in each, which increase.
 
     Those of a column without a name may be times of day alone.
     """
@@ -148,7 +148,7 @@ def _unnamed(names: Sequence[str], sample: Sequence[pa.Array], whole: Whole) -> 
 
 
 def _rising_first(names: Sequence[str], units: Sequence[str | None], sample: Sequence[pa.Array]) -> ClockPlan | None:
-    """Return the first column as the clock where it rises evenly, and more than a row's number does."""
+    """Return the first column as the clock where it increases evenly, and differs from the row's number."""
     stated = units[0] if units else None
     if not sample or not is_numeric(sample[0]) or not (stated is None or stated.strip().lower() in UNITS):
         return None
@@ -162,12 +162,12 @@ def _rising_first(names: Sequence[str], units: Sequence[str | None], sample: Seq
 
 
 def runs_backwards(column: str, where: str) -> Finding:
-    """Return that the column that is called the time runs backwards, in a line or row."""
+    """Return that the column with the name of the time runs backwards, in a line or row."""
     return Finding(code="clock.runs_backwards", part=printable_cell(column), evidence={"where": where})
 
 
 def looks_like_clock(values: NDArray[np.float64]) -> bool:
-    """Tell whether values rise in even steps that are no whole numbers, as times do."""
+    """Return whether values rise in even steps that are no whole numbers, as times do."""
     return _rises_evenly(values) and bool((values % 1 != 0).any())
 
 
@@ -214,7 +214,7 @@ def nanoseconds(columns: Sequence[pa.Array], form: str) -> tuple[Stamps, NDArray
 
 
 def digits_of(form: str) -> tuple[int, ...]:
-    """Return to how many digits behind the point each column of numbers of a clock is read exactly; () for other clocks."""
+    """Return the digits after the decimal point to which each numeric column of a clock is read exactly; () for other clocks."""
     kind, _, order = form.partition(" ")
     if kind == "pair":
         return _DIGITS["s"], _DIGITS[order or "ns"]
@@ -222,7 +222,7 @@ def digits_of(form: str) -> tuple[int, ...]:
 
 
 def _form(name: str, unit: str | None, sample: pa.Array, rest: Rest) -> tuple[str | None, list[Finding]]:
-    """Return how a column tells the time, None where it does not, and what to tell of that."""
+    """Return the form of a column's times, None where it has none, and the findings about it."""
     kind = sample.type
     if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
         return "date", []
@@ -255,7 +255,7 @@ def _is_text(sample: pa.Array) -> bool:
 
 
 def _written_form(name: str, sample: pa.Array, rest: Rest) -> tuple[str | None, list[Finding]]:
-    """Return how dates or times of day are written, None where a text is neither, and what to tell of that."""
+    """Return the format of dates or times of day, None where a text is neither, and the findings about it."""
     if _reads(sample, "date"):
         return "date", []
     order, doubts = _order(name, sample, rest)
@@ -272,13 +272,13 @@ def _written_form(name: str, sample: pa.Array, rest: Rest) -> tuple[str | None, 
 
 
 def _reads(sample: pa.Array, form: str) -> bool:
-    """Tell whether nearly all cells are times in a form."""
+    """Return whether nearly all cells are times in a form."""
     _, good = nanoseconds([sample], form)
     return bool(good.any() and good.mean() > (1 - MOST_EXCEPTIONS))
 
 
 def _order(name: str, sample: pa.Array, rest: Rest) -> tuple[str, list[Finding]]:
-    """Return how a column's dates are written and what to tell of it, see `format_of`."""
+    """Return the format of a column's dates and the findings about it, see `format_of`."""
     dates = dict.fromkeys(dates_of(without_midnight(trimmed(sample))))
     if len(possible_formats(list(dates))) > 1:
         for cells in rest():
@@ -289,7 +289,7 @@ def _order(name: str, sample: pa.Array, rest: Rest) -> tuple[str, list[Finding]]
 
 
 def _rising(values: NDArray[np.float64]) -> bool:
-    """Tell whether values grow like a clock's: nearly always, and on the whole. All zero is a clock that was not set."""
+    """Return whether values grow like a clock's: nearly always, and on the whole. All zero is a clock that was not set."""
     if len(values) < 2 or not values.any():
         return True
     steps = np.diff(values)
@@ -298,7 +298,7 @@ def _rising(values: NDArray[np.float64]) -> bool:
 
 
 def _sortable(name: str, values: NDArray[np.float64]) -> bool:
-    """Tell whether a column that is surely called the time has the newest row first, or rows that come a little late."""
+    """Return whether a column that is surely the time by its name has the newest row first, or slightly late rows."""
     rank = rank_of(name)
     if rank is None or rank >= Rank.SHORT or len(values) < REPEATS:
         return False
@@ -333,7 +333,7 @@ def _second_and_fraction(names: Sequence[str], sample: Sequence[pa.Array]) -> Cl
 def _with_date(
     clock: ClockColumn, names: Sequence[str], sample: Sequence[pa.Array], whole: Whole
 ) -> tuple[ClockColumn, list[Finding]]:
-    """Join a time of day with the date in another column, where there is one; return what to tell of it, too."""
+    """Join a time of day with the date in another column, where there is one; return the findings about it, too."""
     if clock.form != "day":
         return clock, []
     unread: list[Finding] = []
@@ -354,7 +354,7 @@ def _with_date(
 def _no_clock(
     ranked: Sequence[tuple[int, int]], names: Sequence[str], units: Sequence[str | None], sample: Sequence[pa.Array]
 ) -> tuple[Finding, ...]:
-    """Return why columns that are called clocks are none."""
+    """Return why columns with the name of a clock are none."""
     for rank, i in ranked:
         stated = stated_unit(names[i], units[i])
         if _is_text(sample[i]) and rank != Rank.DATED:
@@ -371,7 +371,7 @@ def _first(sample: pa.Array) -> str:
 
 
 def _is_moment(form: str, sample: pa.Array) -> bool:
-    """Tell whether what is called a date tells the time of day as well."""
+    """Return whether a column named as a date contains the time of day as well."""
     if _is_text(sample):
         return form.startswith("date") and bool(pc.any(pc.match_substring(sample, ":")).as_py())
     return form in SERIAL or pa.types.is_timestamp(sample.type)

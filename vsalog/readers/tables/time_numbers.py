@@ -13,7 +13,7 @@ from vsalog.readers.tables.dates import in_nanoseconds, integers, scaled, trimme
 
 
 def is_numeric(sample: pa.Array) -> bool:
-    """Tell whether most cells of a column that are not blank are numbers."""
+    """Return whether most cells of a column that are not blank are numbers."""
     values = floats(sample)
     return bool(len(values)) and np.count_nonzero(np.isfinite(values)) > 0.5 * (len(sample) - sample.null_count)
 
@@ -41,7 +41,7 @@ def scaled_up(array: pa.Array, digits: int) -> tuple[Stamps, NDArray[np.bool_]]:
 
 def multiplied(array: pa.Array, factor: float, origin: float = 0.0) -> tuple[Stamps, NDArray[np.bool_]]:
     """Return numbers, counted from `origin`, times a factor as integers, by way of floating point."""
-    # Nonsense becomes infinite, and no stamp; a NaN may be of the kind that signals.
+    # Invalid numbers become infinite, and no stamp; a NaN may be signalling.
     with np.errstate(over="ignore", invalid="ignore"):
         values = (floats(array) - origin) * factor
     good = np.isfinite(values) & (np.abs(values) < 2.0**63)
@@ -49,7 +49,7 @@ def multiplied(array: pa.Array, factor: float, origin: float = 0.0) -> tuple[Sta
 
 
 def is_exact(numbers: pa.Array, digits: int) -> bool:
-    """Tell whether numbers times a power of ten come so near to integers that rounding them is exact."""
+    """Return whether numbers times a power of ten come so near to integers that rounding them is exact."""
     with np.errstate(invalid="ignore", over="ignore"):
         values = np.asarray(pc.fill_null(numbers, 0.0).to_numpy(zero_copy_only=False), np.float64) * 10.0**digits
         error, largest = (np.abs(one).max(initial=0.0) for one in (values - np.rint(values), values))

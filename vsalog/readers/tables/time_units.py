@@ -23,7 +23,7 @@ UNITS = {
 
 
 class Rank(IntEnum):
-    """How surely a name is a clock's, best first; SHORT ones may be others, as T is, and DATED columns lack the time of day."""
+    """The confidence that a name is a clock's, best first; SHORT ones may be others, as T, and DATED ones lack a time of day."""
 
     HEADER, STAMP, TIME, SHORT, DATED = range(5)
 
@@ -37,7 +37,7 @@ STEMS = (
     r"date|datum|fecha|data",
 )
 _GLUED = re.compile(r"^time(?P<unit>us|ms|ns)$")
-"""As flight controllers call it."""
+"""The name in logs of flight controllers."""
 _ANY_UNIT = "|".join(UNITS)
 _NAME = [re.compile(rf"^(?:{stem})(?:_(?P<unit>{_ANY_UNIT})|_?[\[(](?P<bracket>[^\])]*)[\])])?$") for stem in STEMS]
 
@@ -67,11 +67,11 @@ _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 COUNTED = frozenset(_SECONDS)
 """Units in which a clock counts from some start."""
 USUAL_STEP, LONGEST_STEP = 0.5, 10.0
-"""Samples of a log are so far apart at most [s]: of nearly all, and of one whose clock is called no date."""
+"""Longest step of samples [s]: of nearly all logs, and of one whose clock is not named a date."""
 QUICK_STEP = 0.15
-"""So far apart at most [s] in a unit that suits short steps: 500 are rather microseconds at 2 kHz than milliseconds at 2 Hz."""
+"""Longest step [s] in a unit that suits short steps: 500 are rather microseconds at 2 kHz than milliseconds at 2 Hz."""
 SHORTEST_STEP = 2e-5
-"""So far apart they are at least [s]: no log of a machine has more than 50 kHz."""
+"""Shortest step [s]: no log of a machine has more than 50 kHz."""
 LONGEST_RUN = 10 * 86_400.0
 """Machines are seldom on for longer [s]."""
 _SAYS_EPOCH = re.compile("epoch|unix")
@@ -99,7 +99,7 @@ def epoch_unit(size: float) -> str | None:
 
 
 def guessed_unit(name: str, values: NDArray[np.float64], written: str = "{} [{}]") -> tuple[str, list[Finding]]:
-    """Guess the unit of a clock by its size and its steps, and tell what to doubt of it.
+    """Guess the unit of a clock by its size and its steps, with findings about doubts.
 
     A number that is a date of this century in seconds is one of the first hour in microseconds, too: it is the former only if
     the samples of a log can be so far apart then.
@@ -107,7 +107,7 @@ def guessed_unit(name: str, values: NDArray[np.float64], written: str = "{} [{}]
     Parameters
     ----------
     name : str
-        What the clock is called.
+        The clock's name.
     values : float64 array, shape (n,)
         Its first numbers, all finite.
     written : str
@@ -118,7 +118,7 @@ def guessed_unit(name: str, values: NDArray[np.float64], written: str = "{} [{}]
     unit : str
         As in `vsalog.readers.tables.time_columns.ClockColumn`.
     doubts : list of Finding
-        None where there is no doubt.
+        Empty where there is no doubt.
     """
     steps = np.diff(np.sort(values))
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
@@ -152,7 +152,7 @@ def _counted(name: str, step: float, size: float, written: str) -> tuple[str, li
 
 
 def _in_doubt(name: str, unit: str, apart: float, written: str) -> list[Finding]:
-    """Return what to tell of a date in steps that would suit a log better in the next smaller unit."""
+    """Return the finding for a date in steps that would suit a log better in the next smaller unit."""
     finer = dict(zip(_SECONDS, [*_SECONDS][1:], strict=False)).get(unit)
     if finer is None:
         return []
@@ -161,7 +161,7 @@ def _in_doubt(name: str, unit: str, apart: float, written: str) -> list[Finding]
 
 
 def _on_labview(name: str, first: float) -> list[Finding]:
-    """Return what to tell of seconds that are of this century only if LabVIEW counted them."""
+    """Return the finding for seconds that are of this century only if LabVIEW counted them."""
     if first < EPOCH[0] + _LABVIEW:
         return []
     return [Finding(code="clock.perhaps_since_1904", part=name, value=_LABVIEW, unit="s")]

@@ -1,5 +1,5 @@
 "use strict";
-// Draws the charts that stand in the page as JSON. Labels were escaped when the page was written.
+// Draws the charts that the page contains as JSON. Labels were escaped when the page was written.
 (() => {
   const root = document.documentElement;
   const font = 'system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", "DejaVu Sans", sans-serif';
@@ -68,7 +68,7 @@
     };
   }
 
-  // Where n panels stand: side by side where there is room, else one below the other; [x from, to, y from, to] of each.
+  // Layout of n panels: side by side where there is room, else one below the other; [x from, to, y from, to] of each.
   function places(spec, box) {
     const n = spec.axes.length;
     if (spec.side_by_side && !narrow(box)) {
@@ -153,7 +153,7 @@
     if (first) box.textContent = "";
     config.toImageButtonOptions.filename = spec.name;
     config.displayModeBar = printing || narrow(box) ? false : "hover";
-    // The buttons stand in the top right corner, above the legend.
+    // The buttons are in the top right corner, above the legend.
     if (!narrow(box) && !printing && !spec.surface) layout.margin.t = layout.showlegend ? 56 : 30;
     return Plotly.react(box, data, layout, config).then(() => {
       if (first) {
@@ -203,7 +203,7 @@
     document.head.append(script);
   }
 
-  // A click on a heading sorts by what a cell's data-v says, numbers as numbers; a second one the other way round.
+  // A click on a heading sorts by the data-v of its cells, numbers as numbers; a second one the other way round.
   function sorted(table) {
     const body = table.tBodies[0], heads = [...table.tHead.rows[0].cells];
     const value = (row, i) => { const cell = row.cells[i]; return cell.dataset.v ?? cell.textContent.trim(); };
@@ -230,7 +230,7 @@
     try {
       await library();
     } catch (error) {
-      for (const box of plots) box.textContent = `This browser cannot unpack the figures (${error}); the tables and sentences say the same.`;
+      for (const box of plots) box.textContent = `This browser cannot unpack the figures (${error}); the tables and sentences have the same content.`;
       return;
     }
     const seen = new IntersectionObserver((entries) => {
