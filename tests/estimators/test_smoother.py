@@ -37,7 +37,9 @@ def drive(at):
     return 3.0 * np.sin(2.0 * np.pi * 0.31 * at) + 1.5 * np.sin(2.0 * np.pi * 1.3 * at)
 
 
-def machine(softer=lambda t: 0.0, seed=0, noise=0.02, step=STEP, spring=cubic, loop=0.0, push=lambda t: 0.0 * t):
+def machine(
+    softer=lambda t: 0.0, seed=0, noise=0.02, step=STEP, spring=cubic, loop=0.0, push=lambda t: 0.0 * t, drive=drive
+):
     """Return times, signals and true stiffness of a joint, behind encoders whose zeros are anywhere within a step."""
     t = np.arange(round(SECONDS / PERIOD)) * PERIOD
     theta, q, torque, stiffness = played(t, drive, softer, spring, loop, push=push)
@@ -259,6 +261,17 @@ def test_the_band_contains_a_knee_that_the_log_hardly_shows():
         assert np.median(relative) < 0.003
         inside.append(np.mean(deviations < 1.96))
     assert np.mean(inside) > 0.85
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_joint_at_rest_does_not_look_like_one_whose_spring_changed(seed):
+    """At rest an encoder repeats one reading for two thirds of the log, with one rounding error."""
+    t, signals, truth = machine(seed=seed, step=4.0 * STEP, drive=lambda at: drive(at) * (np.asarray(at) < 8.0))
+    columns, fold, state = estimated(t, signals)
+    relative, deviations = errors(columns, truth)
+    assert "stiffness.changed" not in {one.code for one in fold.findings(state)}
+    assert relative.max() < 0.02
+    assert np.mean(deviations < 1.96) > 0.9
 
 
 def test_what_changed_is_a_finding_with_its_size():

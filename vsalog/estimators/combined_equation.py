@@ -133,6 +133,7 @@ class CombinedEquation:
             tuple(loop_start(one) for one in (*self.loops, *self._memory)),
             link,
             np.zeros((1, len(self.loops))),
+            np.full((1, len(self.transmissions)), np.nan),
         )
 
     def rows(self, state: tuple[Any, ...], block: Conditioned) -> tuple[tuple[Any, ...], EquationRows]:
@@ -159,14 +160,17 @@ class CombinedEquation:
             parts.append(self._link_part(moved, halfway))
             first = self._borne(moved, block) if first is None else first
         assert first is not None
-        parts = [part._replace(use=part.use & settled) for part in parts]
+        # At rest an encoder repeats its rounding error, which does not average out.
+        phi = np.column_stack([deflection_of(block.fit, view) for view in self.transmissions])
+        moves = (np.diff(phi, axis=0, prepend=state[5]) != 0.0).any(axis=1)
+        parts = [part._replace(use=part.use & settled & moves) for part in parts]
         F = np.hstack((np.zeros((len(block.rows), self.leading)), parts[0].columns[:, : self.coefficients]))
         given = EquationRows(
             F, parts[0].columns[:, -1], first.use, block.rows.starts, first.fed, first.extra,
             first.dynamics if self.leading and self.sensor is None else np.zeros((len(F), self.leading)),
             first.doubted, motion=first.motion, plain=first.plain if self.leading else None, parts=tuple(parts),
         )  # fmt: skip
-        return (sensor, tuple(states), slipping, link, seen[-1:]), given
+        return (sensor, tuple(states), slipping, link, seen[-1:], phi[-1:]), given
 
     def _slipping(self, state: tuple[Array, ...], block: Conditioned) -> tuple[tuple[Array, ...], Array, Flags]:
         """Return the friction elements' state, how far each is strained [rad], and where they have forgotten what was before."""
