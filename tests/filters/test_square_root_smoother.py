@@ -80,6 +80,18 @@ def test_it_is_the_textbook_s_filter_and_smoother():
     np.testing.assert_allclose(found.filtered_mean, filtered, rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("size", [0.0, 1e-200, 1e-20])
+def test_a_state_with_unknowns_that_others_determine_is_smoothed(size):
+    H, z, W, x, U = drawn(4, r=1)
+    U[2:] *= size
+    W[:] = W[0] * np.linspace(0.5, 2.0, len(W))[:, None, None]
+    mean, P, likelihood = gauss_markov(H, z, W, x, U)
+    found = run(H, z, W, x, U)
+    np.testing.assert_allclose(found.mean, mean, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(covariances(found.root), P, rtol=0, atol=1e-6)
+    assert found.log_likelihood == pytest.approx(likelihood, abs=1e-9)
+
+
 def test_roots_are_triangular_and_more_is_known_of_all_than_of_what_came_before():
     found = run(*drawn(3))
     np.testing.assert_array_equal(np.tril(found.root, -1), 0.0)

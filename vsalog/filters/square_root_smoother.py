@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.compiled import compiled
+from vsalog.core.precision import ROUNDING
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -159,6 +160,7 @@ def _backward(
     count, n = mean.shape
     r = steps.shape[1]
     C, stack, change, dots = np.empty((n, n)), np.empty((2 * n + r, n)), np.empty(n), np.empty(n)
+    pivots = np.empty(n)
     for k in range(count - 2, -1, -1):
         if not moving[k]:
             for j in range(n):
@@ -167,6 +169,12 @@ def _backward(
             continue
         # C = P (P⁻)⁻¹, row by row: Cᵀ solves U⁻ᵀ U⁻ Cᵀ = P.
         U, V = root[k], before[k + 1]
+        # What other unknowns determine exactly adds nothing.
+        for j in range(n):
+            norm = 0.0
+            for h in range(j + 1):
+                norm += V[h, j] * V[h, j]
+            pivots[j] = V[j, j] if abs(V[j, j]) > ROUNDING * math.sqrt(norm) else np.inf
         for i in range(n):
             for j in range(n):
                 total = 0.0
@@ -177,11 +185,11 @@ def _backward(
             for j in range(n):
                 for h in range(j):
                     C[i, j] -= V[h, j] * C[i, h]
-                C[i, j] /= V[j, j]
+                C[i, j] /= pivots[j]
             for j in range(n - 1, -1, -1):
                 for h in range(j + 1, n):
                     C[i, j] -= V[j, h] * C[i, h]
-                C[i, j] /= V[j, j]
+                C[i, j] /= pivots[j]
         for j in range(n):
             change[j] = smoothed_mean[k + 1, j] - mean[k, j]
         for i in range(n):
