@@ -403,3 +403,9 @@ def test_a_users_script_is_typed(tmp_path):
     # Arrow and plotly come without types of their own.
     assert [line for line in told if " error: " in line and "import-untyped" not in line] == []
     assert any('Revealed type is "tuple[str, ...]"' in line.replace("builtins.", "") for line in told), done.stdout
+
+
+@pytest.mark.parametrize("name", ["estimate", "inspect", "diagnose", "compare"])
+def test_no_log_is_refused(name):
+    with pytest.raises(vsalog.VsalogError, match="no log was given"):
+        getattr(vsalog, name)([])

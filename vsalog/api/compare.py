@@ -7,7 +7,7 @@ from pathlib import Path
 
 from msgspec.structs import asdict
 
-from vsalog.api.results import Listed, Paths, columns, names, paths, texts, warned
+from vsalog.api.results import Listed, Paths, columns, logs_of, names, texts, warned
 from vsalog.comparison import run as comparison
 from vsalog.comparison.references import References
 from vsalog.core.finding import Finding
@@ -91,5 +91,5 @@ def compare(
     """
     options = Options(rig, names(joints), "auto", {}, texts(set), rate, time, start, end)
     asked = [name for text in names(estimators) for name in text.split(",") if name.strip()]
-    found, runs, references = comparison.compare(paths(logs), options, asked, keep_going=False)
+    found, runs, references = comparison.compare(logs_of(logs), options, asked, keep_going=False)
     return warned(Comparison(worded(found), runs, references))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from vsalog.api.results import Listed, Paths, columns, names, paths, texts, warned
+from vsalog.api.results import Listed, Paths, columns, logs_of, names, paths, texts, warned
 from vsalog.core.finding import Finding
 from vsalog.diagnosis import document
 from vsalog.diagnosis.run import Options, Outcome
@@ -150,5 +150,5 @@ def diagnose(
         What the input is to blame for; the message says what, where and what to do.
     """
     options = Options(rig, names(joints), texts(set), rate, time, suggest, start, end, names(differs))
-    outcome = run(paths(logs), paths(holdouts), options)
+    outcome = run(logs_of(logs), paths(holdouts), options)
     return warned(Diagnosis(worded(outcome), outcome))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
-from vsalog.api.results import Listed, Paths, columns, paths, warned
+from vsalog.api.results import Listed, Paths, columns, logs_of, warned
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Recording
 from vsalog.figures.recorded import recorded_chart
@@ -117,4 +117,4 @@ def inspect(
         What the input is to blame for; the message says what, where and what to do.
     """
     options = Options(head, full, rate, time, start, end)
-    return warned(Inspection(run(paths(logs), options), options))
+    return warned(Inspection(run(logs_of(logs), options), options))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
 import pyarrow as pa
 
-from vsalog.core.errors import VsalogError, VsalogWarning, did_you_mean
+from vsalog.core.errors import ReadError, VsalogError, VsalogWarning, did_you_mean
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import merged
 from vsalog.core.notation import listed
@@ -214,6 +214,14 @@ def columns(**types: type) -> pa.Schema:
 def paths(given: Paths) -> list[Path]:
     """Return one path or several as a list."""
     return [Path(given)] if isinstance(given, str | Path) else [Path(one) for one in given]
+
+
+def logs_of(given: Paths) -> list[Path]:
+    """Return `paths` of the logs that a function is about; raises ReadError for none."""
+    found = paths(given)
+    if not found:
+        raise ReadError("no log was given")
+    return found
 
 
 def texts(given: Mapping[str, object] | None) -> dict[str, str]:

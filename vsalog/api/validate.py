@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from vsalog.api.estimate import Estimate
-from vsalog.api.results import Listed, Paths, columns, names, paths, texts, warned
+from vsalog.api.results import Listed, Paths, columns, logs_of, names, texts, warned
 from vsalog.core.finding import Finding
 from vsalog.core.model import ModelFile
 from vsalog.figures.chart import Chart
@@ -133,7 +133,7 @@ def validate(
     VsalogError
         What the input is to blame for; the message says what, where and what to do.
     """
-    given = paths(logs)
+    given = logs_of(logs)
     options = Options(rig, names(joints), texts(set), rate, time, modalities, max_nrmse, max_msrep, start, end)
     with TemporaryDirectory(prefix="vsalog-") as folder:
         file = Path(model) if isinstance(model, str | Path) else _written(model, Path(folder))
