@@ -141,7 +141,7 @@ def test_a_sensor_that_the_log_lacks_is_left_out_unless_the_replay_needs_it(done
         (("sea", "--replay", "log.csv"), "there is no channel"),
         (("vsa3", "--replay", "log.csv"), "did you mean 'vsa2'"),
         (("pam", "--replay", "log.csv"), "joint 'pam' is pneumatic"),
-        (("--replay", "log.csv", "-o", "log.csv"), "is what the simulation reads"),
+        (("--replay", "log.csv", "-o", "log.csv"), "is read by the simulation"),
         (("--replay", "log.csv", "-o", "log.txt"), "no log format has the suffix"),
         (("--replay", "log.csv", "--window", "1 ms"), "shorter than two samples"),
         (("--replay", "log.csv", "--window", "0"), "not a time longer than zero"),
