@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from msgspec import structs
 
 from vsalog.cli import cli
+from vsalog.core.errors import WriteError
 from vsalog.core.finding import Finding
 from vsalog.core.progress import Advanced, watched
 from vsalog.inspection.run import Options
@@ -43,6 +44,20 @@ def inspect(*arguments):
     done = CliRunner().invoke(cli, ["inspect", *map(str, arguments)])
     assert done.exit_code == 0, done.output
     return done.stdout
+
+
+def test_a_page_has_a_figure_of_each_guessed_joint(large):
+    page = large.with_name("page.html")
+    for _ in range(2):  # a page of the same log is replaced
+        inspect(large, "--report", page)
+    text = page.read_text()
+    assert text.count('class="plot"') == 1
+    assert "link_position: link position" in text
+    page.write_text("mine")
+    for kept in (large, page):
+        refused = CliRunner().invoke(cli, ["inspect", str(large), "--report", str(kept)])
+        assert isinstance(refused.exception, WriteError)
+    assert page.read_text() == "mine"
 
 
 def test_of_a_large_log_a_sample_is_read_and_that_is_reported(large):

@@ -65,6 +65,16 @@ def test_what_was_written_as_json(done, tmp_path):
         assert log.channels[channel["name"]].values.size == channel["samples"]
 
 
+def test_a_page_shows_the_channels_over_time(done, simulate, tmp_path):
+    done("sea", "--duration", "1", "-o", "log.mcap", "--report", "page.html", cwd=tmp_path)
+    page = (tmp_path / "page.html").read_text()
+    assert page.count('class="plot"') == 1
+    assert "/joint_torque.effort[transmission]" in page
+    code, _, err = simulate("sea", "-o", "other.mcap", "--report", "page.html", cwd=tmp_path)
+    assert (code, "--force" in err) == (2, True)
+    assert not (tmp_path / "other.mcap").exists()
+
+
 def test_the_list(done, tmp_path):
     text = done("--list", cwd=tmp_path)
     for name in [*presets(), *built_in(), *GENERIC]:

@@ -1,5 +1,7 @@
 """`vsalog simulate --replay` as a user runs it: a rig on a log's own inputs, measured next to simulated."""
 
+import hashlib
+
 import numpy as np
 import pytest
 
@@ -130,6 +132,20 @@ def test_a_sensor_that_the_log_lacks_is_left_out_unless_the_replay_needs_it(done
     code, _, err = simulate("--replay", "log.csv", cwd=bench)
     assert code == 2
     assert "there is no channel 'tau', did you mean 'tua'?" in err
+
+
+def test_a_page_shows_each_signal_as_measured_and_simulated(done, simulate, bench):
+    again = ("--replay", "log.csv")
+    done("rig.toml", *again, "-o", "one.csv", "--report", "page.html", cwd=bench)
+    page = (bench / "page.html").read_text()
+    assert page.count('class="plot"') == 4
+    assert hashlib.sha256((bench / "log.csv").read_bytes()).hexdigest() in page
+    assert "inertia" in page
+    # A page of the same log is replaced, another file is not.
+    done("rig.toml", *again, "-o", "two.csv", "--report", "page.html", cwd=bench)
+    code, _, err = simulate("rig.toml", *again, "-o", "three.csv", "--report", "log.csv", cwd=bench)
+    assert (code, "is an input" in err) == (2, True)
+    assert not (bench / "three.csv").exists()
 
 
 @pytest.mark.parametrize(

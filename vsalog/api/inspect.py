@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from pathlib import Path
 
 from vsalog.api.results import Listed, Paths, columns, logs_of, warned
 from vsalog.core.finding import Finding
-from vsalog.core.recording import Recording
-from vsalog.figures.recorded import recorded_chart
 from vsalog.inspection import document
-from vsalog.inspection.run import Options, looked_at
+from vsalog.inspection.run import Options
 from vsalog.inspection.run import inspect as run
 from vsalog.report.document import Document
-from vsalog.report.inspect import inspection_document
+from vsalog.report.inspect import inspection_charts, inspection_document
 from vsalog.report.plot import Drawn
 
 
@@ -43,24 +40,7 @@ class Inspection(Listed):
 
     def _figures(self) -> Iterator[Drawn]:
         for log in self.logs:
-            recording, _ = looked_at(Path(log.path), self._options)
-            for joint in log.joints:
-                yield from self._joint(log, recording, joint.name)
-            for stream in () if log.joints else log.streams:
-                own = [(c.name, recording.channels[c.name]) for c in stream.channels if c.name in recording.channels]
-                if own:
-                    yield Drawn(recorded_chart(stream.name, recording, own), stream.name, log=log.path)
-
-    @staticmethod
-    def _joint(log: document.LogReport, recording: Recording, joint: str) -> Iterator[Drawn]:
-        named = [
-            (f"{c.role.role}: {c.name}", recording.channels[c.name])
-            for stream in log.streams
-            for c in stream.channels
-            if c.role is not None and c.role.joint == joint and c.name in recording.channels
-        ]
-        if named:
-            yield Drawn(recorded_chart(f"Joint {joint}, as guessed", recording, named), joint, log=log.path)
+            yield from inspection_charts(log, self._options)
 
     _columns = columns(
         log=str, stream=str, channel=str, unit=str, type=str, count=int, rate=float, minimum=float, maximum=float,

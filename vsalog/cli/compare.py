@@ -7,7 +7,7 @@ from pathlib import Path
 import rich_click as click
 
 from vsalog.cli import complete
-from vsalog.cli.options import LogPath, force_option, reading_options, rig_options
+from vsalog.cli.options import LogPath, force_option, reading_options, report_option, rig_options
 
 
 @click.command(short_help="Several estimators on one log, side by side.")
@@ -24,9 +24,7 @@ from vsalog.cli.options import LogPath, force_option, reading_options, rig_optio
 )
 @rig_options("Compare")
 @reading_options
-@click.option(
-    "--report", type=click.Path(path_type=Path), metavar="FILE", help="Write a page with figures, which opens offline."
-)
+@report_option
 @force_option
 @click.option("--json", "as_json", is_flag=True, help="Print the comparison as one JSON document on stdout.")
 def compare(

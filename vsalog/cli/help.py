@@ -58,6 +58,7 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
         "vsalog inspect exp1.mcap",
         "vsalog inspect exp1.csv --head 5 --rate 1000",
         "vsalog inspect broken.mcap --repair sound.mcap",
+        "vsalog inspect exp1.mcap --report page.html  # with its signals over time",
     ),
     "plan": (
         "vsalog plan rig.toml  # which causes its sensors separate",

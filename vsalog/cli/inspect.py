@@ -6,7 +6,7 @@ from pathlib import Path
 
 import rich_click as click
 
-from vsalog.cli.options import LogPath, force_option, reading_options
+from vsalog.cli.options import LogPath, force_option, reading_options, report_option
 
 
 @click.command(short_help="Show the contents of a log, its faults, and the probable role of each signal.")
@@ -28,6 +28,7 @@ from vsalog.cli.options import LogPath, force_option, reading_options
     help="Write what can be read of LOG into this file, never LOG itself: a sound MCAP file with index and checksums. Messages,"
     " definitions and times are kept bit for bit, of MCAP files metadata and attachments too; columns of a table become topics.",
 )
+@report_option
 @force_option
 @reading_options
 def inspect(
@@ -36,6 +37,7 @@ def inspect(
     head: int,
     full: bool,
     repaired: Path | None,
+    report: Path | None,
     force: bool,
     rate: float | None,
     time: str,
@@ -58,27 +60,32 @@ def inspect(
     from vsalog.core.printable import printable
     from vsalog.inspection.run import Options
     from vsalog.inspection.run import inspect as run
-    from vsalog.report.inspect import inspection_document, repair_words
+    from vsalog.report.html import page_of
+    from vsalog.report.inspect import inspection_document, inspection_page, repair_words
     from vsalog.report.outputs import inputs_of, keep_inputs, require_new
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_out
+    from vsalog.writers.atomic import write_text
 
     if repaired is not None and len(logs) > 1:
         raise click.UsageError("--repair writes one file: name one LOG")
     if repaired is not None and not (start is None and end is None):
         raise click.UsageError("--repair writes the whole log: leave out --start and --end")
-    if repaired is not None:
-        keep_inputs([repaired], inputs_of(logs))
-    replaced = require_new(repaired, force)
+    keep_inputs([path for path in (repaired, report) if path is not None], inputs_of(logs))
+    replaced = (*require_new(repaired, force), *require_new(report, force, logs))
+    options = Options(head, full, rate, time, start, end)
     # All logs are read before anything is printed, so that no error appears between the others.
     with Progress(replaced) as progress:
-        found = run(logs, Options(head, full, rate, time, start, end), progress.say)
+        found = run(logs, options, progress.say)
         if repaired is not None:
             from vsalog.writers.repair import repair
 
             progress.say(f"writing {repaired.name}")
             written = repair(logs[0], repaired, rate)
             found = replace(found, repaired=written)
+        if report is not None:
+            progress.say("writing the report")
+            write_text(report, page_of(inspection_page(found, options)))
     if found.repaired is not None:
         click.echo(printable(repair_words(found.repaired)), err=True)
     print_out(inspection_document(found), as_json)

@@ -76,6 +76,16 @@ def page_option(command: Command) -> Command:
     )(command)
 
 
+def report_option(command: Command) -> Command:
+    """Add --report to a command that writes no page unless asked, passed as `report`."""
+    return click.option(
+        "--report",
+        type=click.Path(path_type=Path, dir_okay=False),
+        metavar="FILE.html",
+        help="Write a page with figures, which opens offline.",
+    )(command)
+
+
 def force_option(command: Command) -> Command:
     """Add --force, passed as `force`."""
     return click.option("--force", is_flag=True, help="Overwrite existing files, whatever they contain.")(command)

@@ -9,7 +9,7 @@ from click import get_current_context
 from click.core import ParameterSource
 
 from vsalog.cli import complete
-from vsalog.cli.options import force_option
+from vsalog.cli.options import force_option, report_option
 from vsalog.cli.pairs import pairs
 from vsalog.cli.quantity import positive
 
@@ -80,6 +80,7 @@ _seconds = positive("s", "a time longer than zero")
     help="File with suffix .mcap (ROS 2 messages), .bag (ROS 1), .csv or .parquet; without a suffix, or with a slash at the"
     " end, the folder of a ROS 2 bag. Default: NAME.mcap in the current folder.",
 )
+@report_option
 @force_option
 @click.option("--json", "as_json", is_flag=True, help="Print what was written as one JSON document on stdout.")
 def simulate(
@@ -96,6 +97,7 @@ def simulate(
     actual: dict[str, str],
     truth: bool,
     output: str | None,
+    report: Path | None,
     force: bool,
     as_json: bool,
 ) -> None:
@@ -104,7 +106,7 @@ def simulate(
     The log carries its rig: MCAP and Parquet inside, the other formats as LOG.rig.toml next to it, where 'vsalog estimate
     LOG' finds it. With --replay it has topics /measured/ROLE and /simulated/ROLE, in SI.
     """
-    from vsalog.report.simulate import scenarios_document, written_document
+    from vsalog.report.simulate import scenarios_document, written_document, written_page
     from vsalog.report.terminal import console_for, print_data, print_document
     from vsalog.simulation.run import Options, prepare
 
@@ -113,25 +115,29 @@ def simulate(
         return
     if replay is not None:
         _refuse_what_does_nothing(("scenario", "duration", "seed", "ideal", "truth"), "with --replay")
-        _replay(rig, Path(replay), window, rate, settings, actual, output, force, as_json)
+        _replay(rig, Path(replay), window, rate, settings, actual, output, report, force, as_json)
         return
     _refuse_what_does_nothing(("window",), "without --replay")
     if rig is None:
         raise click.UsageError("name a rig file or a preset; 'vsalog simulate --list' lists the presets")
     from vsalog.estimation.live import LiveEstimate
+    from vsalog.report.html import page_of
     from vsalog.report.outputs import require_new
     from vsalog.report.progress import Progress
+    from vsalog.writers.atomic import write_text
 
     options = Options(scenario, duration, rate, seed, ideal, settings, actual, truth, output)
     with Progress() as progress:
         job = prepare(rig, options)
-        progress.replacing(require_new(job.files.log, force))
+        progress.replacing(require_new((job.files.log, report), force))
         progress.say(f"simulating {job.scenario.file.duration:g} s")
         with progress.saying_when_compiling():
             recording = job.run(LiveEstimate)
         progress.say(f"writing {job.files.log.name}")
         job.write(recording)
-    document = written_document(job, recording)
+        document = written_document(job, recording)
+        if report is not None:
+            write_text(report, page_of(written_page(document, recording, job.rig.to_toml())))
     print_document(document, console_for("stderr"))
     if as_json:
         print_data(document)
@@ -152,25 +158,33 @@ def _replay(
     settings: dict[str, str],
     actual: dict[str, str],
     output: str | None,
+    report: Path | None,
     force: bool,
     as_json: bool,
 ) -> None:
-    from vsalog.report.outputs import require_new
+    from vsalog.report.html import page_of
+    from vsalog.report.outputs import keep_inputs, require_new
     from vsalog.report.progress import Progress
-    from vsalog.report.simulate import replay_document
+    from vsalog.report.simulate import replay_document, replay_page
     from vsalog.report.terminal import console_for, print_data, print_document
     from vsalog.simulation.replay_job import ReplayOptions, prepare_replay
+    from vsalog.writers.atomic import write_text
 
     with Progress() as progress:
         progress.say(f"reading {log.name}")
         job = prepare_replay(rig, log, ReplayOptions(window, rate, settings, actual, output))
-        progress.replacing(require_new(job.files.log, force))
+        if report is not None:
+            keep_inputs([report], [log])
+        progress.replacing((*require_new(job.files.log, force), *require_new(report, force, [log])))
         progress.say(f"replaying {log.name}")
         with progress.saying_when_compiling():
             joints = job.run()
         progress.say(f"writing {job.files.log.name}")
-        job.write(job.recording(joints))
-    document = replay_document(job, joints)
+        recording = job.recording(joints)
+        job.write(recording)
+        document = replay_document(job, joints)
+        if report is not None:
+            write_text(report, page_of(replay_page(document, recording, job.rig_text(), log)))
     print_document(document, console_for("stderr"))
     if as_json:
         print_data(document)

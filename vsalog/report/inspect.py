@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
 
+from vsalog._version import __version__
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
 from vsalog.core.notation import between, number, percent
 from vsalog.core.printable import plural, printable, size_text
+from vsalog.estimation.job import sha256
+from vsalog.figures.recorded import recorded_chart
 from vsalog.inspection.document import ChannelReport, HeadReport, Inspection, LogReport, StreamReport
+from vsalog.inspection.run import Options, looked_at
 from vsalog.readers.base import DOUBTFUL
 from vsalog.report.document import (
     SEVERITIES,
     Block,
     Cell,
     Document,
+    Facts,
+    Figures,
     Section,
     Table,
     Tone,
@@ -25,6 +32,7 @@ from vsalog.report.document import (
     Words,
     with_severity,
 )
+from vsalog.report.plot import Drawn
 from vsalog.rig.guess_gaps import Answers, Command, Gap, command_for, gaps_of, waits_for
 from vsalog.rig.guess_types import Guess, JointGuess
 from vsalog.rig.template import named_joints, toml_key
@@ -39,6 +47,38 @@ def inspection_document(found: Inspection) -> Document:
     """Return what is in several logs."""
     logs = (Section(_title(report), tuple(_log(report))) for report in found.logs)
     return Document("Inspection", ", ".join(log.path for log in found.logs), tuple(logs), found)
+
+
+def inspection_page(found: Inspection, options: Options) -> Document:
+    """Return the page of `inspection_document`: with figures of the joints' channels, or of all where no joint is guessed."""
+    logs = []
+    for report, section in zip(found.logs, inspection_document(found).items, strict=True):
+        assert isinstance(section, Section)
+        figures = (Figures((drawn.chart,)) for drawn in inspection_charts(report, options))
+        logs.append(replace(section, items=(*section.items, *figures)))
+    read = [(report.path, f"SHA-256 {sha256(Path(report.path))}") for report in found.logs]
+    origin = Section("Provenance", (Facts((*read, ("vsalog", __version__))),), where="page")
+    return replace(inspection_document(found), items=(*logs, origin))
+
+
+def inspection_charts(report: LogReport, options: Options) -> Iterator[Drawn]:
+    """Yield figures of each guessed joint's channels over time, or of each stream's where no joint is guessed."""
+    recording, _ = looked_at(Path(report.path), options)
+    for joint in report.joints:
+        named = [
+            (f"{c.role.role}: {c.name}", recording.channels[c.name])
+            for stream in report.streams
+            for c in stream.channels
+            if c.role is not None and c.role.joint == joint.name and c.name in recording.channels
+        ]
+        if named:
+            yield Drawn(
+                recorded_chart(f"Joint {joint.name}, as guessed", recording, named), joint.name, log=report.path
+            )
+    for stream in () if report.joints else report.streams:
+        own = [(c.name, recording.channels[c.name]) for c in stream.channels if c.name in recording.channels]
+        if own:
+            yield Drawn(recorded_chart(stream.name, recording, own), stream.name, log=report.path)
 
 
 def repair_words(repaired: Repaired) -> str:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 
+from vsalog._version import __version__
 from vsalog.core.recording import Recording
 from vsalog.core.units import shown
-from vsalog.report.document import Document, Section, Table, Words
+from vsalog.estimation.job import sha256
+from vsalog.figures.chart import Chart
+from vsalog.figures.recorded import recorded_chart
+from vsalog.report.document import Document, Figures, Section, Table, Words, provenance
 from vsalog.rig.load import Rig, presets
-from vsalog.simulation.replay_job import JointReplay, ReplayJob, position_of, unit_of
+from vsalog.simulation.replay_job import MEASURED, SIMULATED, JointReplay, ReplayJob, position_of, unit_of
 from vsalog.simulation.run import Job
 from vsalog.simulation.scenario import built_in
 from vsalog.simulation.scenario_generic import GENERIC
@@ -49,6 +55,28 @@ def written_document(job: Job, recording: Recording, written: bool = True) -> Do
         ],
     }
     return Document("Simulation", "", (Words(words),), data)
+
+
+def written_page(document: Document, recording: Recording, rig: str) -> Document:
+    """Return the page of a simulation: what the command prints, its channels over time, and the rig as TOML."""
+    chart = recorded_chart("Channels over time", recording, list(recording.channels.items()))
+    return _page(document, [chart], [], rig)
+
+
+def replay_page(document: Document, recording: Recording, rig: str, log: Path) -> Document:
+    """Return the page of a replay: what the command prints, each signal as measured and simulated, and the rig as TOML."""
+    charts = []
+    for name, channel in recording.channels.items():
+        simulated = name.replace(MEASURED, SIMULATED, 1)
+        if name.startswith(MEASURED) and simulated in recording.channels:
+            pair = [("measured", channel), ("simulated", recording.channels[simulated])]
+            charts.append(recorded_chart(name.removeprefix(MEASURED).removesuffix(".data"), recording, pair))
+    return _page(document, charts, [(f"log {log.name}", f"SHA-256 {sha256(log)}")], rig)
+
+
+def _page(document: Document, charts: Sequence[Chart], read: Sequence[tuple[str, str]], rig: str) -> Document:
+    origin = provenance([*read, ("vsalog", __version__)], rig)
+    return replace(document, items=(*document.items, Figures(tuple(charts), "time"), origin))
 
 
 def _where(files: LogFiles, written: bool) -> tuple[str, str]:
