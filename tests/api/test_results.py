@@ -405,6 +405,21 @@ def test_a_users_script_is_typed(tmp_path):
     assert any('Revealed type is "tuple[str, ...]"' in line.replace("builtins.", "") for line in told), done.stdout
 
 
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: vsalog.estimate(3),
+        lambda: vsalog.inspect(None),
+        lambda: vsalog.validate("a.model.toml", 3),
+        lambda: vsalog.validate(vsalog.Rig.preset("sea"), "log.csv"),
+        lambda: vsalog.Rig("rig.toml"),
+    ],
+)
+def test_what_is_no_log_rig_or_model_is_refused(call):
+    with pytest.raises(vsalog.VsalogError, match=r"is no (path|model|rig)"):
+        call()
+
+
 @pytest.mark.parametrize("name", ["estimate", "inspect", "diagnose", "compare"])
 def test_no_log_is_refused(name):
     with pytest.raises(vsalog.VsalogError, match="no log was given"):

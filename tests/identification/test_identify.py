@@ -199,6 +199,19 @@ def test_a_fit_that_is_worse_than_the_rig_elsewhere_is_reported(servo):
     assert "identification.worse_elsewhere" not in [f["code"] for f in found["findings"]]
 
 
+def test_a_fit_that_leaves_more_than_noise_is_reported(run, tmp_path):
+    """A friction that the rig lacks is in no number that is fitted: intervals of noise alone exclude the truth."""
+    codes = {}
+    for torque in ("0", "0.1"):
+        friction = f"joint.sea.motor.friction.coulomb={torque} N*m"
+        done = run("simulate", "sea", "--actual", friction, "-o", f"{torque}.mcap", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        done = run("identify", f"{torque}.mcap", "--json", "-o", f"{torque}.toml", cwd=tmp_path)
+        codes[torque] = {f["code"]: f for f in json.loads(done.stdout)["findings"]}
+    assert "identification.misfit" not in codes["0"]
+    assert codes["0.1"]["identification.misfit"]["value"] > 5.0
+
+
 def test_without_a_torque_numbers_are_reported_relative_to_one(servo):
     """Inertia, gains and damping have a factor in common, and of kd and damping only the sum is reported."""
     found = identified(servo, "log.csv", "--rig", "rig.toml", "-o", "all.toml")

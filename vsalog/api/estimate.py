@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, overload
 
 import pyarrow as pa
 
-from vsalog.api.results import Logs, Results, names, texts, warned
+from vsalog.api.results import Logs, Results, names, paths, texts, warned
 from vsalog.core.finding import Finding
 from vsalog.core.model import ModelFile
 from vsalog.core.recording import Recording
@@ -121,8 +121,8 @@ def estimate(
     VsalogError
         What the input is to blame for; the message says what, where and what to do.
     """
-    given = [logs] if isinstance(logs, str | Path | Recording) else logs
+    given = logs if isinstance(logs, Iterable) and not isinstance(logs, str) else [logs]
     how = tuning(preset_tuning, texts(tune), causal)
     options = Options(rig, names(joints), estimator, how, texts(set), rate, time, start, end)
-    job = prepare([log if isinstance(log, Recording) else Path(log) for log in given], options)
+    job = prepare([log if isinstance(log, Recording) else paths(log)[0] for log in given], options)
     return warned(Estimate(job, job.run()))

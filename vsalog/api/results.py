@@ -212,8 +212,12 @@ def columns(**types: type) -> pa.Schema:
 
 
 def paths(given: Paths) -> list[Path]:
-    """Return one path or several as a list."""
-    return [Path(given)] if isinstance(given, str | Path) else [Path(one) for one in given]
+    """Return one path or several as a list; raises ReadError for what is no path."""
+    several = [given] if isinstance(given, str | Path) else list(given) if isinstance(given, Iterable) else [given]
+    for one in several:
+        if not isinstance(one, str | Path):
+            raise ReadError(f"a {type(one).__name__} is no path of a log")
+    return [Path(one) for one in several]
 
 
 def logs_of(given: Paths) -> list[Path]:

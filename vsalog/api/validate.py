@@ -8,6 +8,7 @@ from tempfile import TemporaryDirectory
 
 from vsalog.api.estimate import Estimate
 from vsalog.api.results import Listed, Paths, columns, logs_of, names, texts, warned
+from vsalog.core.errors import VsalogError
 from vsalog.core.finding import Finding
 from vsalog.core.model import ModelFile
 from vsalog.figures.chart import Chart
@@ -143,7 +144,11 @@ def validate(
 
 
 def _written(model: ModelFile | Estimate, folder: Path) -> Path:
-    text = (model.model if isinstance(model, Estimate) else model).to_toml()
+    file_of_all = model.model if isinstance(model, Estimate) else model
+    if not isinstance(file_of_all, ModelFile):
+        kind = type(model).__name__
+        raise VsalogError(f"a {kind} is no model: give a LOG.model.toml, or the whole result of vsalog.estimate")
+    text = file_of_all.to_toml()
     file = folder / "estimate.model.toml"
     file.write_text(text, encoding="utf-8")
     return file

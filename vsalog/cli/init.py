@@ -57,7 +57,8 @@ def init(
     from vsalog.readers import read
     from vsalog.report.inspect import init_document
     from vsalog.report.outputs import keep_inputs, require_new
-    from vsalog.report.terminal import console_for, print_document
+    from vsalog.report.terminal import console_for, print_document, print_findings
+    from vsalog.report.verbosity import Verbosity, verbosity
     from vsalog.rig.guess import guess_roles
     from vsalog.rig.load import Rig, preset_text
     from vsalog.rig.template import preset_template, rig_template
@@ -88,7 +89,11 @@ def init(
         click.echo(text, nl=False)
     else:
         write_text(output, text)
-    print_document(init_document(guess, log.name, output, answers, preset), console_for("stderr"))
+    document = init_document(guess, log.name, output, answers, preset)
+    if verbosity() == Verbosity.QUIET:
+        print_findings([*guess.findings, *(finding for joint in guess.joints for finding in joint.findings)])
+    else:
+        print_document(document, console_for("stderr"))
 
 
 def _answers(guess: Guess) -> dict[str, dict[str, str]]:

@@ -484,6 +484,12 @@ TEXTS: dict[str, Text] = {
         "That log is of another machine, the machine was changed, or one log has motions that the other lacks.",
     ),
     "diagnosis.not_simulated": Text("it could not be simulated, so the gain was not measured: {reason}."),
+    "identification.misfit": Text(
+        "with the identified numbers the simulation of {part}, {where}, is off by {value:.3g} times its noise floor. The"
+        " intervals contain noise only, and the numbers may be further off: they compensate what the rig lacks.",
+        "State missing numbers of the rig, such as motor.damping, so that they are identified too; 'vsalog diagnose LOG' searches"
+        " for effects that it lacks.",
+    ),
     "identification.worse_elsewhere": Text(
         "with the identified numbers {part} is simulated worse on data that were not fitted, {where}, than with the rig's:"
         " its RMS error is {value:.3g} {unit}, that of the rig {limit:.3g} {unit}.",

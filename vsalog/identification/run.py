@@ -27,7 +27,7 @@ from vsalog.identification.identifiability import combinations, correlations, de
 from vsalog.identification.lever import bound_by, lever_of
 from vsalog.identification.unknowns import Scales, as_felt, placed, unknowns_of
 from vsalog.residuals.channels import channels_of
-from vsalog.residuals.windows import Windows, begun, windows_of
+from vsalog.residuals.windows import WITHIN, Windows, begun, windows_of
 from vsalog.rig import Rig
 from vsalog.rig.roles import ROLE_UNITS
 from vsalog.rig.schema import Lever
@@ -83,7 +83,15 @@ class JointFit:
 
     @property
     def findings(self) -> Iterator[Finding]:
-        """Where data that were not fitted are further from the fit than from the rig, by more than the sensors' noise."""
+        """Where the fit leaves more than noise, and where it is further from data that were not fitted than the rig is."""
+        worst = max(
+            self.errors, key=lambda e: e.identified / e.noise_floor if e.noise_floor > 0.0 else 0.0, default=None
+        )
+        if worst is not None and worst.identified > WITHIN * worst.noise_floor > 0.0:
+            yield Finding(
+                code="identification.misfit", joint=worst.joint, part=worst.signal,
+                value=worst.identified / worst.noise_floor, limit=WITHIN, evidence={"where": worst.where},
+            )  # fmt: skip
         for e in self.errors:
             if e.part != "itself" and e.identified**2 > e.rig**2 + e.noise_floor**2:
                 yield Finding(

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from shlex import quote
 from types import MappingProxyType
 
 from vsalog._version import __version__
@@ -254,11 +255,12 @@ def init_document(
     preset : whose numbers the rig has, so that it has no gaps
     """
     items: list[Block] = [*guessed_joints(guess.joints), *_findings(guess.findings)]
-    file = "RIG" if written is None else printable(str(written))
+    file = "RIG" if written is None else printable(quote(str(written)))
+    log_name = printable(quote(log))
     if preset is None:
-        items += _uses(guess, printable(log), file, answers)
+        items += _uses(guess, log_name, file, answers)
     elif written is not None:
-        items.append(Words(f"{file} written; check it, then run 'vsalog estimate {printable(log)} --rig {file}'"))
+        items.append(Words(f"{file} written; check it, then run 'vsalog estimate {log_name} --rig {file}'"))
     return Document(f"A rig for {log}", "Guesses", tuple(items))
 
 

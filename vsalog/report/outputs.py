@@ -88,6 +88,8 @@ def _stem(log: Path) -> str:
 def report_paths(folder: Path | None, name: str, page: Path | None = None) -> tuple[Path, Path]:
     """Return the files for the page and the data of a report, in a folder, the current one when absent.
 
+    Without a folder, the data are next to a page that is given, with its name.
+
     Raises
     ------
     WriteError
@@ -95,8 +97,9 @@ def report_paths(folder: Path | None, name: str, page: Path | None = None) -> tu
     """
     if page is not None:
         check_path(page)
+        return page, page.with_suffix(".json") if folder is None else folder / f"{name}.json"
     where = Path() if folder is None else folder
-    return page or where / f"{name}.html", where / f"{name}.json"
+    return where / f"{name}.html", where / f"{name}.json"
 
 
 def write_report(

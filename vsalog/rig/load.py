@@ -38,6 +38,10 @@ class Rig:
     where: str = "rig"
     stated: Mapping[KeyPath, Tolerance] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.file, RigFile):
+            raise RigError(f"a {type(self.file).__name__} is no rig: Rig.load(PATH) and Rig.preset(NAME) load one")
+
     def __str__(self) -> str:
         return self.where
 
