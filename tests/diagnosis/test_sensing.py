@@ -99,7 +99,7 @@ def test_all_of_a_sensor_at_once():
 
 
 def test_a_sensor_simulated_is_a_sensor_undone():
-    """`sensor_reading` makes of the truth what `true_roles` makes the truth of."""
+    """`true_roles` is the inverse of `sensor_reading`."""
     disc = Eccentricity(0.03, -0.2)
     joint = with_signal(joint_of(), "motor_position", gain=0.97, offset=0.1, drift=-0.01, delay=4e-3, eccentricity=disc)
     m = sensor_reading(joint, "motor_position", {"motor_position": wave(TIME)}, TIME)

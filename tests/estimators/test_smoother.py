@@ -263,6 +263,17 @@ def test_the_band_contains_a_knee_that_the_log_hardly_shows():
     assert np.mean(inside) > 0.85
 
 
+@pytest.mark.parametrize("level", [0.0, 1.5])
+def test_a_motor_torque_that_never_changes_is_not_weighed_against_the_sensor(level):
+    """A drive that is off, or a dead channel, is no evidence against the sensor."""
+    t, signals, truth = machine()
+    columns, fold, state = estimated(t, {**signals, "motor_torque": np.full(t.size, level)})
+    relative, deviations = errors(columns, truth)
+    assert np.median(relative) < 0.001
+    assert np.mean(deviations < 1.96) > 0.85
+    assert not {"torque.gain_differs", "spring.not_polynomial"} & {one.code for one in fold.findings(state)}
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_a_joint_at_rest_does_not_look_like_one_whose_spring_changed(seed):
     """At rest an encoder repeats one reading for two thirds of the log, with one rounding error."""

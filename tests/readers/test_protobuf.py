@@ -255,7 +255,7 @@ def test_field_names_of_the_library_are_names_like_others():
     ("name", "data", "words"),
     [
         ("t.M", b"\xff\xff", "damaged"),
-        ("t.M", bytes(PIECE_BYTES + 1), "so many are not read"),
+        ("t.M", bytes(PIECE_BYTES + 1), "are not read"),
         ("t.Other", Schema().message("M", x="double").data(), "not complete or not sound"),
         ("t.M", Schema().message("M", x=".t.Missing").data(), "not complete or not sound"),
         ("", b"", "not complete or not sound"),

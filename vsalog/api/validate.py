@@ -144,11 +144,11 @@ def validate(
 
 
 def _written(model: ModelFile | Estimate, folder: Path) -> Path:
-    file_of_all = model.model if isinstance(model, Estimate) else model
-    if not isinstance(file_of_all, ModelFile):
+    whole = model.model if isinstance(model, Estimate) else model
+    if not isinstance(whole, ModelFile):
         kind = type(model).__name__
         raise VsalogError(f"a {kind} is no model: give a LOG.model.toml, or the whole result of vsalog.estimate")
-    text = file_of_all.to_toml()
+    text = whole.to_toml()
     file = folder / "estimate.model.toml"
     file.write_text(text, encoding="utf-8")
     return file

@@ -90,7 +90,7 @@ class _Compared:
     claimed: list[Array] = field(default_factory=list)
 
     def add(self, estimated: Array, sensed: Array, claimed: Array, box: int) -> None:
-        """Average matching samples, so many at a time."""
+        """Average matching samples in blocks of this length."""
         columns = np.column_stack((estimated, sensed, claimed**2))
         whole = columns[: len(columns) // box * box].reshape(-1, box, 3)
         known = whole[np.isfinite(whole).all(axis=(1, 2))].mean(axis=1)

@@ -62,7 +62,7 @@ class Standstill:
         return (stamps >= self.stamps[0] - farther) & (stamps <= self.stamps[1] + farther)
 
     def finding(self, joint: str, limit: float) -> Finding:
-        """Return the finding that the encoder was stuck, since the other one moves farther than so many rad."""
+        """Return the finding that the encoder was stuck, if the other one moves farther than this limit [rad]."""
         begin, end = self.within
         return Finding(
             code="encoder.stuck",

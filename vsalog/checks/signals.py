@@ -144,7 +144,7 @@ def first_of_each(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 def whole_windows(signals: JointSignals, window: int) -> float:
-    """Return in which share of the windows of so many samples none is missing."""
+    """Return the share of windows, of a given number of samples, in which none is missing."""
     missing = np.logical_or.reduce([~np.isfinite(values) for values in signals.roles.values()])
     if not missing.any() or window > missing.size:
         return 1.0

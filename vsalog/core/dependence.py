@@ -90,7 +90,7 @@ def hats(x: Array, knots: Array) -> Array:
 
 
 def block_index(rows: int) -> Integers:
-    """Return the block of each of so many rows, shape (R,), as many blocks as are allowed."""
+    """Return the block of each row, shape (R,), as many blocks as are allowed."""
     return np.arange(rows) * min(MOST_BLOCKS, max(rows, 1)) // max(rows, 1)
 
 

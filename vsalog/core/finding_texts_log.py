@@ -105,7 +105,7 @@ LOG_TEXTS: Mapping[str, Text] = {
         "{part}: {value:n sample} with the stamp of another but other values dropped.", "The first of each was kept."
     ),
     "recording.held_in_memory": Text(
-        "{part}: samples come {value:.3g} s out of order, so many of them were held in memory at once to sort them."
+        "{part}: samples come {value:.3g} s out of order; to sort them, this stretch was held in memory."
     ),
     "recording.too_long_for_memory": Text(
         "is too long for memory: its filters and scales, and whether its signals are plausible, were derived from stretches"

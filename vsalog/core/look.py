@@ -17,7 +17,7 @@ from vsalog.core.signals import JointSignals
 Rows = Sequence[tuple[int, int]]
 
 LOOK_BYTES = 64 * 2**20
-"""Bytes of a log that are read, in stretches, and that these take in memory: so many are read in a second."""
+"""Bytes of a log that are read, in stretches, and that these take in memory: about one second of reading."""
 
 # Rows of a stretch of signals, as many as methods take in one piece; and of the longest run, which holds the longest window.
 STRETCH, LONGEST_RUN = PART, 2 * PART
@@ -119,7 +119,7 @@ def _moving(roles: Mapping[str, Values]) -> Iterator[tuple[str, Values]]:
 
 
 def stretches(count: int, rows: int) -> list[tuple[int, int]]:
-    """Return first and last row, that one excluded, of stretches that have about so many rows in all."""
+    """Return first and last row, that one excluded, of stretches that have about `rows` rows in all."""
     if count <= rows:
         return [(0, count)]
     length = max(1, rows // STRETCHES)

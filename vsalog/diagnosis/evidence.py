@@ -56,7 +56,7 @@ class CauseEvidence:
     equation : in which it shows most, key of the joint's equations
     variable : name of the signal that reveals it, key of the joint's variables
     without : the residual of that equation with all causes but this one, shape (R,)
-    shape : what this cause makes of that equation, shape (R,); `without` less this is the residual with it
+    shape : effect of this cause on that equation, shape (R,); `without` minus this is the residual with it
     """
 
     cause: str

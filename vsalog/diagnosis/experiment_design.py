@@ -23,7 +23,7 @@ class Design:
     range_share : of a signal that is its range [1]: its few largest values may be noise
     slack : share beyond what was seen that is still what was seen [1]: encoders count in steps, filters smear peaks
     separate : standard deviations of an average by which two hypotheses are separated [1]: what a cause has to be worth
-    worthwhile : an experiment is better that separates so many times better, or shows a cause so many times smaller [1]
+    worthwhile : factor by which a better experiment separates causes better, or shows a smaller cause [1]
     most_hypotheses : that are compared, or causes that the log would not have shown [1]: an experiment answers no more
     """
 

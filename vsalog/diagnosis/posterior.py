@@ -84,7 +84,7 @@ class Posterior:
 
 
 def most_probable(problem: Problem, weights: Weights, start: Placed, steps: int = ITERATIONS) -> Posterior:
-    """Fit a set of causes from values to begin with, in so many steps at most; with none it stays there.
+    """Fit a set of causes from initial values, in a limited number of steps; with none it stays there.
 
     The score is ½ (deviance + δᵀ Λ δ) + ½ log det(I + Λ⁻¹ A) − ½ log det Λ + Σ price, δ in units of the prior deviations and Λ of
     `subsets`.

@@ -262,7 +262,7 @@ class Bench:
 
 
 class Left(Exception):
-    """A motion leaves what was seen: it takes so many times as much."""
+    """A motion leaves what was seen: the factor by which it is larger."""
 
     def __init__(self, taken: float) -> None:
         super().__init__(taken)

@@ -72,7 +72,7 @@ class Sizes:
     one_clock : whether one encoder and the motor's torque are all that has a time
     one_body : whether motor and link are seen moving as one, in one equation
     rotor : whether the rig gives that motor an inertia
-    commanded : whether the motor's torque is not recorded but what its drive makes of a commanded position
+    commanded : whether the motor's torque is not recorded but computed by the model of its drive from a commanded position
     computable : whether the torque sensor's reading may have been computed from a deflection that is not in the log
     """
 

@@ -92,7 +92,7 @@ def thinned(estimate: JointEstimate) -> int:
 
 
 def every_nth(samples: int) -> int:
-    """Return n if figures show each n-th of so many samples, for their columns to fit in memory; 1 for all."""
+    """Return n where figures show every n-th sample, so that their columns fit in memory; 1 for all."""
     row = np.dtype(np.float64).itemsize * len(fields(TransmissionEvidence))
     return max(1, -(-samples * row // AT_ONCE_BYTES))
 

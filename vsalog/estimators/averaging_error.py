@@ -20,7 +20,7 @@ from vsalog.uncertainty.long_run import ENOUGH_BATCHES
 
 Array = NDArray[np.float64]
 
-# Degree of the polynomial, where there are so many independent samples for each of its terms [1].
+# Degree of the polynomial, and the number of independent samples that each of its terms needs [1].
 COURSE_DEGREE, SAMPLES_PER_TERM = 4, 3
 
 

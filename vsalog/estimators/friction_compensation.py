@@ -23,7 +23,7 @@ from vsalog.rig.schema import Motor
 
 Array = NDArray[np.float64]
 
-# The velocity whose sign matters is that of a cubic fitted to so many samples: long enough to see slow motion, short enough to
+# The sign is that of the velocity of a cubic fitted to this number of samples: enough to see slow motion, and few enough to
 # see where it turns.
 DIRECTION_WINDOW, CUBIC = 21, 3
 # Samples to either side of a change of sign by which the cubic may miss it [1]: where the acceleration jumps, as it does when

@@ -29,11 +29,11 @@ from vsalog.uncertainty.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
 
 Array = NDArray[np.float64]
 
-# 1/I and N/I may be so many times the log's quotients of accelerations, velocities and torques [1].
+# Largest factor of 1/I and N/I over the log's quotients of accelerations, velocities and torques [1].
 PRIOR_WIDTH = 10.0
-# Innovations whose mean square is so many times that of noise are of another link than is assumed.
+# Ratio of the innovations' mean square to that of noise, above which the link is not the assumed one [1].
 MOST_EXCESS = INTERVAL * INTERVAL
-# The torque's noise is simulated in so many pairs of opposite sign [1].
+# Pairs of opposite sign in which the torque's noise is simulated [1].
 NOISE_PAIRS = 3
 
 

@@ -259,7 +259,7 @@ def _causes(found: Follower, motor: tuple[float, float] | None) -> str:
 
 
 def _mean_squares(sizes: Array, squares: Array, count: int) -> Array:
-    """Return the mean square of each of so many stretches of a log, of blocks that are no fewer."""
+    """Return the mean square of each of a number of stretches of a log, from at least as many blocks."""
     place = np.arange(sizes.size) * count // sizes.size
     return np.asarray(np.bincount(place, squares, count) / np.bincount(place, sizes, count))
 

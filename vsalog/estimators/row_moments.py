@@ -71,7 +71,7 @@ class RowMoments(NamedTuple):
 
 
 def row_moments_start(columns: int) -> RowMoments:
-    """Return the state before the first sample, for so many columns with the rate of change."""
+    """Return the state before the first sample, for a number of columns with the rate of change."""
     counts = np.array([0, 0, 0, 1])
     return RowMoments(np.zeros(columns), np.full(1, np.nan), np.zeros((MOST_BLOCKS, columns, columns)), counts)
 

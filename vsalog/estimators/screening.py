@@ -21,7 +21,7 @@ from vsalog.uncertainty.errors_in_variables import MOST_NOISE
 Array = NDArray[np.float64]
 
 # A deflection that spans fewer of its encoders' steps [1] has no course that a function could be fitted to, unless both positions
-# pass so many steps [1] that these average out.
+# pass this number of steps [1], so that these average out.
 FEWEST_STEPS, STEPS_THAT_EVEN_OUT = 4.0, 40.0
 
 

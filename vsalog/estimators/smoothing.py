@@ -27,7 +27,7 @@ from vsalog.estimators.qr import qr_update
 from vsalog.estimators.residual_motion import PREDICTED_SHARE
 from vsalog.estimators.row_moments import ROWS_OF_LONG, lasts
 from vsalog.estimators.row_noise import RowNoise
-from vsalog.filters.random_walk import RandomWalk, log_likelihood
+from vsalog.filters.random_walk import RandomWalk, log_likelihood, triangle_of
 from vsalog.filters.square_root_smoother import Smoothed, smooth
 from vsalog.uncertainty.heavy_tails import tail_weights
 
@@ -528,7 +528,7 @@ class Smoother:
     def _measurements(self, triangles: Array) -> Array:
         """Return triangles of the active unknowns, scaled, with a last row for the residual that they cannot reduce."""
         picked = np.concatenate((triangles[:, :, self.active] * self.scale[self.active], triangles[:, :, -1:]), axis=2)
-        return np.ascontiguousarray(_triangle(picked))
+        return np.ascontiguousarray(triangle_of(picked))
 
     def _steps(self, change: Change, direction: Array) -> Array:
         """Return the random walk's rows for a hypothesis, shape (K − 1, r, active).
@@ -550,7 +550,7 @@ class Smoother:
         start = np.zeros(self.active.size), np.diag(self.prior)
         if not change.constant or self.solver.causal:
             return smooth(measurements, self._steps(change, direction), *start, backward)
-        whole = _triangle(measurements.reshape(1, -1, measurements.shape[2]))
+        whole = triangle_of(measurements.reshape(1, -1, measurements.shape[2]))
         found = smooth(whole, np.zeros((0, 1, self.active.size)), *start, backward)
         arrays = (found.mean, found.root, found.filtered_mean, found.filtered_root, found.before)
         mean, root, filtered_mean, filtered_root, before = (np.repeat(own, self.count, axis=0) for own in arrays)
@@ -744,7 +744,7 @@ class Smoother:
                 off = (own.mean - mean)[:, None, :]
                 rows = (root, np.sqrt(weight) * own.root, np.sqrt(total * weight / (total + weight)) * off)
                 mean += weight / (total + weight) * off[:, 0]
-                root, total = _triangle(np.concatenate(rows, axis=1)), total + weight
+                root, total = triangle_of(np.concatenate(rows, axis=1)), total + weight
         return self._whole(mean), root / np.sqrt(total) * self.scale[self.active]
 
     def _whole(self, mean: Array) -> Array:
@@ -759,7 +759,7 @@ class Smoother:
         order = np.r_[[n + self.names.index(name) for name in self.solver.leading], :n].astype(int)
         full = np.zeros((self.count, root.shape[1], self.size))
         full[:, :, self.active] = root
-        picked = _triangle(full[:, :, order])
+        picked = triangle_of(full[:, :, order])
         linear = np.full(self.count, not self.solver.causal)
         linear[[*choice.change.jumps, self.count - 1]] = False
         deviation = np.sqrt(np.square(full).sum(axis=1)).mean(axis=0)
@@ -784,11 +784,6 @@ class Smoother:
 def _least_squares(part: BoxRows) -> Array:
     """Return the unknowns of an equation, shape (c - 1,), by its rows alone."""
     return np.asarray(np.linalg.lstsq(part.rows[:, :-1], part.rows[:, -1], rcond=None)[0])
-
-
-def _triangle(rows: Array) -> Array:
-    """Return the triangular factor R of rows, Rᵀ R = rowsᵀ rows, over the last two dimensions."""
-    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def _normalised(evidence: Sequence[float] | Array) -> Array:

@@ -28,7 +28,7 @@ from vsalog.uncertainty.long_run import (
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Samples within so many of a filter's windows do not determine how large slow noise is.
+# Samples within this number of a filter's windows do not determine how large slow noise is.
 FEWEST_WINDOWS = 5
 
 
@@ -207,7 +207,7 @@ def _sandwich(P: Array, M: Array) -> Array:
 
 
 def _more(found: Array, other: Array, times: float = 1.0) -> Array:
-    """Return a covariance with another's variances where they are so many times as large, and its own correlations."""
+    """Return a covariance with another's variances where they are larger by a factor, and its own correlations."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.diagonal(other) / np.diagonal(found)
     more = np.sqrt(np.where(ratio > times, ratio, 1.0))

@@ -22,7 +22,7 @@ from vsalog.uncertainty.sensor_error import ENOUGH
 Array = NDArray[np.float64]
 
 # A constant torque is itself a ramp, once it is integrated, which needs no motor and no spring: the residual of a ramp
-# alone has to be so many times that of all together [1], or an offset cannot be identified.
+# alone has to be larger than that of all together by this factor [1], or an offset cannot be identified.
 RESIDUAL_OF_RAMP_ALONE = 30.0
 
 

@@ -43,7 +43,7 @@ class RateNoise(NamedTuple):
         """Return the bias of a stiffness that is followed, times the square of the speed [N·m·rad/s²].
 
         Where φ̇ changes its sign, noise of φ̇ makes a spring look softer, and noise that Σ̇ shares makes it look stiffer. How large
-        either is, is known as well as a variance of so many batches.
+        either is, is known as well as a variance of this number of batches.
         """
         softer = self.deflection * stiffness
         known = float((2.0 / ENOUGH_BATCHES) ** 0.5)

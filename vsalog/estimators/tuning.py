@@ -93,7 +93,7 @@ class RlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def initial_covariance(
         self, device: Device, signals: JointSignals, samples: float, *, second: bool = False
     ) -> float:
-        """Return p0, as given or such that the prior weighs as much as so many samples of the `usual_regressor`."""
+        """Return p0, as given or such that the prior weighs as much as a number of samples of the `usual_regressor`."""
         if self.p0 is not None:
             return self.p0
         return 1.0 / (samples * self.c * usual_regressor(device, signals, second=second) ** 2)

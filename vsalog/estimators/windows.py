@@ -207,7 +207,7 @@ def noisy_rates(device: Device, signals: JointSignals, weights: Array) -> list[F
 
 
 def with_window(tuning: T, signals: JointSignals, window: int) -> T:
-    """Return the tuning with a window of so many samples."""
+    """Return the tuning with a window of a given number of samples."""
     return msgspec.structs.replace(tuning, window=(window - 1) * signals.period)
 
 

@@ -115,7 +115,7 @@ def _widest(x: Array) -> slice:
 
 
 def bins_for(count: int) -> int:
-    """Return the number of intervals for the distribution of so many values (Rice's rule)."""
+    """Return the number of intervals for a histogram of `count` values (Rice's rule)."""
     return max(2, round(2.0 * math.cbrt(count)))
 
 

@@ -30,9 +30,9 @@ class RandomWalk:
 
     def __init__(self, measurements: Array, directions: Array) -> None:
         r, width = len(directions), measurements.shape[2]
-        rows = _triangle(np.concatenate((measurements[:, :, :-1] @ directions.T, measurements), axis=2))
+        rows = triangle_of(np.concatenate((measurements[:, :, :-1] @ directions.T, measurements), axis=2))
         self._fronts = np.ascontiguousarray(rows[:, :r])
-        self._rest = _triangle(rows[:, r:, r:].reshape(-1, width))
+        self._rest = triangle_of(rows[:, r:, r:].reshape(-1, width))
 
     def triangle(self, shares: Array) -> tuple[Array, float]:
         """Return the information of the measurements about c, with the walk marginalised.
@@ -51,7 +51,7 @@ class RandomWalk:
         if fronts.shape[1]:
             logarithm = _eliminate(fronts, shares, rows)
         stack = np.vstack((self._rest, rows.reshape(-1, rows.shape[2])))
-        return _triangle(stack), -logarithm
+        return triangle_of(stack), -logarithm
 
 
 def log_likelihood(triangle: Array, deviations: Array) -> float:
@@ -66,11 +66,11 @@ def log_likelihood(triangle: Array, deviations: Array) -> float:
     stack = np.zeros((len(triangle) + n, n + 1))
     stack[: len(triangle), :n], stack[: len(triangle), n] = triangle[:, :n] * deviations, triangle[:, n]
     stack[len(triangle) :, :n] = np.eye(n)
-    diagonal = np.diagonal(_triangle(stack))
+    diagonal = np.diagonal(triangle_of(stack))
     return -float(np.log(np.abs(diagonal[:n])).sum()) - 0.5 * float(diagonal[n]) ** 2
 
 
-def _triangle(rows: Array) -> Array:
+def triangle_of(rows: Array) -> Array:
     """Return the triangular factor R of rows, Rᵀ R = rowsᵀ rows, over the last two dimensions."""
     return np.asarray(np.linalg.qr(rows, mode="r"))
 

@@ -27,7 +27,7 @@ Room = tuple[tuple[Array, Array, Array, Array], Array, Array]
 
 
 def smoother_room(size: int, steps: int) -> Room:
-    """Return the work arrays of `unscented_smoother`'s function, for n states and so many steps of the model in a sample."""
+    """Return the work arrays of `unscented_smoother`'s function, for n states and the number of the model's steps in a sample."""
     return workspace(size, size), np.zeros((steps, size)), np.zeros((steps, size, size))
 
 

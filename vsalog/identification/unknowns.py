@@ -72,7 +72,7 @@ class Unknown:
         return self.number.key
 
     def value(self, unknown: float) -> float:
-        """Return the number that is so many prior deviations from the rig's."""
+        """Return the number at a distance from the rig's, in prior deviations."""
         if self.logarithmic:
             return float(self.number.value * np.exp(self.deviation * unknown))
         return float(self.number.value + self.deviation * unknown)

@@ -39,7 +39,7 @@ def friction_block(
     velocity : shape (N,) [rad/s]; NaN where it is not known
     load : shape (N,), rough size of the transmitted torque [N·m], for how far bristles give way, and for the doubt
     floor : velocity whose sign is not known [rad/s]
-    reach : for so many samples to either side of where the velocity changes its sign, it is not known either
+    reach : samples on either side of a change of the velocity's sign within which it is not known either
     period : T [s]
 
     Returns

@@ -22,7 +22,7 @@ from vsalog.perturbations.trials import Shift, Subject, Trial
 
 # How many times coarser the steps of a trial are [1].
 COARSER = 3
-# A deflection that spans more steps is not tried: rests anywhere within a step at either end of so many change the stiffness of a
+# A deflection that spans more steps is not tried: rests anywhere within a step at either end change the stiffness of a
 # linear spring by 1/(√6 · 300) = 0.14 % (one standard deviation).
 FINE_STEPS = 300.0
 

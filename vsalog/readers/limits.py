@@ -4,8 +4,8 @@ GLANCE_BYTES = 2**16
 """Bytes of the beginning or end of a file, chunk, record or line that are read: no header, name or row is as long."""
 
 PACKED_BYTES = 16 * 2**20
-"""Messages of so many bytes, or `BLOCK_ROWS` of them, that come one by one make a packet or a block. A smaller unpacked size is
-no decompression bomb, and a longer line has no end."""
+"""Bytes of messages that come one by one, until they make a packet or a block; or `BLOCK_ROWS` of them. A smaller unpacked
+size is no decompression bomb, and a longer line has no end."""
 
 DECODED_BYTES = 4 * 2**20
 """Bytes of text (rows of a table, a JSON message, definitions) that become objects at once: two may become one of fifty."""

@@ -90,7 +90,7 @@ def load(path: Path, more: int) -> tuple[dict[str, Any], list[str]]:
 
 
 def _that_fit(parts: Sequence[Part], more: int) -> tuple[list[Part], list[str]]:
-    """Return the variables that together announce no more than so many bytes, and a reason for each of the others."""
+    """Return the variables that together announce no more than this number of bytes, and a reason for each of the others."""
     taken, refused = [], []
     for part in parts:
         if part.unfolded > more:

@@ -174,7 +174,7 @@ def _parse_text(name: str, text: str, language: str) -> dict[str, Any]:
     from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
     if len(text) > MOST_STEPS:
-        raise DefinitionError(f"the definition of {name} has {len(text)} characters; so many are not read")
+        raise DefinitionError(f"the definition of {name} has {len(text)} characters; larger ones are not read")
     code = _REMARK[language].sub("", text)
     if wide := _WIDE[language].search(code):
         # Vendors disagree on how many bytes a character has.

@@ -39,7 +39,7 @@ class EncodingError(DamagedMessageError):
 
 
 class TooManyPartsError(DamagedMessageError):
-    """A message has so many parts that no other of its kind should be tried."""
+    """A message has too many parts: no other of its kind should be tried."""
 
 
 class PlacedText(str):

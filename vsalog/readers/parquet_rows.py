@@ -154,7 +154,7 @@ class ParquetRows:
         return pa.RecordBatch.from_arrays(arrays, [field.name for field in fields])
 
     def _pieces(self, number: int, name: str, step: int) -> Iterator[Sequence[pa.Array]]:
-        """Yield the columns of a name, so many rows at a time.
+        """Yield the columns of a name, in blocks of rows.
 
         Raises
         ------

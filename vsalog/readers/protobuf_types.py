@@ -36,7 +36,7 @@ def message_class(name: str, descriptors: bytes) -> Any:
         ) from None
     shown = printable(name[:200])
     if len(descriptors) > PIECE_BYTES:
-        raise DefinitionError(f"the descriptors of {shown} have {len(descriptors)} bytes; so many are not read")
+        raise DefinitionError(f"the descriptors of {shown} have {len(descriptors)} bytes; larger ones are not read")
     try:
         files = descriptor_pb2.FileDescriptorSet.FromString(descriptors).file
     except DecodeError as error:

@@ -73,7 +73,7 @@ def _asked(database: sqlite3.Connection, query: str, first: int, end: int) -> tu
 
 
 def most_steps(size: int) -> int:
-    """Return in how many steps SQLite reads a file of so many bytes: a row has thirty, with its place in an index."""
+    """Return in how many steps SQLite reads a file of this size [bytes]: a row has thirty, with its place in an index."""
     return STEPS_PER_ROW * size // 30
 
 

@@ -341,6 +341,6 @@ def _joint(part: FoundCause | Gain | SignalError | EquationError, several: bool)
 
 def _signal(found: Gain | SignalError | EquationError) -> str:
     name = found.equation if isinstance(found, EquationError) else found.signal
-    # No truth is known of a stiffness: what the rig changes is how far its estimates are from each other.
+    # A stiffness has no measured value: the row is the difference between its estimates by sensor and by motor.
     name = name.replace("stiffness", "stiffness, sensor − motor", 1) if isinstance(found, Gain) else name
     return f"{signal_name(name)} [{unit_of(found.unit).strip() or '1'}]"

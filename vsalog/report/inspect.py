@@ -52,14 +52,14 @@ def inspection_document(found: Inspection) -> Document:
 
 def inspection_page(found: Inspection, options: Options) -> Document:
     """Return the page of `inspection_document`: with figures of the joints' channels, or of all where no joint is guessed."""
-    logs = []
-    for report, section in zip(found.logs, inspection_document(found).items, strict=True):
+    document, logs = inspection_document(found), []
+    for report, section in zip(found.logs, document.items, strict=True):
         assert isinstance(section, Section)
         figures = (Figures((drawn.chart,)) for drawn in inspection_charts(report, options))
         logs.append(replace(section, items=(*section.items, *figures)))
     read = [(report.path, f"SHA-256 {sha256(Path(report.path))}") for report in found.logs]
     origin = Section("Provenance", (Facts((*read, ("vsalog", __version__))),), where="page")
-    return replace(inspection_document(found), items=(*logs, origin))
+    return replace(document, items=(*logs, origin))
 
 
 def inspection_charts(report: LogReport, options: Options) -> Iterator[Drawn]:

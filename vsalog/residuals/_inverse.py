@@ -15,8 +15,8 @@ Array = NDArray[np.float64]
 
 LEAST = 0.05
 """Part of a spring's slope in the middle below which the slope elsewhere is not trusted for a Newton step."""
-# A rate of the deflection follows from so many samples before (backward differences, of orders 1 to 4; those of Gear, which do
-# not swing however small a damping is): the sample's own weight, then those of the samples before.
+# Weights of the samples before in a rate of the deflection (backward differences, of orders 1 to 4; those of Gear, which do not
+# swing however small a damping is): the sample's own weight, then those of the samples before.
 RATES = np.array(
     [
         [0.0, 0.0, 0.0, 0.0, 0.0],
@@ -115,7 +115,7 @@ def _compiled_solve(stamp: str) -> Callable[..., Any]:
         width = row.shape[0]
         soft = max(spring(row, 0, width, 0.0, 1.0, arm, t)[2], 1e-9)
         low, high, u = -limit, limit, min(max(guess, -limit), limit)
-        # After so many halvings, bounds are known to the last bit.
+        # After this number of halvings, bounds are known to the last bit.
         for _ in range(60):
             _, off, slope = spring(row, 0, width, u, 1.0 if u >= 0.0 else -1.0, arm, t)
             # At its singularity a mechanism's torque is no number: far too much.

@@ -128,7 +128,7 @@ def _told(joint: PneumaticJoint, roles: Mapping[str, Array], role: str, torque: 
     middle = 0.0 if turns else 0.5 * (air.supply_pressure + air.outside_pressure)
     x = np.full(roles[PRESSURES[0] if turns else ANGLE].shape[1], middle)
     least: Array | None = None
-    # Newton's method doubles the digits: so many rounds are enough from any start.
+    # Newton's method doubles the digits: this number of rounds is enough from any start.
     for _ in range(12):
         left, before = off(x), x
         slope = (off(x + step) - left) / step

@@ -270,7 +270,7 @@ def _true(m: Array, signal: Signal, time: Array, period: float) -> Array:
 
 
 def _acting(commanded: Array, late: float, gain: float, offset: float) -> Array:
-    """Return the torque that acts, so many samples after it is commanded, with its derivatives."""
+    """Return the torque that acts, delayed by a number of samples after its command, with its derivatives."""
     made = delivered(shifted(commanded, -late), gain, 0.0)
     return np.stack([delivered(made[0], 1.0, offset), made[1], made[2]]) if offset else made
 

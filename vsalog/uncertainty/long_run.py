@@ -162,7 +162,7 @@ class LongRunState(NamedTuple):
 
 
 def long_run_start(size: int, box: int = BOX) -> LongRunState:
-    """Return the state before the first sample, for n = `size` unknowns and so many samples in a box."""
+    """Return the state before the first sample, for n = `size` unknowns and `box` samples in a box."""
     n = size
     return LongRunState(
         sums=np.append(np.zeros(Sum.BOX), float(box)),

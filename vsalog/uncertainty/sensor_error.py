@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 ENOUGH = PART
 # So much of a step the motion is shifted by before it is rounded again.
 ROUNDING_SHIFTS = (0.25, 0.75)
-# The motion is that behind a filter so many times as long, of this degree: one as long still has the steps in it.
+# Length of the filter for the motion, as a multiple of the other's, and its degree: one as long still has the steps in it.
 MOTION_WINDOWS, MOTION_DEGREE = 4, 5
 # The error of a sensor without noise and steps: this part of its largest value.
 LEAST_NOISE = ROUNDING

@@ -45,7 +45,7 @@ class Spread:
     def at(self, *values: Array, count: int = 1) -> Array:
         """Return the part at places, shape (N,) each; between the middles of ranges it is interpolated, linearly.
 
-        Where it depends on nothing it is the same for all of so many samples.
+        Where it depends on nothing it is the same for all samples.
         """
         if not self.places:
             return np.full(count, self.most)

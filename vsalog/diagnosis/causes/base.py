@@ -287,7 +287,7 @@ def one_clock(setting: Setting) -> bool:
 
 
 def commanded(setting: Setting) -> bool:
-    """Return whether the motor's torque is not recorded, but what its drive makes of a commanded position."""
+    """Return whether the motor's torque is not recorded, but computed by its drive's model from a commanded position."""
     return is_commanded(setting.joint, setting.roles)
 
 

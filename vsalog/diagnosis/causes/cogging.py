@@ -27,7 +27,7 @@ from vsalog.uncertainty.long_run import FEWEST_SAMPLES
 
 Array = NDArray[np.float64]
 
-# A search begins with so many of the orders that are strongest in the remainder [1]: harmonics of one wave are strong together.
+# Number of the orders, strongest in the remainder, with which a search begins [1]: harmonics of one wave are strong together.
 STRONGEST_ORDERS = 3
 
 

@@ -31,7 +31,7 @@ from vsalog.rig.schema import (
 
 
 def scaled(transmission: Any, factor: float) -> Any:
-    """Return a transmission with its whole nominal spring so many times as stiff."""
+    """Return a transmission with the stiffness of its whole nominal spring multiplied by a factor."""
     if isinstance(transmission, PolynomialTransmission):
         return replace(transmission, coefficients=tuple(factor * c for c in transmission.coefficients))
     if isinstance(transmission, AwasTransmission):

@@ -47,9 +47,9 @@ Integers = NDArray[np.int64]
 SUMMARY = "positions, velocities and torque from motor position and link accelerations, no link encoder (De Luca 2007)"
 # The paper's bandwidth [rad/s], and the most that an observer may turn in a sample [rad].
 PAPER_FREQUENCY, TURN_PER_SAMPLE = 250.0, 0.5
-# The observer is as fast as the paper's, unless a slower one has so many times less noise in the deflection [1].
+# The observer is as fast as the paper's, unless the noise of the deflection is smaller by this factor with a slower one [1].
 NOISE_WORTH = 1.5
-# A deflection is plausible up to so many times that of the motor's largest torque and the observer's noise together [1]:
+# A deflection is plausible up to this multiple of that of the motor's largest torque and the observer's noise together [1]:
 # springs overshoot.
 LARGEST_OVERSHOOT = 5.0
 

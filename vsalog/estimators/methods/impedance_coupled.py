@@ -40,7 +40,7 @@ Flags = NDArray[np.bool_]
 
 NAME = "impedance-coupled"
 SUMMARY = "stiffness, link inertia and damping in one loop, from a measured push (Serio 2011, §III-A); for comparison"
-# Another loop begins with so many times the guessed inertia [1], and without damping: where the two disagree, neither is right.
+# Factor of the guessed inertia with which another loop begins [1], without damping: where the two disagree, neither is right.
 ANOTHER_GUESS = 2.0
 # Derivatives that the loop reads, by role.
 ORDERS = {"external_torque": 1, "link_position": 3}
@@ -148,7 +148,7 @@ class ImpedanceCoupledFold(StateObserver):
         motion, _ = self._motion(whole, BEFORE_A_RUN)
         known = Motion(*(v[motion.use] for v in motion))
         speed = typical_speed(device, [Rates(known.f, known.deflection)])
-        # A filter's window makes so many neighbouring samples one.
+        # Samples within a filter's window count as one.
         rate = unexplained(known) * self.conditioner.window**0.5
         sizes = [float(np.sqrt(np.mean(v**2))) for v in (known.jerk, known.acceleration, known.deflection)]
         # Neither noise nor a guess is nothing.

@@ -336,6 +336,8 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     views, offered = device.transmissions, signals.roles
     sensed = all(sensor_role(view, offered) in offered for view in views)
     motors = all({view.motor_position, view.motor_torque} <= set(offered) for view in views)
+    # A torque that never changes has no noise that could weigh it against the sensor's: with a gain of zero it fits anything.
+    motors = motors and not (sensed and any(_is_constant(signals.roles[view.motor_torque]) for view in views))
     look, asked = screened(device, signals, tuning), tuning
     tuning = (
         motor_window(device, signals, tuning)
@@ -402,6 +404,10 @@ def _has_a_setpoint_per_run(signals: JointSignals) -> bool:
         return False
     by_run = [signals.roles["setpoint"][signals.run == run] for run in np.unique(signals.run)]
     return len(by_run) > 1 and all(np.ptp(own) == 0.0 for own in by_run)
+
+
+def _is_constant(values: Array) -> bool:
+    return bool(np.nanmax(values, initial=-np.inf) <= np.nanmin(values, initial=np.inf))
 
 
 def _has_link(device: Device, offered: Collection[str]) -> bool:
