@@ -263,6 +263,18 @@ def test_the_band_contains_a_knee_that_the_log_hardly_shows():
     assert np.mean(inside) > 0.85
 
 
+def test_few_rows_are_not_explained_by_as_many_unknowns():
+    """0.3 s: fitted to no more rows than there are unknowns, the noise would vanish and any unknown would be significant."""
+    off, found = [], set()
+    for seed in range(4):
+        t, signals, truth = machine(seed=seed)
+        columns, fold, state = estimated(t[:150], {role: x[:150] for role, x in signals.items()})
+        off.append(np.median(errors(columns, truth[:150])[0][columns["excited"]]))
+        found |= {one.code for one in fold.findings(state)}
+    assert not {"torque.gain_differs", "motor.inertia_differs"} & found
+    assert np.median(off) < 0.04
+
+
 @pytest.mark.parametrize("level", [0.0, 1.5])
 def test_a_motor_torque_that_never_changes_is_not_weighed_against_the_sensor(level):
     """A drive that is off, or a dead channel, is no evidence against the sensor."""

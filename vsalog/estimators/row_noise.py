@@ -43,10 +43,11 @@ class RowNoise(NamedTuple):
 
     @classmethod
     def white(cls, part: BoxRows) -> RowNoise:
-        """Return white noise with the residual variance of least squares."""
-        x = np.linalg.lstsq(part.rows[:, :-1], part.rows[:, -1], rcond=None)[0]
-        left = part.rows[:, -1] - part.rows[:, :-1] @ x
-        deviation = float(np.hypot(np.sqrt(np.mean(left**2)), _rounding(part))) if len(left) else 1.0
+        """Return white noise with the residual variance of least squares; of the torque where rows are no more than unknowns."""
+        x, _, rank, _ = np.linalg.lstsq(part.rows[:, :-1], part.rows[:, -1], rcond=None)
+        y, freedom = part.rows[:, -1], len(part.rows) - int(rank)
+        square = np.sum((y - part.rows[:, :-1] @ x) ** 2) / freedom if freedom > 0 else np.sum(y**2) / max(len(y), 1)
+        deviation = float(np.hypot(np.sqrt(square), _rounding(part))) if len(y) else 1.0
         own = Autoregression(np.zeros((1, 0)), np.array([deviation]))
         return cls(np.zeros((0, 1)), own, own, deviation)
 

@@ -18,8 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from vsalog.core.compiled import compiled
+from vsalog.core.precision import ROUNDING
 from vsalog.core.significance import FALSE_ALARM, two_sided
 from vsalog.estimators.box_rows import BOXES, BoxRows, BoxState, box_block, box_start
 from vsalog.estimators.equation import GAIN, REPORTED_MISFIT, EquationRows
@@ -502,7 +504,10 @@ class Smoother:
 
     def _noise(self, mean: Array) -> tuple[list[RowNoise], list[Array | None]]:
         """Return the noise of each equation, fitted to the residuals of an estimate, and the weights of its rows."""
-        residuals = self._residuals(mean)
+        count = sum(len(part.rows) for part in self.boxes)
+        # What is fitted leaves less than the noise: by its effective number of unknowns (Hastie and Tibshirani).
+        freedom = np.sqrt(count / max(count - self.fitted, ROUNDING * count))
+        residuals = [freedom * own for own in self._residuals(mean)]
         noise, weights = [], []
         for i, (residual, part) in enumerate(zip(residuals, self.boxes, strict=True)):
             before = list(zip(residuals[:i], self.boxes[:i], strict=True))
@@ -605,7 +610,8 @@ class Smoother:
         # Noise is what even the least smooth spring leaves: that of a smoother one would contain the misfit that shows it.
         prior, self.prior = self.prior, self.smoothness[-1].prior
         self.roughest = self._smooth(measurements, best, self.direction, True)
-        self.prior = prior
+        known = 1.0 - np.square(self.roughest.root).sum(axis=1).mean(axis=0) / np.square(self.prior)
+        self.fitted, self.prior = float(np.clip(known, 0.0, 1.0).sum()), prior
         # A causal filter's acceleration lags and is noisy, which another inertia would explain.
         if self.shown and not self.solver.causal and self._shown(triangles, best):
             return self._explained(triangles, None, shapes)
@@ -681,12 +687,16 @@ class Smoother:
             walk = RandomWalk(measurements, self.direction)
             likelihoods[i] = self._log_likelihood(measurements, walk, change)
         best = max(likelihoods, key=lambda i: likelihoods[i])
-        # Twice a logarithm of likelihoods is χ² of one degree of freedom.
+        # The noise is estimated from the same rows: twice a logarithm of likelihoods is Student's t squared.
         # Noise is never quite as it is modelled, so any regressor predicts a little of a residual. An offset does no harm.
-        rows = (
-            0 if best >= 0 and self.names[best - first][1] == "offset" else sum(len(part.rows) for part in self.boxes)
+        count = sum(len(part.rows) for part in self.boxes)
+        freedom = count - active.size - 1
+        rows = 0 if best >= 0 and self.names[best - first][1] == "offset" else count
+        least = (
+            max(float(stdtrit(freedom, 1.0 - 0.5 * FALSE_ALARM)) ** 2, PREDICTED_SHARE * rows)
+            if freedom > 0
+            else np.inf
         )
-        least = max(two_sided(FALSE_ALARM) ** 2, PREDICTED_SHARE * rows)
         shown = best >= 0 and 2.0 * (likelihoods[best] - likelihoods[-1]) > least
         self.active = np.r_[active, [best] if shown else []].astype(int)
         self.prior, self.direction, self.usual = prior, direction, usual
