@@ -252,17 +252,6 @@ def test_a_polynomial_without_a_loop_is_not_reported_as_another_spring():
     assert splines <= 1
 
 
-def test_the_band_contains_a_knee_that_the_log_hardly_shows():
-    """The knee is a tenth of the one that is shown for sure: a polynomial and a spline are both probable."""
-    inside = []
-    for seed in range(4):
-        t, signals, truth = machine(spring=lambda phi: 0.9 * cubic(phi) + 0.1 * SHAPES["knee"](phi), seed=40 + seed)
-        relative, deviations = errors(estimated(t, signals)[0], truth)
-        assert np.median(relative) < 0.003
-        inside.append(np.mean(deviations < 1.96))
-    assert np.mean(inside) > 0.85
-
-
 def test_few_rows_are_not_explained_by_as_many_unknowns():
     """0.3 s: fitted to no more rows than there are unknowns, the noise would vanish and any unknown would be significant."""
     off, found = [], set()

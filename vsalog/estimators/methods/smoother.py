@@ -483,15 +483,20 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
             best, basis = fold, fold.device.basis
     # Runs with a set-point each hardly determine how a piece depends on it.
     spline = basis if plain.solver.constant else replace(basis, knots=max(basis.knots, SHAPE.knots))
-    if spline != basis:
-        best = collected(spline)
+    # Fewer functions resolve a change in shorter intervals: in long ones it may look like another shape.
+    straight, best = best, best if spline == basis else collected(spline)
+    if needed(straight, best):
+        best = straight
     # Branches are a loop already.
-    if not basis.branches and needed(fold := collected(spline, slips), best):
+    if not basis.branches and needed(fold := collected(spline, slips), max(straight, best, key=evidence)):
         smooth = collected(spline, slips, smooth=True)
         best = smooth if evidence(smooth) > evidence(fold) else fold
-    straight = spline != basis and all(best.solver.probability_of_polynomial(own) > 0.5 for own in states[best])
+    basis = best.device.basis
+    knots = basis.knots > plain.device.basis.knots
+    if knots and all(best.solver.probability_of_polynomial(own) > 0.5 for own in states[best]):
+        basis = replace(basis, knots=plain.device.basis.knots)
     own = best.equations[0]
-    return plain.with_shape(basis if straight else spline, own.slips, own.smooth, own.wait if own.slips else 0.0)
+    return plain.with_shape(basis, own.slips, own.smooth, own.wait if own.slips else 0.0)
 
 
 def _collected(fold: SmootherFold, signals: JointSignals) -> list[SmootherState]:
