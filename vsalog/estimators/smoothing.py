@@ -74,7 +74,7 @@ class Limits(NamedTuple):
     rounds, most_rounds : iterations of the noise model and the torque's scale, each from the estimate before it [1]: the second
         changes them by little for a constant spring, the fourth for one that changes
     jumps : at most [1]: a log that shows more has a spring that the basis cannot follow
-    least_probability : of a hypothesis that is averaged [1]
+    least_probability : of a hypothesis that is averaged, as a part of the most probable one's [1]
     """
 
     intervals: int = 512
@@ -156,7 +156,7 @@ class Choice(NamedTuple):
     @property
     def change(self) -> Change:
         """The most probable hypothesis."""
-        return max(self.evidence, key=lambda change: self.evidence[change])
+        return _likeliest(self.evidence)
 
     @property
     def probabilities(self) -> dict[Change, float]:
@@ -447,7 +447,7 @@ class Smoother:
             noise, weights = self._noise(self._whole(self.roughest.mean))
             usual = smoothed.mean.mean(axis=0)
             self._take(mean[:, : self.nominal.size].mean(axis=0))
-            if done + 1 >= LIMITS.rounds and max(evidence, key=lambda change: evidence[change]).constant:
+            if done + 1 >= LIMITS.rounds and _likeliest(evidence).constant:
                 break
         triangles = self._triangles(noise, weights)
         evidence, smoothed = self._explained(triangles, usual, True)
@@ -602,7 +602,7 @@ class Smoother:
             self.prior = self.smoothness[likeliest].prior
             explained = best
             evidence, smoothed, walk = self._changing(measurements, usual, shapes)
-            best = max(evidence, key=lambda change: evidence[change])
+            best = _likeliest(evidence)
             if best == explained:
                 break
         if best != explained:
@@ -654,22 +654,41 @@ class Smoother:
         # Until the noise is known, steps of a decade suffice.
         sizes = LIMITS.changes[:: 1 if shapes else 2] if self.count > 1 and not self.solver.constant else ()
         evidence = self._weighed(measurements, walk, [Change(), *(Change(whole=size) for size in sizes)])
-        best = max(evidence, key=lambda change: evidence[change])
+        best = _likeliest(evidence)
         while True:
             smoothed = self._smooth(measurements, best, self.direction, True)
             jump = None if self.solver.constant else self._jump(smoothed, best)
             if jump is None or len(best.jumps) == LIMITS.jumps:
                 break
             # A jump explains part of the random walk, which is then as fast, half a decade slower, or none.
-            jumps, slower = (*best.jumps, jump), [size for size in sizes if size <= best.whole][-2:]
+            jumps, slower = tuple(sorted((*best.jumps, jump))), [size for size in sizes if size <= best.whole][-2:]
             evidence |= self._weighed(measurements, walk, [Change(whole, 0.0, jumps) for whole in (0.0, *slower)])
-            better = max(evidence, key=lambda change: evidence[change])
+            better = self._placed(measurements, walk, evidence)
             if better == best:
                 break
             best = better
         if shapes:
             evidence |= self._weighed(measurements, walk, [best._replace(shape=size) for size in sizes])
         return evidence, smoothed, walk
+
+    def _placed(self, measurements: Array, walk: RandomWalk, evidence: dict[Change, float]) -> Change:
+        """Add hypotheses with each jump of the best one at other times, until improbable; return the best then."""
+        best, placed = _likeliest(evidence), None
+        while best != placed:
+            placed = best
+            for jump in best.jumps:
+                others = tuple(own for own in best.jumps if own != jump)
+                for step in (-1, 1):
+                    at = jump + step
+                    while 0 <= at < self.count - 1 and at not in others:
+                        moved = best._replace(jumps=tuple(sorted((*others, at))))
+                        if moved not in evidence:
+                            evidence |= self._weighed(measurements, walk, [moved])
+                        if evidence[moved] < max(evidence.values()) + np.log(LIMITS.least_probability):
+                            break
+                        at += step
+            best = _likeliest(evidence)
+        return best
 
     def _shown(self, triangles: Array, change: Change) -> bool:
         """Make the unknown with the largest likelihood ratio active; return whether one is significant."""
@@ -739,13 +758,13 @@ class Smoother:
         """Return mean (K, n) and root (K, n, n) of all unknowns, averaged over hypotheses."""
         measurements, n = self._measurements(triangles), self.active.size
         total, mean, root = 0.0, np.zeros((self.count, n)), np.zeros((self.count, 0, n))
-        for part, smoothness in zip(
-            _normalised([h.evidence for h in choice.smoothness]), choice.smoothness, strict=True
-        ):
+        parts, changes = _normalised([h.evidence for h in choice.smoothness]), choice.probabilities
+        least = LIMITS.least_probability * float(parts.max()) * max(changes.values())
+        for part, smoothness in zip(parts, choice.smoothness, strict=True):
             self.prior = smoothness.prior
-            for change, p in choice.probabilities.items():
+            for change, p in changes.items():
                 weight = float(part * p)
-                if weight < LIMITS.least_probability:
+                if weight < least:
                     continue
                 own = self._smooth(measurements, change, self.direction, True)
                 if self.solver.causal:
@@ -794,6 +813,10 @@ class Smoother:
 def _least_squares(part: BoxRows) -> Array:
     """Return the unknowns of an equation, shape (c - 1,), by its rows alone."""
     return np.asarray(np.linalg.lstsq(part.rows[:, :-1], part.rows[:, -1], rcond=None)[0])
+
+
+def _likeliest(evidence: Mapping[Change, float]) -> Change:
+    return max(evidence, key=lambda change: evidence[change])
 
 
 def _normalised(evidence: Sequence[float] | Array) -> Array:
