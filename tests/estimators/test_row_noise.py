@@ -26,12 +26,13 @@ def common(seed=0):
 def white(noises, missing=()):
     boxes = [rows_of(noises[0][:, None]), rows_of(noises[1][:, None], missing)]
     residuals = [part.rows[:, 0] for part in boxes]
-    first = RowNoise.fitted(residuals[0], boxes[0], [])
-    second = RowNoise.fitted(residuals[1], boxes[1], [(residuals[0], boxes[0])])
+    level = [np.ones(len(part.rows)) for part in boxes]
+    first = RowNoise.fitted(residuals[0], boxes[0], level[0], [])
+    second = RowNoise.fitted(residuals[1], boxes[1], level[1], [(residuals[0], boxes[0])])
     before = [(boxes[0].rows, boxes[0])]
     return (
-        first.whitened(boxes[0].rows, boxes[0], [])[:, 0],
-        second.whitened(boxes[1].rows, boxes[1], before)[:, 0],
+        first.whitened(boxes[0].rows, boxes[0], level[0], [])[:, 0],
+        second.whitened(boxes[1].rows, boxes[1], level[1], before)[:, 0],
         second,
     )
 
@@ -44,7 +45,7 @@ def test_what_equations_share_is_counted_once():
         pairs = one[3 + lag : COUNT - 3 + lag] @ two[3 : COUNT - 3] / COUNT
         assert abs(pairs) < 4.0 / COUNT**0.5
     # Given the other noise at all times, what is left has the variance of the conditional distribution.
-    assert noise.innovation**2 == pytest.approx(0.2**2 + 0.25 * 0.09 / 1.09, rel=0.1)
+    assert noise.left.rest.deviation[-1] ** 2 == pytest.approx(0.2**2 + 0.25 * 0.09 / 1.09, rel=0.1)
 
 
 def test_equations_that_share_nothing_stay_as_they_are():
@@ -61,8 +62,25 @@ def test_rows_without_their_neighbours_have_noise_of_their_own():
     assert len(two) == COUNT - 3000
     assert np.std(two) == pytest.approx(1.0, abs=0.05)
     boxes = rows_of(noises[1][:, None])
-    alone = noise.whitened(boxes.rows, boxes, [(np.empty((0, 1)), rows_of(np.empty((0, 1))))])[:, 0]
-    np.testing.assert_allclose(alone, noise.alone.whitened(boxes.rows, boxes.first)[:, 0])
+    level = np.ones(len(boxes.rows))
+    alone = noise.whitened(boxes.rows, boxes, level, [(np.empty((0, 1)), rows_of(np.empty((0, 1))))])[:, 0]
+    np.testing.assert_allclose(alone, noise.alone.whitened(boxes.rows, boxes.first, level)[:, 0])
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9])
+def test_noise_that_the_stiffness_multiplies_is_weighed_by_it(share):
+    """The deflection's noise is multiplied by the stiffness, the torque's is not; outliers do not look like either."""
+    rng = np.random.default_rng(2)
+    stiffness = 1.0 + 4.0 * np.sin(np.arange(COUNT) / 7.0) ** 2
+    steepness = stiffness**2 / np.mean(stiffness**2)
+    noise = np.sqrt(1.0 - share) * rng.normal(size=COUNT) + np.sqrt(share * steepness) * rng.normal(size=COUNT)
+    noise[::500] *= 30.0
+    boxes = rows_of(noise[:, None])
+    fit = RowNoise.fitted(noise, boxes, steepness, [])
+    assert fit.alone.share == pytest.approx(share, abs=0.05)
+    white = np.abs(fit.whitened(boxes.rows, boxes, steepness, [])[:, 0])
+    steep = steepness > 1.0
+    assert np.median(white[steep]) == pytest.approx(np.median(white[~steep]), rel=0.1)
 
 
 def test_boxes_are_averages_on_a_grid_that_begins_with_a_run():

@@ -12,7 +12,7 @@ from vsalog.core.basis import PolynomialBasis
 from vsalog.effects.hysteresis import BoucWen, SlipElement
 from vsalog.estimators.device import TransmissionView, deflection_of
 from vsalog.estimators.equation import GAIN, NEGLIGIBLE_SHARE, EquationRows, Part
-from vsalog.estimators.equations import IntegratedMotorEquation, TorqueEquation
+from vsalog.estimators.equations import IntegratedMotorEquation, TorqueEquation, regressors
 from vsalog.estimators.link_equation import LinkEquation, LinkRows
 from vsalog.filters.conditioning import Conditioned
 from vsalog.mechanics.hysteresis import loop_block, loop_level, loop_start
@@ -143,21 +143,22 @@ class CombinedEquation:
         # Motor and link equation are formed from each sample to the next.
         seen = np.vstack((state[4], loops))
         halfway = 0.5 * (seen[1:] + seen[:-1])
+        slopes = np.hstack([regressors(self.basis, block, view, 1) for view in self.transmissions])
         if self.sensor is not None:
             sensor, rows = self.sensor.rows(sensor, block)
             # A gain multiplies what the coefficients add up to, which is not known yet.
             offset, gain = np.ones_like(rows.y), np.zeros_like(rows.y)
-            parts.append(Part(np.column_stack((rows.F, loops, offset, gain, rows.y)), rows.use))
+            parts.append(Part(np.column_stack((rows.F, loops, offset, gain, rows.y)), rows.use, slopes))
             first = rows
         for i, (motor, own) in enumerate(zip(self.motors, state[1], strict=True)):
             after, rows = motor.rows(own, block)
             states.append(after)
-            parts.append(self._motor_part(i, rows, halfway))
+            parts.append(self._motor_part(i, rows, halfway, slopes))
             first = self._fed(rows, i) if first is None else first
         link = state[3]
         if self.link is not None:
             link, moved = self.link.rows(link, block)
-            parts.append(self._link_part(moved, halfway))
+            parts.append(self._link_part(moved, halfway, slopes))
             first = self._borne(moved, block) if first is None else first
         assert first is not None
         # At rest an encoder repeats its rounding error, which does not average out.
@@ -196,7 +197,7 @@ class CombinedEquation:
             self.transmissions
         )
 
-    def _motor_part(self, i: int, rows: EquationRows, loops: Array) -> Part:
+    def _motor_part(self, i: int, rows: EquationRows, loops: Array, slopes: Array) -> Part:
         assert rows.plain is not None
         F, torque = rows.plain
         view, n = self.transmissions[i], self.basis.size
@@ -208,11 +209,13 @@ class CombinedEquation:
         moved = inertia * F[:, 1] + damping * F[:, 2]
         columns[:, -6], columns[:, -5:-3], columns[:, -3] = 1.0, -F[:, 1:3], -np.sign(F[:, 2])
         columns[:, -2], columns[:, -1] = -moved, moved - torque
-        return Part(columns, rows.use & np.isfinite(columns).all(axis=1))
+        steep = np.zeros_like(slopes)
+        steep[:, i * n : (i + 1) * n] = slopes[:, i * n : (i + 1) * n]
+        return Part(columns, rows.use & np.isfinite(columns).all(axis=1), steep)
 
-    def _link_part(self, rows: LinkRows, loops: Array) -> Part:
+    def _link_part(self, rows: LinkRows, loops: Array, slopes: Array) -> Part:
         offset = np.ones_like(rows.torque)
-        return Part(np.column_stack((rows.F, loops, offset, rows.motion, rows.moving, rows.torque)), rows.use)
+        return Part(np.column_stack((rows.F, loops, offset, rows.motion, rows.moving, rows.torque)), rows.use, slopes)
 
     def _borne(self, rows: LinkRows, block: Conditioned) -> EquationRows:
         """Return rows with the torque that the transmissions transmit."""

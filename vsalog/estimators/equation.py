@@ -42,10 +42,12 @@ class Part(NamedTuple):
     ----------
     columns : shape (N, c), the regressors of the coefficients, those of unknowns of its own, and what they add up to
     use : shape (N,), samples to learn from
+    slopes : shape (N, coefficients), derivatives of the coefficients' regressors in the deflection
     """
 
     columns: Array
     use: Flags
+    slopes: Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,10 +21,10 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-def regressors(basis: PolynomialBasis, block: Conditioned, view: TransmissionView) -> Array:
-    """Return the functions of the basis at each sample of a block, shape (N, n)."""
+def regressors(basis: PolynomialBasis, block: Conditioned, view: TransmissionView, derivative: int = 0) -> Array:
+    """Return the functions of the basis, or a derivative in φ, at each sample of a block, shape (N, n)."""
     c = block.fit.get("setpoint") if basis.has_setpoint else None
-    return basis.rows(deflection_of(block.fit, view), c, 0, block.loading_fit.get(view.name))[:, 0]
+    return basis.rows(deflection_of(block.fit, view), c, derivative, block.loading_fit.get(view.name))[:, derivative]
 
 
 class OfOneTransmission:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from vsalog.core.precision import ROUNDING
 from vsalog.estimators.box_rows import BOXES, BoxRows
@@ -17,29 +18,62 @@ Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
 
+class SteepNoise(NamedTuple):
+    """Coloured noise of which a part is multiplied by the stiffness.
+
+    Attributes
+    ----------
+    share : of the variance [1], which is multiplied by the steepness, the stiffness squared over its average
+    rest : the autoregression of what is left when rows are divided by that growth
+    """
+
+    share: float
+    rest: Autoregression
+
+    @classmethod
+    def fitted(cls, residual: Array, first: Flags, steepness: Array, least: float) -> SteepNoise:
+        """Fit it to residuals, shape (M,); the share from their magnitudes, for outliers (Davidian and Carroll 1987, §3)."""
+        size, magnitude = residual.size, np.abs(residual)
+
+        def lost(share: float) -> float:
+            growth = _growth(share, steepness)
+            return float(np.log(growth).sum() + size * np.log(np.sum(magnitude / growth)))
+
+        share = 0.0
+        if magnitude.any():
+            found = minimize_scalar(lost, bounds=(0.0, 1.0), method="bounded")
+            # The Bayesian information criterion of one parameter more.
+            share = float(found.x) if lost(0.0) - found.fun > 0.5 * np.log(size) else 0.0
+        return cls(share, autoregression(residual / _growth(share, steepness), first, least))
+
+    def whitened(self, rows: Array, first: Flags, steepness: Array) -> Array:
+        """Return rows, shape (M, c), with independent noise of variance one."""
+        return self.rest.whitened(rows / _growth(self.share, steepness)[:, None], first)
+
+    def logarithm(self, steepness: Array) -> float:
+        """Return the sum of the logarithms of what rows are divided by."""
+        return float(len(steepness) * np.log(self.rest.deviation[-1]) + np.log(_growth(self.share, steepness)).sum())
+
+
 class RowNoise(NamedTuple):
     """Coloured noise of an equation's rows, correlated with that of the equations before it.
 
     The equations of a joint have the deflection's noise in common. A regression on the residuals of the equations before, at the
-    same time and up to `reach` boxes earlier and later, predicts that part; the rest is an autoregression.
+    same time and up to `reach` boxes earlier and later, predicts that part; the rest is an autoregression, whose deviation grows
+    with the stiffness, for the deflection's noise is multiplied by it.
 
     Attributes
     ----------
     shared : shape (equations before, 2 · reach + 1), coefficients of that regression
-    left : the autoregression of the rest
-    alone : the autoregression of rows for which not all of these residuals are there
+    left : the rest
+    alone : the noise of rows for which not all of these residuals are there
     deviation : standard deviation of a row
     """
 
     shared: Array
-    left: Autoregression
-    alone: Autoregression
+    left: SteepNoise
+    alone: SteepNoise
     deviation: float
-
-    @property
-    def innovation(self) -> float:
-        """Standard deviation of the prediction error, given the rows before and the other equations."""
-        return float(self.left.deviation[-1])
 
     @classmethod
     def white(cls, part: BoxRows) -> RowNoise:
@@ -48,14 +82,16 @@ class RowNoise(NamedTuple):
         y, freedom = part.rows[:, -1], len(part.rows) - int(rank)
         square = np.sum((y - part.rows[:, :-1] @ x) ** 2) / freedom if freedom > 0 else np.sum(y**2) / max(len(y), 1)
         deviation = float(np.hypot(np.sqrt(square), _rounding(part))) if len(y) else 1.0
-        own = Autoregression(np.zeros((1, 0)), np.array([deviation]))
+        own = SteepNoise(0.0, Autoregression(np.zeros((1, 0)), np.array([deviation])))
         return cls(np.zeros((0, 1)), own, own, deviation)
 
     @classmethod
-    def fitted(cls, residual: Array, part: BoxRows, before: Sequence[tuple[Array, BoxRows]]) -> RowNoise:
-        """Fit it to residuals, those of the equations before given with their boxes."""
+    def fitted(
+        cls, residual: Array, part: BoxRows, steepness: Array, before: Sequence[tuple[Array, BoxRows]]
+    ) -> RowNoise:
+        """Fit it to residuals, those of the equations before given with their boxes; steepness as of `SteepNoise`."""
         least = _rounding(part)
-        alone = autoregression(residual, part.first, least)
+        alone = SteepNoise.fitted(residual, part.first, steepness, least)
         deviation = float(np.sqrt(np.mean(residual**2))) if len(residual) else float("nan")
         shared, left, best = np.zeros((0, 1)), alone, np.inf
         for reach in range(BOXES.per_window + 1) if before else ():
@@ -65,24 +101,25 @@ class RowNoise(NamedTuple):
             weights: Array = np.asarray(np.linalg.lstsq(others[there], residual[there], rcond=None)[0])
             own = residual - others @ weights
             first = part.first | ~there | np.r_[True, ~there[:-1]]
-            fit = autoregression(own[there], first[there], least)
+            fit = SteepNoise.fitted(own[there], first[there], steepness[there], least)
             size = int(np.count_nonzero(there))
-            criterion = size * np.log(float(fit.deviation[-1]) ** 2) + (fit.order + weights.size) * np.log(size)
+            criterion = 2.0 * fit.logarithm(steepness[there]) + (fit.rest.order + weights.size) * np.log(size)
             if criterion < best:
                 best, left, shared = criterion, fit, weights.reshape(len(before), -1)
         return cls(shared, left, alone, deviation)
 
-    def whitened(self, rows: Array, part: BoxRows, before: Sequence[tuple[Array, BoxRows]]) -> Array:
+    def whitened(self, rows: Array, part: BoxRows, steepness: Array, before: Sequence[tuple[Array, BoxRows]]) -> Array:
         """Return rows, shape (M, c), with independent noise of variance one.
 
         Parameters
         ----------
         rows : shape (M, c)
         part : their boxes
+        steepness : shape (M,), as of `SteepNoise`
         before : rows of the equations before, of as many columns, and their boxes
         """
         if not len(self.shared):
-            return self.alone.whitened(rows, part.first)
+            return self.alone.whitened(rows, part.first, steepness)
         own, there = rows.copy(), np.ones(len(rows), dtype=np.bool_)
         reach = self.shared.shape[1] // 2
         for (other, boxes), weights in zip(before, self.shared, strict=True):
@@ -90,11 +127,16 @@ class RowNoise(NamedTuple):
                 at, found = _beside(part, boxes, lag)
                 there &= found
                 own[found] -= weight * other[at[found]]
-        changed = np.r_[True, there[1:] != there[:-1]]
+        changed = part.first | np.r_[True, there[1:] != there[:-1]]
         out = np.empty_like(rows)
-        out[there] = self.left.whitened(own[there], (part.first | changed)[there])
-        out[~there] = self.alone.whitened(rows[~there], (part.first | changed)[~there])
+        out[there] = self.left.whitened(own[there], changed[there], steepness[there])
+        out[~there] = self.alone.whitened(rows[~there], changed[~there], steepness[~there])
         return out
+
+
+def _growth(share: float, steepness: Array) -> Array:
+    """Return the deviation of rows over that which they have on average."""
+    return np.sqrt(1.0 - share + share * steepness)
 
 
 def _rounding(part: BoxRows) -> float:

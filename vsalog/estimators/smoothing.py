@@ -231,7 +231,6 @@ class SmootherSolver:
     hidden : of each equation, names of those that noise or others hide, which are not looked for
     gains : how well the gain of each equation's torque is known, standard deviation as a part of it
     box : samples of a box
-    deflection : variance of each transmission's deflection behind the filters, at which its stiffness is evaluated [rad²]
     slips : of each friction element, whose stiffness is an unknown of all equations, the deflection after which it slips [rad]
     leading : unknowns that functionals have before the coefficients, the equation and the name of each
     causal : whether an interval is estimated from those before alone
@@ -246,7 +245,6 @@ class SmootherSolver:
     hidden: tuple[frozenset[str], ...]
     gains: tuple[float, ...]
     box: int
-    deflection: tuple[float, ...]
     slips: tuple[float, ...] = ()
     leading: tuple[tuple[int, str], ...] = ()
     causal: bool = False
@@ -269,7 +267,9 @@ class SmootherSolver:
 
     def start(self, size: int) -> SmootherState:
         """Return the state before the first sample."""
-        return SmootherState(tuple(box_start(self.coefficients + self.shared + len(own) + 1) for own in self.unknowns))
+        return SmootherState(
+            tuple(box_start(2 * self.coefficients + self.shared + len(own) + 1) for own in self.unknowns)
+        )
 
     def block(
         self, state: SmootherState, rows: EquationRows, use: Flags, E: Array, spread: Flags
@@ -283,7 +283,7 @@ class SmootherSolver:
         )
         if state.boxes is not None:
             boxes = tuple(
-                box_block(own, part.columns, part.use, rows.fresh, self.box)
+                box_block(own, np.hstack((part.columns, part.slopes)), part.use, rows.fresh, self.box)
                 for own, part in zip(state.boxes, rows.parts, strict=True)
             )
             return state._replace(boxes=boxes, samples=state.samples + count), values, variances, unknowns, {}
@@ -293,12 +293,6 @@ class SmootherSolver:
         _evaluate(
             found.mean, found.root, found.linear, found.samples, state.samples, E, spread, values, variances, unknowns
         )
-        # A stiffness is that of the deflection which is read. Functionals: torque, stiffness, its slopes of each transmission.
-        read = [values[:, 4 * i + 2] ** 2 * own for i, own in enumerate(self.deflection)]
-        for i, variance in enumerate(read):
-            variances[:, 4 * i + 1] += variance
-        if len(read) > 1:
-            variances[:, 4 * len(read)] += sum(read)
         return state._replace(samples=state.samples + count), values, variances, unknowns, {}
 
     def smoothed(self, state: SmootherState) -> SmootherState:
@@ -353,9 +347,11 @@ class Smoother:
         loops: bool = True,
         shown: bool = True,
     ) -> None:
-        self.solver, self.boxes, self.samples, self.choice = solver, boxes, samples, choice
+        self.solver, self.collected, self.samples, self.choice = solver, boxes, samples, choice
         self.loops, self.shown = loops and bool(solver.slips), shown
         n = solver.coefficients
+        self.boxes = [own._replace(rows=own.rows[:, :-n].copy()) for own in boxes]
+        self.slopes = [own.rows[:, -n:] for own in boxes]
         shared = [(i, SHARED) for i in range(solver.shared)]
         self.names = shared + [(i, name) for i, own in enumerate(solver.unknowns) for name in own]
         self.size = n + len(self.names)
@@ -375,7 +371,7 @@ class Smoother:
         # A triangle has as many rows as unknowns: of fewer boxes it would be no shorter.
         count = int(np.clip(fullest // max(LIMITS.boxes_per_interval, self.active.size), 1, LIMITS.intervals))
         self.count = count if choice is None else choice.intervals
-        self.where = [np.minimum(part.place * self.count // samples, self.count - 1) for part in boxes]
+        self.where = [np.minimum(part.place * self.count // samples, self.count - 1) for part in self.boxes]
         self.powers = np.zeros(self.size)
         self.powers[:n] = np.maximum(np.array(solver.powers) - 1.0, 0.0)
         self.knots = np.zeros(self.size, dtype=np.bool_)
@@ -388,9 +384,9 @@ class Smoother:
         # A torque is what the unknowns add up to and what the rig has of the motor.
         self.rest = [
             part.rows[:, n + solver.shared + own.index(GAIN)].copy()
-            for part, own in zip(boxes, solver.unknowns, strict=True)
+            for part, own in zip(self.boxes, solver.unknowns, strict=True)
         ]
-        self._take(_least_squares(boxes[0])[: n + solver.shared] if choice is None else choice.nominal)
+        self._take(_least_squares(self.boxes[0])[: n + solver.shared] if choice is None else choice.nominal)
 
     def _scale(self) -> Array:
         """Return the prior's standard deviation of each unknown, shape (size,)."""
@@ -412,6 +408,14 @@ class Smoother:
         self.nominal, size = nominal, nominal.size
         for part, own, rest in zip(self.boxes, self.solver.unknowns, self.rest, strict=True):
             part.rows[:, size + own.index(GAIN)] = rest + part.rows[:, :size] @ nominal
+        self.steepness = [self._steepness(own) for own in self.slopes]
+
+    def _steepness(self, slopes: Array) -> Array:
+        """Return the squares of the transmissions' stiffness, over their average, shape (M,)."""
+        views, n = self.solver.transmissions, self.solver.coefficients
+        each = (slopes * self.nominal[:n]).reshape(len(slopes), views, n // views).sum(axis=2)
+        squares = np.square(each).sum(axis=1)
+        return np.asarray(squares / squares.mean()) if squares.any() else np.ones_like(squares)
 
     def trajectory(self) -> Trajectory | None:
         """Estimate the unknowns; None where there are fewer rows than unknowns."""
@@ -421,10 +425,10 @@ class Smoother:
         if choice is None:
             triangles, choice, smoothed = self._chosen()
             if not self._resists(smoothed):
-                return Smoother(self.solver, self.boxes, self.samples, loops=False).trajectory()
+                return Smoother(self.solver, self.collected, self.samples, loops=False).trajectory()
             # Unknowns that leave the equations in disagreement are not what is wrong with the machine.
             if self.shown and self._misfit(self._whole(smoothed.mean)) > REPORTED_MISFIT:
-                return Smoother(self.solver, self.boxes, self.samples, loops=self.loops, shown=False).trajectory()
+                return Smoother(self.solver, self.collected, self.samples, loops=self.loops, shown=False).trajectory()
         else:
             self.active, self.direction, self.usual = choice.active, choice.direction, choice.usual
             triangles = self._triangles(choice.noise, [None] * len(self.boxes))
@@ -464,7 +468,7 @@ class Smoother:
         for _ in range(LIMITS.rounds + 1):
             found, smoothed = self._explained(self._triangles(noise, [None] * len(noise)), usual, False)
             # Rows were divided by these deviations.
-            sizes = sum(len(p.rows) * np.log(own.innovation) for p, own in zip(self.boxes, noise, strict=True))
+            sizes = sum(own.left.logarithm(steep) for own, steep in zip(noise, self.steepness, strict=True))
             smoothness = np.array([own.evidence for own in self.smoothness])
             evidence = float(np.logaddexp.reduce(list(found.values()))) - float(sizes) - 0.5 * self.left
             # The changes' is that of the most probable prior.
@@ -511,9 +515,9 @@ class Smoother:
         noise, weights = [], []
         for i, (residual, part) in enumerate(zip(residuals, self.boxes, strict=True)):
             before = list(zip(residuals[:i], self.boxes[:i], strict=True))
-            noise.append(RowNoise.fitted(residual, part, before))
-            columns = [(own[:, None], boxes) for own, boxes in before]
-            weights.append(tail_weights(noise[-1].whitened(residual[:, None], part, columns)[:, 0]))
+            steep, columns = self.steepness[i], [(own[:, None], boxes) for own, boxes in before]
+            noise.append(RowNoise.fitted(residual, part, steep, before))
+            weights.append(tail_weights(noise[-1].whitened(residual[:, None], part, steep, columns)[:, 0]))
         return noise, weights
 
     def _triangles(self, noise: Sequence[RowNoise], weights: Sequence[Array | None]) -> Array:
@@ -525,7 +529,7 @@ class Smoother:
             rows = np.zeros((len(part.rows), self.size + 1))
             rows[:, np.r_[columns, self.size]] = part.rows
             whole.append(rows)
-            white = own.whitened(rows, part, list(zip(whole[:i], self.boxes[:i], strict=True)))
+            white = own.whitened(rows, part, self.steepness[i], list(zip(whole[:i], self.boxes[:i], strict=True)))
             weight = weights[i]
             self.left += _rotate(white if weight is None else np.sqrt(weight)[:, None] * white, self.where[i], out)
         return out

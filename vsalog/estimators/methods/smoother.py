@@ -22,10 +22,10 @@ from vsalog.core.errors import EstimatorError
 from vsalog.core.finding import Finding
 from vsalog.core.look import LONGEST_RUN, spread_over
 from vsalog.core.signals import JointSignals
-from vsalog.core.significance import DETECTED, FALSE_ALARM
+from vsalog.core.significance import DETECTED, FALSE_ALARM, two_sided
 from vsalog.estimators.box_rows import BOXES
 from vsalog.estimators.combined_equation import UNKNOWN_MOTOR, CombinedEquation
-from vsalog.estimators.device import Device, setpoint_borders
+from vsalog.estimators.device import Device, TransmissionView, deflection_of, setpoint_borders
 from vsalog.estimators.equation import GAIN, REPORTED_CHANGE, REPORTED_MISFIT, Equation, EquationRows
 from vsalog.estimators.equations import TorqueEquation
 from vsalog.estimators.fold_state import FoldState
@@ -44,7 +44,8 @@ from vsalog.estimators.transmission_torque import carried_by
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.windows import keeping_window, motor_window, rms
 from vsalog.filters.conditioning import Conditioned, Conditioner
-from vsalog.filters.savitzky_golay import savgol_filter
+from vsalog.filters.kinematic import kinematic_filter
+from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
 from vsalog.rig.tolerance import default_deviation
 from vsalog.uncertainty.long_run import BOX
 from vsalog.uncertainty.sensor_error import ENOUGH, sensor_error
@@ -113,10 +114,11 @@ class SmootherFold(RegressionFold):
 
     def __init__(
         self, device: Device, conditioner: Conditioner, equations: tuple[CombinedEquation, ...], solver: SmootherSolver,
-        look: Screening, tuning: SmootherTuning,
+        look: Screening, tuning: SmootherTuning, noise: tuple[float, float],
     ) -> None:  # fmt: skip
         super().__init__(NAME, "COMBINED", device, conditioner, equations, solver, passes=2, look=look)
-        self.tuning = tuning
+        # Variances of a deflection behind the centred filters, and behind the causal one where their window is not complete.
+        self.tuning, self.noise = tuning, noise
         self.choices: tuple[Choice | None, ...] = ()
         self.rig_basis = device.basis
 
@@ -124,11 +126,15 @@ class SmootherFold(RegressionFold):
         self, state: FoldState, equation: Equation, solver_state: Any, rows: EquationRows, block: Conditioned
     ) -> tuple[Any, dict[str, dict[str, Any]], Array]:
         solver_state, columns, variance = super()._solve(state, equation, solver_state, rows, block)
-        for view in equation.transmissions if self.device.basis.knots else ():
+        for view in equation.transmissions:
             own = columns[view.name]
-            between = self._between_knots(own)
-            own["stiffness_std"] = np.hypot(own["stiffness_std"], np.sqrt(between))
-            variance = variance + between
+            # A stiffness is that of the deflection which is read.
+            noise = np.where(np.isfinite(deflection_of(block.fit, view)), *self.noise)
+            more = np.square(own["stiffness_derivative"]) * noise
+            if self.device.basis.knots:
+                more = more + self._between_knots(own)
+            own["stiffness_std"] = np.hypot(own["stiffness_std"], np.sqrt(more))
+            variance = variance + more
         return solver_state, columns, variance
 
     def _between_knots(self, columns: Mapping[str, Any]) -> Array:
@@ -366,6 +372,8 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     ]
     first, count = equations[0], len(together[0])
     noises = (noise_for_torque(signals, view, conditioner) for view in views)
+    read = max(0.0 if noise is None else noise.own for noise in noises)
+    late = read + max(_lateness(signals, view, conditioner, tuning) for view in views)
     box = max(conditioner.window // BOXES.per_window, BOX)
     solver = SmootherSolver(
         device.basis.powers_of_terms * count,
@@ -376,12 +384,12 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
         tuple(_hidden(torque, first, signals, conditioner, box) for torque, _ in first.parts),
         tuple(default_deviation(GAINS[torque], 1.0, 1.0) for torque, _ in first.parts),
         box,
-        (max(0.0 if noise is None else noise.own for noise in noises),) * count,
         leading=tuple((int(sensed), name) for name in UNKNOWN_MOTOR) if first.leading else (),
         causal=tuning.causal,
         constant=_has_a_setpoint_per_run(signals),
     )
-    plain = SmootherFold(device, conditioner, tuple(equations), solver, look, asked)
+    noise = (late if conditioner.kind == "kinematic" else read, late)
+    plain = SmootherFold(device, conditioner, tuple(equations), solver, look, asked, noise)
     return plain if tuning.basis == "rig" or tuning.causal else _fitting(plain, signals)
 
 
@@ -412,6 +420,22 @@ def _is_constant(values: Array) -> bool:
 
 def _has_link(device: Device, offered: Collection[str]) -> bool:
     return device.link is not None and {PUSH, "link_position"} <= set(offered)
+
+
+def _lateness(signals: JointSignals, view: TransmissionView, conditioner: Conditioner, tuning: SmootherTuning) -> float:
+    """Return the variance of a deflection behind the causal filter [rad²], as it differs from what a centred window shows."""
+    causal = conditioner.kind == "kinematic"
+    weights = savgol_weights(tuning.default_window, tuning.degree)[0] if causal else conditioner.weights[0]
+    off = {}
+    for role in view.deflection_roles(signals.roles):
+        raw = signals.roles[role][:ENOUGH]
+        smooth = savgol_filter(raw, weights[None])[0]
+        late = kinematic_filter(raw, signals.period, conditioner.settings[role])[0]
+        off[role] = late[weights.size // 2 :][: smooth.size] - smooth
+    error = deflection_of(off, view)
+    known = np.abs(error[np.isfinite(error)])
+    # By the median: what a filter does where a run begins is no noise.
+    return (float(np.median(known)) / two_sided(0.5)) ** 2 if known.size else 0.0
 
 
 def _required(torque: str, known: bool, device: Device) -> frozenset[str]:
