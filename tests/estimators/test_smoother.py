@@ -484,7 +484,7 @@ def test_the_band_holds_where_a_deflection_is_read_by_the_causal_filter(how):
         rng = np.random.default_rng(seed)
         for role in ("motor_position", "link_position"):
             signals[role] = signals[role] + STEP * rng.normal(size=t.size)
-        lost = rng.random(t.size) < (0.1 if how == "torn" else 0.0)
+        lost = rng.random(t.size) < (0.02 if how == "torn" else 0.0)
         signals = {role: np.where(lost, np.nan, values) for role, values in signals.items()}
         tune = {"filter": "kinematic", "causal": True} if how == "causal" else {}
         columns, _, _ = estimated(t, signals, **tune)
