@@ -75,7 +75,7 @@ def played_apart(ideal: Experiment, joint: str, **changes: object) -> Experiment
     t = np.arange(truth["motor_position"].size) * ideal.period
     start = truth["motor_position"][0], truth["link_position"][0]
     theta, q, torque, stiffness = played(t, lambda at: np.interp(at, t, truth["motor_torque"]), start=start, **changes)
-    own = {"motor_position": theta, "link_position": q, "deflection": q - theta, "torque_sensor": torque}
+    own = {"motor_position": theta, "link_position": q, "deflection": q - theta, "transmission_torque": torque}
     changed = {**truth, **own, "stiffness": stiffness}
     return replace(ideal, joints={joint: replace(ideal.joints[joint], truth=changed)})
 

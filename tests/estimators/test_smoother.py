@@ -275,15 +275,34 @@ def test_a_motor_torque_that_never_changes_is_not_weighed_against_the_sensor(lev
     assert not {"torque.gain_differs", "spring.not_polynomial"} & {one.code for one in fold.findings(state)}
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_a_joint_at_rest_does_not_look_like_one_whose_spring_changed(seed):
+def test_a_joint_at_rest_does_not_look_like_one_whose_spring_changed():
     """At rest an encoder repeats one reading for two thirds of the log, with one rounding error."""
-    t, signals, truth = machine(seed=seed, step=4.0 * STEP, drive=lambda at: drive(at) * (np.asarray(at) < 8.0))
-    columns, fold, state = estimated(t, signals)
-    relative, deviations = errors(columns, truth)
-    assert "stiffness.changed" not in {one.code for one in fold.findings(state)}
-    assert relative.max() < 0.02
-    assert np.mean(deviations < 1.96) > 0.9
+    inside = []
+    for seed in range(3):
+        resting = lambda at: drive(at) * (np.asarray(at) < 8.0)  # noqa: E731
+        t, signals, truth = machine(seed=seed, step=4.0 * STEP, drive=resting)
+        columns, fold, state = estimated(t, signals)
+        relative, deviations = errors(columns, truth)
+        assert "stiffness.changed" not in {one.code for one in fold.findings(state)}
+        assert relative.max() < 0.02
+        inside.append(np.mean(deviations < 1.96))
+    # The band is too narrow in all of a log or in nothing of it.
+    assert np.mean(inside) > 0.9
+
+
+def test_a_steady_change_is_estimated_as_by_a_fit_that_knows_it_to_be_steady():
+    """Least squares of functions of which each may change linearly in time, but for colour of the noise and outliers."""
+    off, best = [], []
+    for seed in range(4):
+        t, signals, truth = machine(lambda t: 0.24 * t / SECONDS, seed)
+        columns, _, _ = estimated(t, without(signals, "motor_torque"))
+        off.append(np.median(errors(columns, truth)[0]))
+        phi, time = signals["link_position"] - signals["motor_position"], t / SECONDS
+        F = np.column_stack((phi, phi**3, time * phi, time * phi**3))
+        own = np.linalg.lstsq(F, signals["torque_sensor"], rcond=None)[0]
+        stiffness = own[0] + own[2] * time + 3.0 * (own[1] + own[3] * time) * phi**2
+        best.append(np.median(np.abs(stiffness / truth - 1.0)))
+    assert np.mean(off) < 1.1 * np.mean(best)
 
 
 def test_what_changed_is_a_finding_with_its_size():

@@ -48,6 +48,11 @@ class BoxRows(NamedTuple):
     first: Flags
     size: int
 
+    def only(self, keep: Flags) -> BoxRows:
+        """Return some of the boxes, shape (M,) of flags."""
+        first = self.first | ~np.r_[True, keep[:-1]]
+        return BoxRows(self.rows[keep], self.place[keep], first[keep], self.size)
+
 
 class BoxState(NamedTuple):
     """The state of boxes between blocks.

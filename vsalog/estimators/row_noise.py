@@ -32,15 +32,14 @@ class SteepNoise(NamedTuple):
 
     @classmethod
     def fitted(cls, residual: Array, first: Flags, steepness: Array, least: float) -> SteepNoise:
-        """Fit it to residuals, shape (M,); the share from their magnitudes, for outliers (Davidian and Carroll 1987, §3)."""
-        size, magnitude = residual.size, np.abs(residual)
+        """Fit it to residuals, shape (M,); the share from logarithms, for which outliers are few more rows (Harvey 1976)."""
+        size, logarithm = residual.size, np.log(np.hypot(residual, least))
 
         def lost(share: float) -> float:
-            growth = _growth(share, steepness)
-            return float(np.log(growth).sum() + size * np.log(np.sum(magnitude / growth)))
+            return 0.5 * size * float(np.log(np.var(logarithm - np.log(_growth(share, steepness)))))
 
         share = 0.0
-        if magnitude.any():
+        if size and np.ptp(logarithm) > 0.0:
             found = minimize_scalar(lost, bounds=(0.0, 1.0), method="bounded")
             # The Bayesian information criterion of one parameter more.
             share = float(found.x) if lost(0.0) - found.fun > 0.5 * np.log(size) else 0.0
@@ -77,10 +76,15 @@ class RowNoise(NamedTuple):
 
     @classmethod
     def white(cls, part: BoxRows) -> RowNoise:
-        """Return white noise with the residual variance of least squares; of the torque where rows are no more than unknowns."""
-        x, _, rank, _ = np.linalg.lstsq(part.rows[:, :-1], part.rows[:, -1], rcond=None)
-        y, freedom = part.rows[:, -1], len(part.rows) - int(rank)
-        square = np.sum((y - part.rows[:, :-1] @ x) ** 2) / freedom if freedom > 0 else np.sum(y**2) / max(len(y), 1)
+        """Return white noise with the residual variance of least squares, of unknowns that may change steadily.
+
+        Where rows are no more than unknowns it has that of the torque.
+        """
+        F, y = part.rows[:, :-1], part.rows[:, -1]
+        F = np.hstack((F, np.linspace(-1.0, 1.0, len(F))[:, None] * F))
+        x, _, rank, _ = np.linalg.lstsq(F, y, rcond=None)
+        freedom = len(y) - int(rank)
+        square = np.sum((y - F @ x) ** 2) / freedom if freedom > 0 else np.sum(y**2) / max(len(y), 1)
         deviation = float(np.hypot(np.sqrt(square), _rounding(part))) if len(y) else 1.0
         own = SteepNoise(0.0, Autoregression(np.zeros((1, 0)), np.array([deviation])))
         return cls(np.zeros((0, 1)), own, own, deviation)

@@ -46,16 +46,20 @@ class Change(NamedTuple):
     whole : standard deviation of what its torque gains as a whole, as a part of it, over the log [1]
     shape : the same of each coefficient by itself, as a part of what it is in a spring that does not change [1]
     jumps : intervals after which it changes at once
+    spread : intervals after which each jump goes on, for filters smear it [1]
+    trend : standard deviation of what its torque gains steadily, as a part of it, over the log [1]
     """
 
     whole: float = 0.0
     shape: float = 0.0
     jumps: tuple[int, ...] = ()
+    spread: int = 1
+    trend: float = 0.0
 
     @property
     def constant(self) -> bool:
         """Whether it does not change."""
-        return not (self.whole or self.shape or self.jumps)
+        return not (self.whole or self.shape or self.jumps or self.trend)
 
 
 class Limits(NamedTuple):
@@ -74,6 +78,8 @@ class Limits(NamedTuple):
     rounds, most_rounds : iterations of the noise model and the torque's scale, each from the estimate before it [1]: the second
         changes them by little for a constant spring, the fourth for one that changes
     jumps : at most [1]: a log that shows more has a spring that the basis cannot follow
+    spreads : of a jump [1]: a window of the filters is an interval at most, which touches two, so that three steps contain it
+    places : where a first jump is looked for [1]: a jump that is off by half of their distance still explains most
     least_probability : of a hypothesis that is averaged, as a part of the most probable one's [1]
     """
 
@@ -87,6 +93,8 @@ class Limits(NamedTuple):
     rounds: int = 2
     most_rounds: int = 4
     jumps: int = 4
+    spreads: tuple[int, ...] = (1, 2, 3)
+    places: int = 32
     least_probability: float = 1e-3
 
     @property
@@ -109,6 +117,11 @@ class Limits(NamedTuple):
         """The changes that are hypotheses, in addition to none."""
         count = 2 * round(np.log10(self.fastest / self.slowest)) + 1
         return np.asarray(np.geomspace(self.slowest, self.fastest, count))
+
+    @property
+    def trends(self) -> Array:
+        """The trends that are hypotheses, in decades: how fast one is the log tells by itself."""
+        return self.changes[::2]
 
 
 LIMITS = Limits()
@@ -448,7 +461,7 @@ class Smoother:
         for done in range(LIMITS.most_rounds):
             evidence, smoothed = self._explained(self._triangles(noise, weights), usual, False)
             mean = self._whole(smoothed.mean)
-            noise, weights = self._noise(self._whole(self.roughest.mean))
+            noise, weights = self._noise(self._whole(self.roughest.mean), _likeliest(evidence))
             usual = smoothed.mean.mean(axis=0)
             self._take(mean[:, : self.nominal.size].mean(axis=0))
             if done + 1 >= LIMITS.rounds and _likeliest(evidence).constant:
@@ -473,7 +486,7 @@ class Smoother:
             evidence = float(np.logaddexp.reduce(list(found.values()))) - float(sizes) - 0.5 * self.left
             # The changes' is that of the most probable prior.
             evidence += float(np.logaddexp.reduce(smoothness) - smoothness.max())
-            noise, _ = self._noise(self._whole(self.roughest.mean))
+            noise, _ = self._noise(self._whole(self.roughest.mean), _likeliest(found))
             usual = smoothed.mean.mean(axis=0)
         return evidence if self._resists(smoothed) else -np.inf
 
@@ -506,17 +519,21 @@ class Smoother:
             for part, columns, where in zip(self.boxes, self.columns, self.where, strict=True)
         ]
 
-    def _noise(self, mean: Array) -> tuple[list[RowNoise], list[Array | None]]:
+    def _noise(self, mean: Array, change: Change) -> tuple[list[RowNoise], list[Array | None]]:
         """Return the noise of each equation, fitted to the residuals of an estimate, and the weights of its rows."""
         count = sum(len(part.rows) for part in self.boxes)
         # What is fitted leaves less than the noise: by its effective number of unknowns (Hastie and Tibshirani).
         freedom = np.sqrt(count / max(count - self.fitted, ROUNDING * count))
         residuals = [freedom * own for own in self._residuals(mean)]
+        # What a jump is smeared over is no noise.
+        smeared = {at + after for at in self._broken(change) for after in (0, 1)}
+        clear = [~np.isin(where, list(smeared)) for where in self.where]
+        sound = [(own[keep], part.only(keep)) for own, part, keep in zip(residuals, self.boxes, clear, strict=True)]
         noise, weights = [], []
         for i, (residual, part) in enumerate(zip(residuals, self.boxes, strict=True)):
             before = list(zip(residuals[:i], self.boxes[:i], strict=True))
             steep, columns = self.steepness[i], [(own[:, None], boxes) for own, boxes in before]
-            noise.append(RowNoise.fitted(residual, part, steep, before))
+            noise.append(RowNoise.fitted(*sound[i], steep[clear[i]], sound[:i]))
             weights.append(tail_weights(noise[-1].whitened(residual[:, None], part, steep, columns)[:, 0]))
         return noise, weights
 
@@ -556,6 +573,8 @@ class Smoother:
         return np.ascontiguousarray(np.stack(rows, axis=1) if rows else np.zeros((count, 1, self.active.size)))
 
     def _smooth(self, measurements: Array, change: Change, direction: Array, backward: bool) -> Smoothed:
+        if change.trend:
+            return self._smooth_with_trend(measurements, change, direction, backward)
         start = np.zeros(self.active.size), np.diag(self.prior)
         if not change.constant or self.solver.causal:
             return smooth(measurements, self._steps(change, direction), *start, backward)
@@ -565,19 +584,64 @@ class Smoother:
         mean, root, filtered_mean, filtered_root, before = (np.repeat(own, self.count, axis=0) for own in arrays)
         return Smoothed(mean, root, filtered_mean, filtered_root, before, found.log_likelihood)
 
+    def _smooth_with_trend(self, measurements: Array, change: Change, direction: Array, backward: bool) -> Smoothed:
+        """Smooth with the trend as a state of each transmission that does not change; a filtered mean is the next one's."""
+        steps, views = self._steps(change, direction), len(direction)
+        found = smooth(
+            self._with_trend(measurements, direction),
+            np.ascontiguousarray(np.concatenate((steps, np.zeros((*steps.shape[:2], views))), axis=2)),
+            np.zeros(self.active.size + views),
+            np.diag(np.r_[self.prior, np.full(views, change.trend)]),
+            backward,
+        )
+        moved = np.zeros((self.count, self.active.size + views, self.active.size))
+        moved[:, : self.active.size] = np.eye(self.active.size)
+        moved[:, self.active.size :] = self.ramp[:, None, None] * direction
+        after = np.concatenate((moved[1:], moved[-1:]))
+        mean, filtered_mean = (
+            np.einsum("ki,kij->kj", x, by) for x, by in ((found.mean, moved), (found.filtered_mean, after))
+        )
+        pairs = (found.root, moved), (found.filtered_root, after), (found.before, moved)
+        root, filtered_root, before = (triangle_of(own @ by) for own, by in pairs)
+        return Smoothed(mean, root, filtered_mean, filtered_root, before, found.log_likelihood)
+
+    @property
+    def ramp(self) -> Array:
+        """What a trend has added of all that it adds over the log, from its middle on, shape (K,)."""
+        return np.asarray((np.arange(self.count) - 0.5 * (self.count - 1)) / self.count)
+
+    def _with_trend(self, measurements: Array, direction: Array) -> Array:
+        """Return measurements with a trend's column of each transmission after the unknowns'."""
+        trends = self.ramp[:, None, None] * (measurements[:, :, :-1] @ direction.T)
+        return np.ascontiguousarray(np.concatenate((measurements[:, :, :-1], trends, measurements[:, :, -1:]), axis=2))
+
+    def _walk(self, measurements: Array) -> RandomWalk:
+        """Return the walk of the torque as a whole, with a trend's unknown of each transmission after the others."""
+        still = np.zeros((len(self.direction), len(self.direction)))
+        return RandomWalk(self._with_trend(measurements, self.direction), np.hstack((self.direction, still)))
+
     def _shares(self, change: Change) -> Array:
         """Return the standard deviation of each step of the torque as a whole, shape (K − 1,)."""
         count = max(self.count - 1, 0)
         share = np.full(count, change.whole / np.sqrt(max(count, 1)))
-        share[list(change.jumps)] = LIMITS.fastest
+        share[self._broken(change)] = LIMITS.fastest
         return share
+
+    def _broken(self, change: Change) -> list[int]:
+        """Return the steps of a change's jumps: a window of the filters that contains one is of neither side."""
+        each = (range(jump, min(jump + change.spread, self.count - 1)) for jump in change.jumps)
+        return sorted({at for own in each for at in own})
 
     def _log_likelihood(self, measurements: Array, walk: RandomWalk, change: Change) -> float:
         """Return the log likelihood of a hypothesis; `walk` is that of the measurements."""
         if change.shape:
             return self._smooth(measurements, change, self.direction, False).log_likelihood
         triangle, logarithm = walk.triangle(self._shares(change))
-        return log_likelihood(triangle, self.prior) + logarithm
+        return log_likelihood(triangle, self._deviations(self.prior, triangle, change)) + logarithm
+
+    def _deviations(self, prior: Array, triangle: Array, change: Change) -> Array:
+        """Return the prior deviations of a triangle's unknowns: those of a trend are the last."""
+        return np.r_[prior, np.full(triangle.shape[1] - 1 - prior.size, change.trend)]
 
     def _direction(self, usual: Array) -> Array:
         views, n = self.solver.transmissions, self.solver.coefficients
@@ -601,7 +665,7 @@ class Smoother:
         walk = RandomWalk(measurements, np.zeros((0, self.active.size)))
         for _ in range(LIMITS.most_rounds):
             # A spring that changes may look like one that is no polynomial, and the other way round.
-            self.smoothness = self._smoothnesses(walk.triangle(self._shares(best))[0])
+            self.smoothness = self._smoothnesses(walk.triangle(self._shares(best))[0], best)
             likeliest = max(range(len(self.smoothness)), key=lambda i: self.smoothness[i].evidence)
             self.prior = self.smoothness[likeliest].prior
             explained = best
@@ -610,7 +674,7 @@ class Smoother:
             if best == explained:
                 break
         if best != explained:
-            self.smoothness = self._smoothnesses(walk.triangle(self._shares(best))[0])
+            self.smoothness = self._smoothnesses(walk.triangle(self._shares(best))[0], best)
         # Noise is what even the least smooth spring leaves: that of a smoother one would contain the misfit that shows it.
         prior, self.prior = self.prior, self.smoothness[-1].prior
         self.roughest = self._smooth(measurements, best, self.direction, True)
@@ -621,8 +685,8 @@ class Smoother:
             return self._explained(triangles, None, shapes)
         return evidence, smoothed
 
-    def _smoothnesses(self, triangle: Array) -> tuple[Smoothness, ...]:
-        """Return the hypotheses of how smooth a spring is, of rows of the scaled unknowns, shape (m, active + 1).
+    def _smoothnesses(self, triangle: Array, change: Change) -> tuple[Smoothness, ...]:
+        """Return the hypotheses of how smooth a spring is, of rows of the scaled unknowns and a change's trends.
 
         Of a power of the deflection the torque has r times as much as of the power before; the curvature changes from knot to
         knot by so much. Deviations of the others are geometric means over what the log makes probable.
@@ -636,14 +700,15 @@ class Smoother:
         def each(rest: Array) -> tuple[Smoothness, ...]:
             priors = [np.where(knots, curvature, rest) for curvature in curvatures]
             return tuple(
-                Smoothness(float(own) + log_likelihood(triangle, prior), prior)
+                Smoothness(float(own) + log_likelihood(triangle, self._deviations(prior, triangle, change)), prior)
                 for own, prior in zip(before, priors, strict=True)
             )
 
         curvature = curvatures[np.argmax([own.evidence for own in each(rest)])]
         parts = LIMITS.parts if elements.any() else np.ones(1)
         rests = np.array([np.where(elements, part, ratio**powers) for ratio in LIMITS.ratios for part in parts])
-        evidence = [log_likelihood(triangle, np.where(knots, curvature, rest)) for rest in rests]
+        priors = [self._deviations(np.where(knots, curvature, rest), triangle, change) for rest in rests]
+        evidence = [log_likelihood(triangle, prior) for prior in priors]
         return each(np.exp(_normalised(evidence) @ np.log(rests)))
 
     def _changing(
@@ -654,11 +719,20 @@ class Smoother:
         usual = still.filtered_mean[-1] if usual is None else usual
         self.direction = self._direction(usual)
         self.usual = np.sqrt(usual**2 + np.square(still.filtered_root[-1]).sum(axis=0))
-        walk = RandomWalk(measurements, self.direction)
+        walk = self._walk(measurements)
         # Until the noise is known, steps of a decade suffice.
         sizes = LIMITS.changes[:: 1 if shapes else 2] if self.count > 1 and not self.solver.constant else ()
-        evidence = self._weighed(measurements, walk, [Change(), *(Change(whole=size) for size in sizes)])
+        trends = [Change(trend=size) for size in (0.0, *LIMITS.trends)[: len(sizes) + 1]]
+        evidence = self._weighed(measurements, walk, [own._replace(whole=w) for own in trends for w in (0.0, *sizes)])
         best = _likeliest(evidence)
+        if not best.constant:
+            # A fast walk would hide a jump.
+            most = max(LIMITS.spreads)
+            places = np.unique(np.linspace(0, self.count - 2, LIMITS.places).astype(int)).tolist()
+            broken = self._weighed(measurements, walk, [Change(jumps=(place,), spread=most) for place in places])
+            self._place(measurements, walk, broken)
+            evidence |= broken
+            best = _likeliest(evidence)
         while True:
             smoothed = self._smooth(measurements, best, self.direction, True)
             jump = None if self.solver.constant else self._jump(smoothed, best)
@@ -666,8 +740,11 @@ class Smoother:
                 break
             # A jump explains part of the random walk, which is then as fast, half a decade slower, or none.
             jumps, slower = tuple(sorted((*best.jumps, jump))), [size for size in sizes if size <= best.whole][-2:]
-            evidence |= self._weighed(measurements, walk, [Change(whole, 0.0, jumps) for whole in (0.0, *slower)])
-            better = self._placed(measurements, walk, evidence)
+            broken = [own._replace(whole=w, jumps=jumps) for own in trends for w in (0.0, *slower)]
+            more = self._weighed(measurements, walk, broken)
+            self._place(measurements, walk, more)
+            evidence |= more
+            better = _likeliest(evidence)
             if better == best:
                 break
             best = better
@@ -675,24 +752,24 @@ class Smoother:
             evidence |= self._weighed(measurements, walk, [best._replace(shape=size) for size in sizes])
         return evidence, smoothed, walk
 
-    def _placed(self, measurements: Array, walk: RandomWalk, evidence: dict[Change, float]) -> Change:
-        """Add hypotheses with each jump of the best one at other times, until improbable; return the best then."""
+    def _place(self, measurements: Array, walk: RandomWalk, evidence: dict[Change, float]) -> None:
+        """Add hypotheses with each jump of the most probable one at other times, as far as they are probable."""
         best, placed = _likeliest(evidence), None
         while best != placed:
             placed = best
             for jump in best.jumps:
                 others = tuple(own for own in best.jumps if own != jump)
                 for step in (-1, 1):
-                    at = jump + step
+                    at = jump
                     while 0 <= at < self.count - 1 and at not in others:
-                        moved = best._replace(jumps=tuple(sorted((*others, at))))
-                        if moved not in evidence:
-                            evidence |= self._weighed(measurements, walk, [moved])
-                        if evidence[moved] < max(evidence.values()) + np.log(LIMITS.least_probability):
+                        jumps = tuple(sorted((*others, at)))
+                        moved = [best._replace(jumps=jumps, spread=spread) for spread in LIMITS.spreads]
+                        evidence |= self._weighed(measurements, walk, [own for own in moved if own not in evidence])
+                        least = max(evidence.values()) + np.log(LIMITS.least_probability)
+                        if max(evidence[own] for own in moved) < least:
                             break
                         at += step
             best = _likeliest(evidence)
-        return best
 
     def _shown(self, triangles: Array, change: Change) -> bool:
         """Make the unknown with the largest likelihood ratio active; return whether one is significant."""
@@ -707,7 +784,7 @@ class Smoother:
             self.prior, self.usual = (np.r_[own, [1.0] * added] for own in (prior, usual))
             self.direction = np.hstack((direction, np.zeros((len(direction), added))))
             measurements = self._measurements(triangles)
-            walk = RandomWalk(measurements, self.direction)
+            walk = self._walk(measurements)
             likelihoods[i] = self._log_likelihood(measurements, walk, change)
         best = max(likelihoods, key=lambda i: likelihoods[i])
         # The noise is estimated from the same rows: twice a logarithm of likelihoods is Student's t squared.
@@ -726,13 +803,15 @@ class Smoother:
         return shown
 
     def _weighed(self, measurements: Array, walk: RandomWalk, changes: Sequence[Change]) -> dict[Change, float]:
-        """Return the log evidence of hypotheses: either the whole changes or not, and either the shape or not, each alike."""
-        each = np.log(0.5 / LIMITS.changes.size)
+        """Return the log evidence of hypotheses: either the whole walks or not, and so for its shape and trend, each alike."""
+        none, each, trend = np.log(0.5), np.log(0.5 / LIMITS.changes.size), np.log(0.5 / LIMITS.trends.size)
         return {
             change: self._log_likelihood(measurements, walk, change)
-            + sum(each if size else np.log(0.5) for size in (change.whole, change.shape))
+            + sum(each if size else none for size in (change.whole, change.shape))
+            + (trend if change.trend else none)
             # Any interval could have been the one of a jump.
             - np.log(max(self.count - 1, 1)) * len(change.jumps)
+            - (np.log(len(LIMITS.spreads)) if change.jumps else 0.0)
             for change in changes
         }
 
@@ -752,7 +831,7 @@ class Smoother:
             with np.errstate(divide="ignore", invalid="ignore"):
                 size = np.abs(score) / np.sqrt(information)
             size[~np.isfinite(size)] = 0.0
-            size[list(change.jumps)] = 0.0
+            size[self._broken(change)] = 0.0
             k = int(np.argmax(size))
             if size[k] > most:
                 most, found = float(size[k]), k
@@ -794,7 +873,7 @@ class Smoother:
         full[:, :, self.active] = root
         picked = triangle_of(full[:, :, order])
         linear = np.full(self.count, not self.solver.causal)
-        linear[[*choice.change.jumps, self.count - 1]] = False
+        linear[[*self._broken(choice.change), self.count - 1]] = False
         deviation = np.sqrt(np.square(full).sum(axis=1)).mean(axis=0)
         others = {self.names[i - n]: (float(mean[:, i].mean()), float(deviation[i])) for i in self.active if i >= n}
         torque = (mean[:, self.active] / self.scale[self.active]) @ (
