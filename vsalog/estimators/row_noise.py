@@ -75,13 +75,14 @@ class RowNoise(NamedTuple):
     deviation: float
 
     @classmethod
-    def white(cls, part: BoxRows) -> RowNoise:
-        """Return white noise with the residual variance of least squares, of unknowns that may change steadily.
+    def white(cls, part: BoxRows, changing: bool) -> RowNoise:
+        """Return white noise with the residual variance of least squares, of unknowns that may change steadily or do not.
 
         Where rows are no more than unknowns it has that of the torque.
         """
         F, y = part.rows[:, :-1], part.rows[:, -1]
-        F = np.hstack((F, np.linspace(-1.0, 1.0, len(F))[:, None] * F))
+        if changing:
+            F = np.hstack((F, np.linspace(-1.0, 1.0, len(F))[:, None] * F))
         x, _, rank, _ = np.linalg.lstsq(F, y, rcond=None)
         freedom = len(y) - int(rank)
         square = np.sum((y - F @ x) ** 2) / freedom if freedom > 0 else np.sum(y**2) / max(len(y), 1)

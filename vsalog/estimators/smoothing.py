@@ -121,7 +121,7 @@ class Limits(NamedTuple):
     @property
     def trends(self) -> Array:
         """The trends that are hypotheses, in decades: how fast one is the log tells by itself."""
-        return self.changes[::2]
+        return np.asarray(self.changes[::2])
 
 
 LIMITS = Limits()
@@ -197,7 +197,7 @@ class Trajectory(NamedTuple):
     linear : shape (K,), whether they change linearly to the next interval
     noise : standard deviation of a row of the first equation, averaged over a box
     choice : what was chosen from the log
-    torque : shape (K, transmissions), of each as a whole, over what it is usually
+    torque, torque_std : shape (K, transmissions), of each as a whole, over what it is usually, and its standard deviation
     misfit : root mean square of a residual that does not average out, over that of its torque, the largest of all equations
     others : equation and name → value and standard deviation of an unknown that is no coefficient, where the log shows it
     """
@@ -209,6 +209,7 @@ class Trajectory(NamedTuple):
     noise: float
     choice: Choice
     torque: Array
+    torque_std: Array
     misfit: float
     others: Mapping[tuple[int, str], tuple[float, float]]
 
@@ -359,9 +360,10 @@ class Smoother:
         choice: Choice | None = None,
         loops: bool = True,
         shown: bool = True,
+        changing: bool = False,
     ) -> None:
         self.solver, self.collected, self.samples, self.choice = solver, boxes, samples, choice
-        self.loops, self.shown = loops and bool(solver.slips), shown
+        self.loops, self.shown, self.changing = loops and bool(solver.slips), shown, changing
         n = solver.coefficients
         self.boxes = [own._replace(rows=own.rows[:, :-n].copy()) for own in boxes]
         self.slopes = [own.rows[:, -n:] for own in boxes]
@@ -434,29 +436,35 @@ class Smoother:
         """Estimate the unknowns; None where there are fewer rows than unknowns."""
         if sum(len(part.rows) for part in self.boxes) <= self.active.size:
             return None
-        choice = self.choice
-        if choice is None:
-            triangles, choice, smoothed = self._chosen()
-            if not self._resists(smoothed):
-                return Smoother(self.solver, self.collected, self.samples, loops=False).trajectory()
-            # Unknowns that leave the equations in disagreement are not what is wrong with the machine.
-            if self.shown and self._misfit(self._whole(smoothed.mean)) > REPORTED_MISFIT:
-                return Smoother(self.solver, self.collected, self.samples, loops=self.loops, shown=False).trajectory()
-        else:
-            self.active, self.direction, self.usual = choice.active, choice.direction, choice.usual
-            triangles = self._triangles(choice.noise, [None] * len(self.boxes))
-        mean, root = self._averaged(triangles, choice)
-        return self._external(mean, root, choice)
+        if self.choice is not None:
+            self.active, self.direction, self.usual = self.choice.active, self.choice.direction, self.choice.usual
+            triangles = self._triangles(self.choice.noise, [None] * len(self.boxes))
+            return self._external(*self._averaged(triangles, self.choice), self.choice)
+        found, triangles, choice, smoothed = self._settled()
+        if not found._resists(smoothed):
+            return Smoother(self.solver, self.collected, self.samples, loops=False).trajectory()
+        # Unknowns that leave the equations in disagreement are not what is wrong with the machine.
+        if self.shown and found._misfit(found._whole(smoothed.mean)) > REPORTED_MISFIT:
+            return Smoother(self.solver, self.collected, self.samples, loops=self.loops, shown=False).trajectory()
+        return found._external(*found._averaged(triangles, choice), choice)
 
     def probability_of_polynomial(self) -> float:
         """Return the probability that the pieces of the deflection's range are not needed; 1 for fewer rows than unknowns."""
         if sum(len(part.rows) for part in self.boxes) <= self.active.size:
             return 1.0
-        return self._chosen()[1].probability_of_polynomial
+        return self._settled()[2].probability_of_polynomial
+
+    def _settled(self) -> tuple[Smoother, Array, Choice, Smoothed]:
+        """Return a smoother that has chosen, and what it has: a spring that changes once more, from noise without the change."""
+        found = self._chosen()
+        if self.changing or found[1].change.constant:
+            return self, *found
+        again = Smoother(self.solver, self.collected, self.samples, loops=self.loops, shown=self.shown, changing=True)
+        return again, *again._chosen()
 
     def _chosen(self) -> tuple[Array, Choice, Smoothed]:
         """Choose noise, unknowns and hypotheses; return the triangles, too, and what the best hypothesis estimates."""
-        noise, usual = [RowNoise.white(part) for part in self.boxes], None
+        noise, usual = [RowNoise.white(part, self.changing) for part in self.boxes], None
         weights: list[Array | None] = [None] * len(noise)
         for done in range(LIMITS.most_rounds):
             evidence, smoothed = self._explained(self._triangles(noise, weights), usual, False)
@@ -475,7 +483,7 @@ class Smoother:
 
     def evidence(self) -> float:
         """Return the log evidence of the functions, for noise as the residuals show it."""
-        noise, evidence, usual = [RowNoise.white(part) for part in self.boxes], -np.inf, None
+        noise, evidence, usual = [RowNoise.white(part, True) for part in self.boxes], -np.inf, None
         if sum(len(part.rows) for part in self.boxes) <= self.active.size:
             return evidence
         for _ in range(LIMITS.rounds + 1):
@@ -641,7 +649,7 @@ class Smoother:
 
     def _deviations(self, prior: Array, triangle: Array, change: Change) -> Array:
         """Return the prior deviations of a triangle's unknowns: those of a trend are the last."""
-        return np.r_[prior, np.full(triangle.shape[1] - 1 - prior.size, change.trend)]
+        return np.asarray(np.r_[prior, np.full(triangle.shape[1] - 1 - prior.size, change.trend)])
 
     def _direction(self, usual: Array) -> Array:
         views, n = self.solver.transmissions, self.solver.coefficients
@@ -740,8 +748,8 @@ class Smoother:
                 break
             # A jump explains part of the random walk, which is then as fast, half a decade slower, or none.
             jumps, slower = tuple(sorted((*best.jumps, jump))), [size for size in sizes if size <= best.whole][-2:]
-            broken = [own._replace(whole=w, jumps=jumps) for own in trends for w in (0.0, *slower)]
-            more = self._weighed(measurements, walk, broken)
+            tried = [own._replace(whole=w, jumps=jumps) for own in trends for w in (0.0, *slower)]
+            more = self._weighed(measurements, walk, tried)
             self._place(measurements, walk, more)
             evidence |= more
             better = _likeliest(evidence)
@@ -876,9 +884,8 @@ class Smoother:
         linear[[*self._broken(choice.change), self.count - 1]] = False
         deviation = np.sqrt(np.square(full).sum(axis=1)).mean(axis=0)
         others = {self.names[i - n]: (float(mean[:, i].mean()), float(deviation[i])) for i in self.active if i >= n}
-        torque = (mean[:, self.active] / self.scale[self.active]) @ (
-            self.direction.T / np.square(self.direction).sum(axis=1)
-        )
+        projection = self.direction.T / np.square(self.direction).sum(axis=1) / self.scale[self.active][:, None]
+        torque, doubt = mean[:, self.active] @ projection, np.sqrt(np.square(root @ projection).sum(axis=1))
         external = np.ascontiguousarray(mean[:, order])
         return Trajectory(
             self.samples,
@@ -888,6 +895,7 @@ class Smoother:
             choice.noise[0].deviation,
             choice,
             torque,
+            doubt,
             self._misfit(mean),
             others,
         )

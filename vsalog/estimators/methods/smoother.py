@@ -259,16 +259,19 @@ class SmootherFold(RegressionFold):
         return found
 
     def _changes(self, equation: CombinedEquation, trajectory: Trajectory) -> list[Finding]:
-        """Return by how much transmissions changed, where the log shows that they did."""
+        """Return by how much transmissions changed, where the log shows that they did and the bands of two times are apart."""
         if trajectory.choice.probability_of_no_change > FALSE_ALARM:
             return []
         jumps = len(trajectory.choice.change.jumps)
         found = []
-        for view, whole in zip(equation.transmissions, trajectory.torque[-1] / trajectory.torque[0] - 1.0, strict=True):
+        least = two_sided(FALSE_ALARM / len(trajectory.torque))
+        for i, view in enumerate(equation.transmissions):
+            torque, doubt = trajectory.torque[:, i], trajectory.torque_std[:, i]
+            if np.max(torque - least * doubt) <= np.min(torque + least * doubt):
+                continue
+            whole = torque[-1] / torque[0] - 1.0
             # No spring vanishes or doubles, or breaks as often as the search allows.
             odd = jumps == LIMITS.jumps or abs(whole) > LIMITS.fastest
-            if not jumps and abs(whole) < LIMITS.slowest:
-                continue
             found.append(
                 Finding(
                     code="stiffness.changed", joint=self.device.joint, part=view.name, severity="warning" if odd else "info",
