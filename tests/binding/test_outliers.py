@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_binding import bound, recording
 
-from vsalog.binding.outliers import Outliers
+from vsalog.filters.outliers import Outliers
 
 TURN = 2.0 * np.pi
 N = 10_001

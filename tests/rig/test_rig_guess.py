@@ -176,6 +176,19 @@ def test_a_sensor_that_counts_the_other_way_round_gets_a_sign():
     assert joint.roles["torque_sensor"].sign == -1
 
 
+@pytest.mark.parametrize("spoilt", ["motor", "link", "spring_torque", "deflection"])
+def test_one_outlier_changes_no_sign_and_no_gear(spoilt):
+    signs = {"motor": -1, "spring_torque": -1}
+    for gear, third in ((30.0, {"deflection": DEFLECTION}), (1.0, {}), (1.0, {"deflection": DEFLECTION})):
+        columns = {"motor": -gear * MOTOR, "link": LINK, "spring_torque": -TORQUE, **third}
+        if spoilt not in columns:
+            continue
+        columns[spoilt] = np.where(np.arange(TIME.size) == 1700, 1e6, columns[spoilt])
+        joint = only_joint(table(columns, units=dict.fromkeys(("motor", "link", "deflection"), "rad")))
+        assert {guess.channel: guess.sign for guess in joint.roles.values() if guess.sign < 0} == signs
+        assert (joint.gear_ratio is not None) == (gear > 1.0)
+
+
 def test_what_never_changes_is_no_role_and_commands_and_rates_are_their_own():
     still = np.zeros(TIME.size)
     joint = only_joint(

@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from vsalog.binding.drive_model import acting_torque, shift_of
 from vsalog.binding.findings import Tally
 from vsalog.binding.grid import LONGEST_GAP, Bound, is_even, less, stamps_where
-from vsalog.binding.outliers import Outliers
 from vsalog.binding.role_source import Source
-from vsalog.binding.unwrapping import WRAP_JUMP, Unwrapping, unwrapped_on, wraps_around
 from vsalog.binding.zero_order_hold import LONGEST_HOLD, held
 from vsalog.core.column import parts
 from vsalog.core.look import stretches
 from vsalog.core.recording import Channel
 from vsalog.core.resolution import ENOUGH, LONGEST_OUTLIER, coarser, resolution_of
+from vsalog.filters.outliers import Outliers
+from vsalog.filters.unwrapping import WRAP_JUMP, Unwrapping, unwrapped_on, wraps_around
 from vsalog.rig.schema import Motor
 
 Array = NDArray[np.float64]

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding.grid import Bound
-from vsalog.binding.outliers import ROLES
 from vsalog.binding.sensor_model import seen_by
 from vsalog.core.errors import BindingError, UnitError
 from vsalog.core.finding_texts import sentence
@@ -21,6 +20,9 @@ from vsalog.rig.schema import Joint, Motor, PneumaticJoint, Run, SerialJoint, Si
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
+
+# Roles that no command makes jump; a push or a blow seen by an accelerometer may be very short.
+SMOOTH = ("motor_position", "link_position", "deflection", "torque_sensor", "pressure")
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +134,7 @@ def source_of(recording: Recording, run: Run, role: str, signal: Signal, joint: 
         turn=_turn(channel, signal, role),
         # A turn of the rotor is no turn of the joint.
         joint_turn=signal.side == "joint" or role == "link_position" or motor_of(joint, role).gear_ratio == 1.0,
-        may_stand_alone=role.startswith(ROLES),
+        may_stand_alone=role.startswith(SMOOTH),
         lever=lever if lever is not None and is_angle(channel, signal) else None,
         origin=origin_of(recording),
     )

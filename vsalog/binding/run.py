@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from vsalog.binding.findings import binding_findings
 from vsalog.binding.grid import MOST_RATE_ERROR, OffGrid, after_long_silence, common_segments, on_grid
 from vsalog.binding.role import Ahead, Role
-from vsalog.binding.unwrapping import SameTurn, turnable, turned_on
 from vsalog.core.column import PART
 from vsalog.core.errors import BindingError
 from vsalog.core.finding import Finding
 from vsalog.core.signals import Interpolated
+from vsalog.filters.unwrapping import SameTurn, turnable, turned_on
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

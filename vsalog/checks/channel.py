@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding.joint import offered_roles, wanted_channels
-from vsalog.binding.unwrapping import WRAP_JUMP, wraps_around
 from vsalog.checks.samples import FEWEST_LEVELS
 from vsalog.core.errors import UnitError
 from vsalog.core.finding import Finding, Text
@@ -24,6 +23,7 @@ from vsalog.core.recording import Channel, Recording
 from vsalog.core.resolution import spread_over
 from vsalog.core.significance import FALSE_ALARM_OF_MANY
 from vsalog.core.units import si_factor
+from vsalog.filters.unwrapping import WRAP_JUMP, wraps_around
 from vsalog.rig.schema import Joint
 
 Array = NDArray[np.float64]

@@ -1,7 +1,8 @@
 """Guesses the joints of a log and the channels of their roles, each with its reasons and its confidence.
 
-Names come first, then units and message types; the numbers confirm or refute them, and show gear ratios and signs. A confidence
-is a rough estimate, not a probability: 0.9 means "check it once", 0.5 means "may well be something else".
+Names come first, then units and message types; the numbers confirm or refute them, and show gear ratios and signs. Outliers are
+left out, as in an estimate. A confidence is a rough estimate, not a probability: 0.9 means "check it once", 0.5 means "may well
+be something else".
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Recording
+from vsalog.rig.guess_data import without_outliers
 from vsalog.rig.guess_joint import guess_joint
 from vsalog.rig.guess_names import meaning_of, words_of
 from vsalog.rig.guess_runs import RunGroup, find_runs
@@ -74,7 +76,7 @@ def _candidates(recording: Recording, runs: RunGroup | None) -> tuple[list[Candi
         is_run = runs is not None and channel.stream == runs.streams[0]
         meaning = meaning_of(channel, with_stream=not is_run)
         if meaning.quantity != "other":
-            found.append(Candidate(channel, meaning))
+            found.append(Candidate(without_outliers(channel), meaning))
     return found, findings
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from vsalog.core.errors import UnitError
 from vsalog.core.recording import Channel
 from vsalog.core.resolution import ENOUGH
 from vsalog.core.units import is_counts, si_factor
+from vsalog.filters.outliers import Outliers
 
 Array = NDArray[np.float64]
 
@@ -36,6 +37,12 @@ class Line:
     intercept: float
     correlation: float
     residual: float
+
+
+def without_outliers(channel: Channel) -> Channel:
+    """Return a channel with NaN for the outliers that no motion makes: one of them decides a correlation."""
+    alone = Outliers(channel.values).among(channel.values) if channel.values.size > 1 else None
+    return channel if alone is None else replace(channel, values=np.where(alone, np.nan, channel.values))
 
 
 def is_constant(channel: Channel) -> bool:

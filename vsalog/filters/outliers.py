@@ -11,15 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.binding.unwrapping import WRAP_JUMP, WRAPPED_SPAN, wraps_around
 from vsalog.core.resolution import LONGEST_OUTLIER, step_of
 from vsalog.core.significance import FALSE_ALARM_OF_MANY
+from vsalog.filters.unwrapping import WRAP_JUMP, WRAPPED_SPAN, wraps_around
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-# Roles that no command makes jump; a push or a blow seen by an accelerometer may be very short.
-ROLES = ("motor_position", "link_position", "deflection", "torque_sensor", "pressure")
 
 MOST_OUTLIERS = 0.02
 """Largest part of the samples that may be outliers [1]. The others give the usual distance from the running median, which pulses
