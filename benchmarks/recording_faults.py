@@ -31,14 +31,14 @@ PRESETS = ("sea", "awas", "vsa2", "cubic-antagonist", "vsa2-2r", "kuka-kr15", "p
 MOTIONS = ("own", "multisine", "sines", "chirp", "steps", "sawtooth", "square", "servo")
 NAMED, FALSE_ALARMS = 0.98, 0.01
 
-# What names each kind: codes of findings.
+# What names each kind: codes of findings, and what a guessed rig says of a role.
 NAMES = {
     "unsigned torque": {"torque.unsigned"},
     "current called torque": {"signal.scale"},
     "gravity taken out": {"torque.without_gravity"},
-    "wrong sign": {"signal.sign"},
-    "other side of the gear": {"signal.scale"},
-    "wrong unit": {"signal.unit"},
+    "wrong sign": {"signal.sign", "sign = -1"},
+    "other side of the gear": {"signal.scale", 'side = "rotor"'},
+    "wrong unit": {"signal.unit", 'unit = "deg"'},
     "encoder counts": {"encoder.counts", "guess.raw_counts"},
     "late": {"signal.late"},
     "two clocks": {"signal.clock_rate"},
@@ -72,7 +72,15 @@ def found_in(recording: Recording) -> list[str]:
     guess = guess_roles(recording)
     report = inspect_recording(recording, guess)
     findings = [*report.findings, *(finding for joint in guess.joints for finding in joint.findings)]
-    return [finding.code for finding in findings if finding.code in FAULTS]
+    codes = [finding.code for finding in findings if finding.code in FAULTS]
+    guessed = [one for joint in guess.joints for one in joint.roles.values()]
+    codes += ["sign = -1" for one in guessed if one.sign < 0] + [
+        'side = "rotor"' for one in guessed if one.side == "rotor"
+    ]
+    stated = {name: channel.unit for name, channel in recording.channels.items()}
+    return codes + [
+        'unit = "deg"' for one in guessed if one.unit == "deg" and stated.get(one.channel) not in (None, "deg")
+    ]
 
 
 def roles_of(recording: Recording) -> dict[str, dict[str, str]]:

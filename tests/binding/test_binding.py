@@ -72,6 +72,13 @@ def test_units_gears_and_signs(signal, unit, factor):
     assert signals.period == pytest.approx(1e-3)
 
 
+@pytest.mark.parametrize("role", ["motor_position", "motor_velocity", "motor_torque"])
+def test_what_is_before_a_gear_of_unknown_ratio_is_refused(role):
+    name, joint = joint_of(ELASTIC.replace("gear_ratio = 50.0\n", "") + f'{role} = {{ channel = "x", side = "rotor" }}')
+    with pytest.raises(BindingError, match="gear_ratio"):
+        bind([recording(x=(T, np.sin(T)))], name, joint, [role])
+
+
 def test_an_offset_is_subtracted_in_si_after_everything_else():
     signals = bound('motor_position = { channel = "x", unit = "deg", sign = -1, offset = 0.5 }', recording(x=(T, T)))
     np.testing.assert_allclose(signals.roles["motor_position"], -np.deg2rad(T) - 0.5)

@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 from command_line import vsalog_run
@@ -99,6 +100,44 @@ def test_counts_are_refused_until_it_is_known_how_many_make_a_turn(tmp_path, mon
         assert refused.returncode == 2
         assert "counts_per_turn = 4096" in refused.stderr
     assert sorted(p.name for p in tmp_path.iterdir()) == ["exp1.csv", "my.toml"]
+
+
+RNG = np.random.default_rng(11)
+GEARED = {
+    "motor_pos [rad]": -50.0 * THETA + 1e-3 * RNG.standard_normal(TIME.size), "link_pos [rad]": THETA + PHI,
+    "torque_sensor [N*m]": TORQUE + 0.01 * RNG.standard_normal(TIME.size),
+}  # fmt: skip
+
+
+def test_a_gear_ratio_from_the_log_is_proposed_and_never_written_as_a_datum(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    log = write(tmp_path, GEARED)
+    made = vsalog_run("init", log, "-o", "my.toml", cwd=tmp_path)
+    assert tomllib.loads((tmp_path / "my.toml").read_text())["joint"]["joint"].get("motor", {}) == {}
+    assert "# gear_ratio = 50 " in (tmp_path / "my.toml").read_text()
+    for rig in (["--rig", "my.toml"], []):
+        refused = vsalog_run("estimate", log, *rig, cwd=tmp_path)
+        assert refused.returncode == 2
+        assert "gear_ratio" in refused.stderr
+    (words,) = commands_in(made.stderr)
+    assert words[-1] == "joint.joint.motor.gear_ratio=50"
+    done = CliRunner().invoke(cli, [*words, "-o", "found.parquet", "--estimator", "direct"])
+    assert done.exit_code == 0, done.output
+    stiffness = pq.read_table("found.parquet")["stiffness"].to_numpy()
+    assert np.nanmedian(stiffness) == pytest.approx(STIFFNESS, rel=0.01)
+
+
+def test_a_ratio_without_a_whole_number_is_asked_for_without_a_proposal(tmp_path):
+    log = write(
+        tmp_path, {"motor_pos": 50.3 * THETA, **{k: v for k, v in GEARED.items() if "link" in k or "sensor" in k}}
+    )
+    made = vsalog_run("init", log, cwd=tmp_path)
+    assert not any("--set" in words for words in commands_in(made.stderr))
+    assert "joint.joint.motor.gear_ratio" in made.stderr
+    code, text, prompts = asked(tmp_path, write(tmp_path, GEARED), ["", ""])
+    assert code == 0
+    assert "[50]" in prompts
+    assert tomllib.loads(text)["joint"]["joint"]["motor"]["gear_ratio"] == 50
 
 
 def test_an_estimate_without_a_rig_takes_no_numbers_to_begin_with(tmp_path):

@@ -55,6 +55,19 @@ def test_every_kind_is_named_in_every_channel(sea, kind):
         assert NAMES[kind] & set(found_in(one.recording)), (kind, one.role)
 
 
+@pytest.mark.parametrize(
+    "factors",
+    [{"torque_sensor": -1.0}, {"motor_position": -1.0}, {"motor_position": -60.0, "torque_sensor": -1.0},
+     {"motor_position": np.degrees(1.0)}, {"link_position": -1.0}],
+    ids=str,
+)  # fmt: skip
+def test_what_the_guess_says_is_not_reported_again(sea, factors):
+    names, log = roles_of(sea)["joint"], sea
+    for role, factor in factors.items():
+        log = with_values(log, names[role], factor * sea.channels[names[role]].values)
+    assert list(joint_faults(log, guess_roles(log))) == []
+
+
 def test_exchanged_motors_are_named(vsa2):
     for one in faulty(vsa2):
         if one.kind == "exchanged":

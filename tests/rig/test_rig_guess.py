@@ -155,6 +155,45 @@ def test_a_geared_motor_is_recognised_by_its_range_and_side():
     assert values_of(joint, "guess.gear_ratio") == [joint.gear_ratio]
 
 
+def inertial(seed, slow):
+    """Return a link that swings under gravity on a spring, its motor, and the spring's torque, in SI, with sensors' noise."""
+    rng = np.random.default_rng(seed)
+    times = [0.15, 0.4] if slow else rng.uniform(0.3, 3.0, 4)
+    q, acceleration = np.zeros(TIME.size), np.zeros(TIME.size)
+    for f in 2.0 * np.pi * np.asarray(times):
+        size, phase = rng.uniform(0.1, 0.5), rng.uniform(0.0, 6.0)
+        q, acceleration = q + size * np.sin(f * TIME + phase), acceleration - size * f**2 * np.sin(f * TIME + phase)
+    torque = -rng.uniform(2.0, 20.0) * np.sin(q) - 0.05 * acceleration
+    noise = rng.standard_normal((3, TIME.size))
+    theta = q - torque / rng.uniform(100.0, 900.0)
+    return theta + 1e-4 * noise[0], q + 1e-4 * noise[1], torque + 0.1 * noise[2]
+
+
+@pytest.mark.parametrize("slow", [False, True])
+def test_the_interval_of_a_gear_ratio_holds_the_true_one_and_no_other_whole_number(slow):
+    """Also of a slow lift, where the deflection follows the motor and the torque hardly shows it."""
+    wholes = []
+    for seed in range(10):
+        theta, q, torque = inertial(seed, slow)
+        true = 20 + 14 * seed
+        joint = only_joint(table({"motor_position": true * theta, "link_position": q, "torque_sensor": torque}))
+        for bounded in found(joint, "guess.gear_ratio_bounded"):
+            assert bounded.evidence["low"] < true < bounded.evidence["high"]
+        assert joint.whole_gear_ratio in (true, None)
+        wholes.append(joint.whole_gear_ratio)
+    assert sum(whole is not None for whole in wholes) >= (1 if slow else 5)
+    without = only_joint(table({"motor_position": true * theta, "link_position": q}))
+    assert (without.whole_gear_ratio, codes(without).count("guess.gear_ratio")) == (None, 1)
+
+
+def test_a_motor_in_degrees_has_no_gear():
+    theta, q, torque = inertial(1, slow=False)
+    columns = {"motor_position": np.degrees(theta), "link_position": q, "torque_sensor": torque}
+    joint = only_joint(table(columns, units=dict.fromkeys(("motor_position", "link_position"), "rad")))
+    motor = joint.roles["motor_position"]
+    assert (motor.unit, motor.side, joint.gear_ratio) == ("deg", "joint", None)
+
+
 def test_a_torque_computed_from_the_deflection_is_no_measurement():
     joint = only_joint(
         table({"position": LINK, "motor_position": MOTOR, "deflection": DEFLECTION, "effort": -40.0 * DEFLECTION})

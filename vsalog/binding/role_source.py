@@ -205,6 +205,11 @@ def _factor(recording: Recording, channel: Channel, role: str, signal: Signal, j
     """The factor from a recorded number to SI on the joint's side of the gear, with the sign."""
     base, motor, unit = role.removesuffix("_1").removesuffix("_2"), motor_of(joint, role), _unit(channel, signal)
     gear = motor.gear_ratio if signal.side == "rotor" else 1.0
+    if signal.side == "rotor" and gear == 1.0:
+        raise BindingError(
+            f"{recording.path.name}: channel '{channel.name}' ({role}) is on the rotor's side, and the rig has no gear: write the"
+            " motor's gear_ratio, such as gear_ratio = 50, or leave out side where there is no gear"
+        )
     like = role_units(role)[0]
     factor = float(signal.sign)
     if base in ("motor_torque", "secondary_torque"):

@@ -299,9 +299,14 @@ LOG_TEXTS: Mapping[str, Text] = {
     "guess.no_position": Text("{channels}: no position next to it, so it was assigned to no joint."),
     "guess.streams_without_time": Text("{streams}: no time column, skipped."),
     "guess.runs_left_out": Text("{streams}: named differently from the runs '{part}', left out."),
+    "guess.gear_ratio_bounded": Text(
+        "motor and link move as by a gear ratio of {value:.4g} ({low:.4g} to {high:.4g}, 95 %).",
+        "Look the ratio up, and write it as gear_ratio: an error in it looks like a deflection.",
+    ),
     "guess.gear_ratio": Text(
-        "the gear ratio {value:g} was estimated from the ranges of motor and link.",
-        "Look up the true one: an error in it looks like a deflection.",
+        "motor and link move as by a gear ratio of about {value:.2g}; the log has nothing in proportion to the deflection, which"
+        " moves the link too, so this has no interval.",
+        "Look the ratio up, and write it as gear_ratio: an error in it looks like a deflection.",
     ),
     "guess.two_motors": Text(
         'two motors may be antagonists, or a main motor and one that sets the stiffness (then kind = "serial").'

@@ -20,7 +20,7 @@ from vsalog.core.recording import Recording
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import device_of
 from vsalog.rig import Rig
-from vsalog.rig.guess_types import Guess
+from vsalog.rig.guess_types import Guess, JointGuess, RoleGuess
 from vsalog.rig.schema import Joint, Motor, RigidJoint
 from vsalog.rig.template import named_joints, rig_template
 
@@ -29,14 +29,14 @@ BOUND = ("sensor.stuck", "recording.outliers")
 
 
 def joint_faults(recording: Recording, guess: Guess) -> Iterator[Finding]:
-    """Yield the faults in the channels of the guessed joints, as recorded."""
+    """Yield the faults in the channels of the guessed joints that the guess does not name itself."""
     try:
         joints = Rig.from_toml(_rig_of_all_channels(recording, guess), "the guessed rig").joints
     except VsalogError:
         return
     bound: dict[str, JointSignals] = {}
-    plain = {name: _as_recorded(joint) for name, joint in joints.items()}
-    for name, joint in plain.items():
+    joints = {name: _currents_as_torques(joint) for name, joint in joints.items()}
+    for name, joint in joints.items():
         roles = [role for role in offered_roles(joint) if _is_recorded(recording, joint, role)]
         # Callers that need a role report if it cannot be bound.
         with suppress(VsalogError):
@@ -47,19 +47,27 @@ def joint_faults(recording: Recording, guess: Guess) -> Iterator[Finding]:
     if exchanged is not None:
         yield exchanged
     for name, signals in bound.items():
-        yield from _alone(recording, name, plain[name], signals, put_right[name])
+        yield from _alone(recording, name, joints[name], signals, put_right[name])
 
 
 def _rig_of_all_channels(recording: Recording, guess: Guess) -> str:
-    """Return a rig in which currents and counts have channels, too, though their scale is unknown."""
-    joints = tuple(
-        replace(joint, roles={r: replace(g, unit=None) if g.unit == "counts" else g for r, g in joint.roles.items()})
-        for joint in guess.joints
-    )
-    bare = replace(guess, joints=joints)
+    """Return a rig in which currents and counts have channels, too, though their scale is unknown; a motor before a gear of
+    unknown ratio has none.
+    """
+    bare = replace(guess, joints=tuple(replace(joint, roles=dict(_checked(joint))) for joint in guess.joints))
     constants = {f"motor{suffix}.torque_constant": "1.0" for suffix in ("", "_1", "_2")}
-    answers = {name: constants for name, _ in named_joints(bare)}
+    answers = {
+        name: constants | ({"motor.gear_ratio": str(joint.whole_gear_ratio)} if joint.whole_gear_ratio else {})
+        for name, joint in named_joints(bare)
+    }
     return rig_template(recording, bare, answers, with_beginnings=False)
+
+
+def _checked(joint: JointGuess) -> Iterator[tuple[str, RoleGuess]]:
+    """Yield the roles whose numbers can be compared with others."""
+    for role, guess in joint.roles.items():
+        if guess.side == "joint" or joint.whole_gear_ratio is not None:
+            yield role, replace(guess, unit=None) if guess.unit == "counts" else guess
 
 
 def _alone(
@@ -78,16 +86,10 @@ def _alone(
     yield from without_superseded((*found, *findings_of(put_right, currents)), RecordingFaults.supersedes)
 
 
-def _as_recorded(joint: Joint) -> Joint:
-    """Return a guessed joint without the guessed signs and gears; a current is used as it is."""
-    plain = {role: replace(signal, sign=1, side="joint") for role, signal in offered_roles(joint).items()}
-    motors = {motor: replace(getattr(joint, motor) or Motor(), torque_constant=1.0) for motor in motors_of(joint)}
-    return replace(joint, signals=replace(joint.signals, **plain), **motors)
-
-
-def motors_of(joint: Joint) -> list[str]:
-    """Return the names of a joint's motors."""
-    return [name for name in ("motor", "motor_1", "motor_2") if hasattr(joint, name)]
+def _currents_as_torques(joint: Joint) -> Joint:
+    """Return a joint whose motors make 1 N·m per ampere."""
+    motors = [name for name in ("motor", "motor_1", "motor_2") if hasattr(joint, name)]
+    return replace(joint, **{name: replace(getattr(joint, name) or Motor(), torque_constant=1.0) for name in motors})
 
 
 def _is_recorded(recording: Recording, joint: Joint, role: str) -> bool:

@@ -274,6 +274,7 @@ _WHAT_FOR = {
     "identify": "fits the rig's initial values",
     "simulate": "simulates the rig's initial values; the log lacks signals that a stiffness needs",
 }
+_WAITED_FOR = {"counts_per_turn": "the counts per turn are", "gear_ratio": "the gear ratio is"}
 _ASKED = {
     "counts_per_turn": "counts per turn of '{channel}'",
     "gear_ratio": "gear ratio, turns of '{channel}' per turn of the joint",
@@ -295,21 +296,29 @@ def _uses(guess: Guess, log: str, file: str, answers: Mapping[str, Answers]) -> 
     """Yield which commands can use the rig, and which additions would allow more."""
     names: dict[Command, list[str]] = {}
     lacking: dict[str, list[str]] = {}
-    waiting: set[str] = set()
+    waiting: dict[str, list[Gap]] = {}
     for name, joint in named_joints(guess):
         known = answers.get(name, {})
         names.setdefault(command_for(joint, known), []).append(name)
-        waiting |= {name} if waits_for(joint, known) else set()
-        for gap in gaps_of(joint):
-            if gap.key not in known and gap.guess is None:
+        needed, gaps = waits_for(joint, known), [gap for gap in gaps_of(joint) if gap.key not in known]
+        waiting[name] = [gap for gap in gaps if gap.key in needed]
+        for gap in gaps:
+            if gap.guess is None or gap.key in needed:
                 lacking.setdefault(_lacking(gap), []).append(f"joint.{toml_key(name)}.{gap.key}")
     for what, keys in lacking.items():
         yield Words(f"not known: {what}: {', '.join(keys)}")
     for command, joints in names.items():
         line = _COMMANDS[command].format(log=log, rig=file)
         only = "".join(f" --joint {joint}" for joint in joints) if len(names) > 1 and command != "simulate" else ""
-        first = "once the counts per turn are filled in, " if waiting & set(joints) else ""
-        yield Words(f"{', '.join(joints)}: {first}'{line}{only}' {_WHAT_FOR[command]}")
+        lacked = [(name, gap) for name in joints for gap in waiting[name]]
+        missing = " and ".join(dict.fromkeys(_WAITED_FOR[gap.key.rpartition(".")[2]] for _, gap in lacked))
+        first = f"once {missing} filled in, " if lacked else ""
+        if lacked and all(gap.guess is not None for _, gap in lacked):
+            # The log's own estimate is no datum: whoever runs the command states it.
+            stated = (f"joint.{toml_key(name)}.{gap.key}={gap.guess:g}" for name, gap in lacked)
+            only += "".join(f" --set {quote(key)}" for key in stated)
+            first = f"if {missing} as proposed here, "
+        yield Words(printable(f"{', '.join(joints)}: {first}'{line}{only}' {_WHAT_FOR[command]}"))
 
 
 def _reasons(joint: JointGuess) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -10,8 +11,10 @@ import msgspec
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.recording import Channel
 from vsalog.rig import guess_data
-from vsalog.rig.guess_data import CORRELATED, Line
+from vsalog.rig.guess_data import CORRELATED, Line, Ratio
 from vsalog.rig.guess_types import Kind, RoleGuess
+
+DEGREES = math.degrees(1.0)
 
 
 @dataclass(slots=True)
@@ -19,7 +22,7 @@ class Checked:
     """Roles with sides and signs filled in, and the findings."""
 
     roles: dict[str, RoleGuess]
-    gear_ratio: float | None = None
+    gear_ratio: Ratio | None = None
     findings: list[Finding] = field(default_factory=list)
 
 
@@ -45,23 +48,39 @@ def _gear(checked: Checked, channels: Mapping[str, Channel]) -> None:
     """Detect a gear between the two positions, and a motor with the opposite sign."""
     if "motor_position" not in channels or "link_position" not in channels:
         return
-    found = guess_data.gear_between(channels["motor_position"], channels["link_position"])
+    motor, link = channels["motor_position"], channels["link_position"]
+    found = guess_data.gear_between(motor, link)
     if found is None or found.slope == 0.0:
         return
     guess = checked.roles["motor_position"]
     if found.slope < 0.0:
         guess = _changed(guess, "it moves against the link", sign=-1)
     size = _motor_per_link(checked, channels, "")
-    ratio = 0.0 if size is None else 1.0 / abs(found.slope) / size
-    if round(ratio) > 1:  # else a deflection is likelier
-        checked.gear_ratio = float(f"{ratio:.4g}")
-        guess = _changed(guess, f"it moves {ratio:.4g} times as far as the link: before the gear", side="rotor")
-        checked.findings.append(Finding(code="guess.gear_ratio", value=checked.gear_ratio))
+    springs = [channels[role] for role in ("deflection", "torque_sensor") if role in channels]
+    moves = None if size is None else guess_data.ratio_between(motor, link, springs)
+    ratio = None if moves is None or size is None else moves.times(1.0 / size)
+    if ratio is not None and round(ratio.value) > 1:  # else a deflection is likelier
+        guess = _before_the_gear(checked, guess, ratio)
     checked.roles["motor_position"] = guess
     if "motor_velocity" in checked.roles:
+        rate, unit = checked.roles["motor_velocity"], "deg/s" if guess.unit == "deg" else None
         checked.roles["motor_velocity"] = msgspec.structs.replace(
-            checked.roles["motor_velocity"], side=guess.side, sign=guess.sign
+            rate, side=guess.side, sign=guess.sign, unit=unit or rate.unit
         )
+
+
+def _before_the_gear(checked: Checked, guess: RoleGuess, ratio: Ratio) -> RoleGuess:
+    """Return a motor's position on the rotor's side of a gear, or in degrees where these are the ratio."""
+    far = f"it moves about {ratio.value:.2g} times as far as the link"
+    if ratio.whole is None and ratio.holds(DEGREES):
+        return _changed(guess, f"{far}: in degrees", unit="deg")
+    checked.gear_ratio = ratio
+    if math.isnan(ratio.low):
+        checked.findings.append(Finding(code="guess.gear_ratio", value=ratio.value))
+    else:
+        evidence: Evidence = {"low": ratio.low, "high": ratio.high}
+        checked.findings.append(Finding(code="guess.gear_ratio_bounded", value=ratio.value, evidence=evidence))
+    return _changed(guess, f"{far}: before the gear", side="rotor")
 
 
 def _torque(checked: Checked, channels: Mapping[str, Channel], suffix: str) -> None:
@@ -91,14 +110,15 @@ def _over_deflection(
     if deflection is not None:
         return f"'{deflection.name}'", guess_data.torque_over_deflection(torque, deflection)
     motor, link = channels.get(f"motor_position{suffix}"), channels.get("link_position")
-    # A gear ratio from the ranges is too rough for a deflection.
-    if motor is None or link is None or checked.gear_ratio is not None:
+    ratio = 1 if checked.gear_ratio is None else checked.gear_ratio.whole
+    # Any other estimate of it is too rough for a deflection.
+    if motor is None or link is None or ratio is None:
         return "", None
     size = _motor_per_link(checked, channels, suffix)
     if size is None:
         return "", None
     sign = checked.roles[f"motor_position{suffix}"].sign
-    return "link − motor position", guess_data.torque_over_difference(torque, link, motor, sign * size)
+    return "link − motor position", guess_data.torque_over_difference(torque, link, motor, sign * size * ratio)
 
 
 def _motor_per_link(checked: Checked, channels: Mapping[str, Channel], suffix: str) -> float | None:

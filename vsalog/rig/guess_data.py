@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
+from vsalog.core.dependence import LEAST_BLOCKS, block_moments
 from vsalog.core.errors import UnitError
+from vsalog.core.precision import ROUNDING
 from vsalog.core.recording import Channel
 from vsalog.core.resolution import ENOUGH
+from vsalog.core.significance import SIGNIFICANCE
 from vsalog.core.units import is_counts, si_factor
 from vsalog.filters.outliers import Outliers
 
@@ -83,10 +88,10 @@ def si_of(channel: Channel, unit: str | None, like: str = "rad") -> float | None
     Parameters
     ----------
     channel : of the role
-    unit : that its name states
+    unit : that its name or its numbers show, instead of the log's; None for none
     like : the role's unit
     """
-    stated = channel.unit or unit or like
+    stated = unit or channel.unit or like
     if like == "rad" and (looks_like_counts(channel) or is_counts(stated)):
         return None
     try:
@@ -129,6 +134,84 @@ def line(x: Array, y: Array) -> Line | None:
     residual = float(np.sqrt(np.mean((dy / sy - correlation * dx / sx) ** 2)))
     slope = correlation * sy / sx
     return Line(slope, float(y.mean() - slope * x.mean()), correlation, residual)
+
+
+@dataclass(frozen=True, slots=True)
+class Ratio:
+    """How many times as far as a link a motor moves.
+
+    Attributes
+    ----------
+    value : as estimated
+    low, high : a 95 % interval; NaN where the deflection, which moves the link too, is not known
+    """
+
+    value: float
+    low: float = math.nan
+    high: float = math.nan
+
+    def times(self, factor: float) -> Ratio:
+        """Return the ratio in other units."""
+        return Ratio(self.value * factor, self.low * factor, self.high * factor)
+
+    def holds(self, value: float) -> bool:
+        """Return whether the interval contains a number."""
+        return self.low <= value <= self.high
+
+    @property
+    def whole(self) -> int | None:
+        """The whole number in the interval, None where there is none or more than one."""
+        nearest = round(self.value)
+        return nearest if [self.holds(nearest + k) for k in (-1, 0, 1)] == [False, True, False] else None
+
+
+def ratio_between(motor: Channel, link: Channel, springs: Sequence[Channel]) -> Ratio | None:
+    """Return how many times as far as the link the motor moves, by the numbers as recorded; None where they are not related.
+
+    A channel in proportion to the deflection explains its part of the link's motion. The regressions on each channel then bound
+    the ratio, whatever the errors of the channels are (Klepper and Leamer, "Consistent sets of estimates for regressions with
+    errors in all variables", Econometrica 52, 1984). Their range is widened by its sampling error, by a jackknife over blocks of
+    time, and by the unexplained part of the link's motion, all of which may follow the motor.
+
+    Parameters
+    ----------
+    motor, link : as recorded
+    springs : torques or deflections of the spring between them; the first that bounds the ratio is used
+    """
+    between = gear_between(motor, link)
+    if between is None or between.slope == 0.0:
+        return None
+    for spring in springs:
+        rows = np.column_stack(together(motor, link, spring))
+        rows = rows - rows.mean(axis=0)
+        size = np.sqrt(np.mean(rows**2, axis=0))
+        if len(rows) < LEAST_BLOCKS * len(size) or not size.all():
+            continue
+        moments = block_moments(rows / size, np.arange(len(rows)) * LEAST_BLOCKS // len(rows)) / len(rows)
+        logs, unexplained = _log_slopes(whole := moments.sum(axis=0))
+        without = np.array([_log_slopes(whole - one)[0] for one in moments])
+        deviation = np.sqrt((LEAST_BLOCKS - 1) * np.var(without, axis=0))
+        reach = unexplained + float(special.stdtrit(LEAST_BLOCKS - 1, 1.0 - 0.5 * SIGNIFICANCE)) * deviation
+        if np.isfinite(logs + reach).all():
+            ends = np.array([0.5 * (logs.min() + logs.max()), (logs - reach).min(), (logs + reach).max()])
+            return Ratio(*(np.exp(ends) * size[0] / size[1]).tolist())
+    return Ratio(1.0 / abs(between.slope))
+
+
+def _log_slopes(moments: Array) -> tuple[Array, float]:
+    """Return the logarithm of the first over the second column by the regression on each column, NaN where signs differ; and
+    the part of the second one that the others do not explain.
+
+    Parameters
+    ----------
+    moments : shape (K, K), of centred columns of size 1
+    """
+    # Row i of the inverse is normal to the plane fitted with errors in column i only. Rounding is the least error.
+    normals = np.linalg.inv(moments + ROUNDING * np.eye(len(moments)))
+    signs = np.sign(normals * normals[:, 1:2])
+    slopes = np.log(np.abs(normals[:, 1] / normals[:, 0]))
+    alike = bool((signs == signs[0]).all())
+    return np.asarray(slopes if alike else np.full_like(slopes, np.nan)), float(normals[1, 1]) ** -0.5
 
 
 def gear_between(motor: Channel, link: Channel) -> Line | None:

@@ -41,7 +41,7 @@ def gaps_of(joint: JointGuess) -> Iterator[Gap]:
     for suffix in ("", "_1", "_2"):
         motor, torque = joint.roles.get(f"motor_position{suffix}"), joint.roles.get(f"motor_torque{suffix}")
         if motor is not None and suffix == "" and (joint.gear_ratio is not None or motor.unit == "counts"):
-            yield Gap("motor.gear_ratio", "", motor.channel, joint.gear_ratio)
+            yield Gap("motor.gear_ratio", "", motor.channel, joint.whole_gear_ratio)
         if torque is not None and torque.is_current:
             yield Gap(f"motor{suffix}.torque_constant", "N*m/A", torque.channel)
         if torque is not None and joint.kind != "rigid" and not _has_sensor(joint):
@@ -54,11 +54,14 @@ def counts_key(role: str) -> str:
 
 
 def waits_for(joint: JointGuess, answers: Answers) -> tuple[str, ...]:
-    """Return the keys without which a command refuses a joint: counts alone are no angle."""
-    keys = ((counts_key(role), guess) for role, guess in joint.roles.items())
-    return tuple(
-        key for key, guess in keys if guess.unit == "counts" and guess.counts_per_turn is None and key not in answers
-    )
+    """Return the keys without which a command refuses a joint: counts, or an angle before an unknown gear, are no angle of it."""
+    keys = [
+        counts_key(role)
+        for role, guess in joint.roles.items()
+        if guess.unit == "counts" and guess.counts_per_turn is None
+    ]
+    keys += ["motor.gear_ratio"] if any(guess.side == "rotor" for guess in joint.roles.values()) else []
+    return tuple(key for key in keys if key not in answers)
 
 
 def command_for(joint: JointGuess, answers: Answers) -> Command:

@@ -72,6 +72,7 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
         findings.append(Finding(code="guess.no_torque"))
     gaps = [role for role in _ROLES[kind] if role not in roles and _base(role) not in EXTRA]
     stiffness, inertia = _scales(checked, channels)
+    ratio = checked.gear_ratio
     whys = {role: _why_missing(role, kind, roles, still) for role in gaps}
     return JointGuess(
         name,
@@ -80,7 +81,8 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
         confidence,
         checked.roles,
         {role: why for role, (why, _) in whys.items()},
-        checked.gear_ratio,
+        None if ratio is None else ratio.value,
+        None if ratio is None else ratio.whole,
         findings=tuple(findings),
         not_needed=tuple(role for role, (_, needed) in whys.items() if not needed),
         stiffness=stiffness,
@@ -90,7 +92,7 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
 
 def _scales(checked: Checked, channels: dict[str, Channel]) -> tuple[float | None, float | None]:
     """Return the stiffness and the inertia that a motor's torque moves; None for unknown ones."""
-    torque, gear = checked.roles.get("motor_torque"), checked.gear_ratio or 1.0
+    torque, gear = checked.roles.get("motor_torque"), 1.0 if checked.gear_ratio is None else checked.gear_ratio.value
     if torque is None:
         return None, None
     sizes: dict[str, float] = {}
@@ -100,13 +102,12 @@ def _scales(checked: Checked, channels: dict[str, Channel]) -> tuple[float | Non
         if guess is not None and size is not None:
             sizes[role] = direction * guess.sign * size / (gear if guess.side == "rotor" else 1.0)
     factor = guess_data.si_of(channels["motor_torque"], torque.unit, "A" if torque.is_current else "N*m")
+    factor = None if factor is None else factor * (gear if torque.is_current else 1.0)
 
     def scale(*roles: str) -> guess_data.Scale | None:
         if factor is None or not set(roles) <= set(sizes):
             return None
-        return guess_data.scale_of(
-            channels["motor_torque"], factor * gear, [(channels[role], sizes[role]) for role in roles]
-        )
+        return guess_data.scale_of(channels["motor_torque"], factor, [(channels[role], sizes[role]) for role in roles])
 
     spring = scale("deflection") or scale("link_position", "motor_position")
     mass = scale("motor_position") or scale("link_position")

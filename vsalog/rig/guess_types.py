@@ -73,7 +73,8 @@ class JointGuess(Struct, frozen=True):
     not_needed : those of the missing roles that an estimate does not need
     stiffness, inertia : initial values for an identification, by the sizes of torque and motion; in the torque's unit
         and per rad; None where there is no torque of a motor, or the joint has two
-    gear_ratio : rotor turns per joint turn as the ranges of two positions show it
+    gear_ratio : rotor turns per joint turn, estimated from two positions: no datum
+    whole_gear_ratio : the only whole number in its interval; None where there is none, or several
     runs : if the log contains several
     findings : about the joint
     """
@@ -85,6 +86,7 @@ class JointGuess(Struct, frozen=True):
     roles: Mapping[str, RoleGuess]
     missing: Mapping[str, str]
     gear_ratio: float | None = None
+    whole_gear_ratio: int | None = None
     runs: tuple[RunGuess, ...] = ()
     findings: tuple[Finding, ...] = ()
     not_needed: tuple[str, ...] = ()

@@ -226,11 +226,13 @@ def _motor(path: str, key: str, joint: JointGuess, answers: Answers, begin: bool
         yield _known(answers, f"{key}.inertia", '"2.3e-5 kg*m^2"', why)
     yield _gap("damping", '"0.001 N*m*s/rad"', "0 when left out")
     yield _gap("side", '"rotor"', "where inertia and damping are the rotor's own, not yet times gear_ratio²")
-    if joint.gear_ratio is not None and f"{key}.gear_ratio" not in answers:
-        yield _line(f"gear_ratio = {joint.gear_ratio!r}", "60 %: the ratio of the two positions' ranges; check it")
-    else:
-        why = "1 when left out; needed for whatever is measured on the rotor's side"
-        yield _known(answers, f"{key}.gear_ratio", "50.0", why)
+    why = "1 when left out; needed for whatever is measured on the rotor's side"
+    if joint.whole_gear_ratio is not None:
+        why = "the only whole number that motor and link allow, no datum: look it up"
+    elif joint.gear_ratio is not None:
+        why = "as motor and link roughly move, no datum: look it up"
+    ratio = joint.whole_gear_ratio or float(f"{joint.gear_ratio or 50.0:.2g}")
+    yield _known(answers, f"{key}.gear_ratio", str(ratio), why)
     suffix = key.removeprefix("motor")
     torque = joint.roles.get(f"motor_torque{suffix}")
     if torque is not None and torque.is_current:
