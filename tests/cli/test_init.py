@@ -140,6 +140,28 @@ def test_a_ratio_without_a_whole_number_is_asked_for_without_a_proposal(tmp_path
     assert tomllib.loads(text)["joint"]["joint"]["motor"]["gear_ratio"] == 50
 
 
+@pytest.mark.parametrize("preset", [[], ["--preset", "sea"]])
+def test_a_table_without_a_header_gets_a_rig_that_lists_its_columns(preset, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    log = write(tmp_path, {"a": THETA, "b": THETA + PHI, "c": TORQUE})
+    log.write_text("".join(log.read_text().splitlines(keepends=True)[1:]))
+    made = CliRunner().invoke(cli, ["init", "exp1.csv", "-o", "my.toml", *preset])
+    assert made.exit_code == 0, made.output
+    rig = tmp_path / "my.toml"
+    (words,) = commands_in(made.stderr)
+    assert "fill" in made.stderr
+    assert CliRunner().invoke(cli, words).exit_code != 0
+    text = rig.read_text()
+    assert re.findall(r'^# channel = "(\w+)" .* to ', text, re.MULTILINE) == ["column_1", "column_2", "column_3"]
+    for role, column in (("motor_position", 1), ("link_position", 2), ("torque_sensor", 3)):
+        text, filled = re.subn(f'^# {role} = "…"', f'{role} = "column_{column}"', text, flags=re.MULTILINE)
+        assert filled == 1
+    rig.write_text(text)
+    done = CliRunner().invoke(cli, [*words, "--estimator", "direct", "-o", "found.parquet"])
+    assert done.exit_code == 0, done.output
+    assert np.nanmedian(pq.read_table("found.parquet")["stiffness"].to_numpy()) == pytest.approx(STIFFNESS, rel=0.01)
+
+
 def test_an_estimate_without_a_rig_takes_no_numbers_to_begin_with(tmp_path):
     refused = vsalog_run("estimate", write(tmp_path, LOGS["current"]), cwd=tmp_path)
     assert refused.returncode == 2

@@ -6,6 +6,7 @@ import math
 import sys
 from functools import partial
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import rich_click as click
@@ -59,9 +60,9 @@ def init(
     from vsalog.report.outputs import keep_inputs, require_new
     from vsalog.report.terminal import console_for, print_document, print_findings
     from vsalog.report.verbosity import Verbosity, verbosity
-    from vsalog.rig.guess import guess_roles
+    from vsalog.rig.guess import LEAST_CHANNELS, guess_roles, or_unknown
     from vsalog.rig.load import Rig, preset_text
-    from vsalog.rig.template import preset_template, rig_template
+    from vsalog.rig.template import channels_lacking, preset_template, rig_template
     from vsalog.writers.atomic import write_text
 
     if ask and preset is not None:
@@ -77,19 +78,21 @@ def init(
         preset_text(preset)  # a mistyped name is reported before a long log is read
     recording = read(log, None, time, rate, start, end)
     guess = guess_roles(recording)
+    guess = or_unknown(guess, recording) if preset is None else guess
     if preset is None and not guess.joints:
         raise RigError(
-            f"{log.name}: no channel looks like a joint's position or deflection; 'vsalog inspect {log.name}' lists them,"
-            " and 'vsalog init --preset NAME' writes a rig to fill in by hand"
+            f"{log.name}: no channel looks like a joint's position or deflection, and fewer than {LEAST_CHANNELS} move;"
+            f" 'vsalog inspect {quote(log.name)}' lists them"
         )
     answers = _answers(guess) if ask else {}
     text = rig_template(recording, guess, answers) if preset is None else preset_template(recording, guess, preset)
-    Rig.from_toml(text, "the guessed rig")  # what is handed over must load
+    rig = Rig.from_toml(text, "the guessed rig")  # what is handed over must load
+    lacking = [] if preset is None else list(channels_lacking(rig, recording))
     if output is None:
         click.echo(text, nl=False)
     else:
         write_text(output, text)
-    document = init_document(guess, log.name, output, answers, preset)
+    document = init_document(guess, log.name, output, answers, preset, lacking)
     if verbosity() == Verbosity.QUIET:
         print_findings([*guess.findings, *(finding for joint in guess.joints for finding in joint.findings)])
     else:

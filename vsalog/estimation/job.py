@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 import msgspec
@@ -332,7 +333,7 @@ def _guess(recording: Recording) -> tuple[Rig, list[Finding]]:
     if not guess.joints:
         raise RigError(
             f"no rig was found in or next to {name}, and no channel of it looks like a joint's position or deflection."
-            f" 'vsalog inspect {name}' lists the channels; describe the joint in a rig file and give it with --rig"
+            f" 'vsalog inspect {quote(name)}' lists the channels, 'vsalog init {quote(name)}' writes a rig to fill in"
         )
     roles = "; ".join(
         f"{joint.name}: "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -34,6 +34,7 @@ from vsalog.report.document import (
     with_severity,
 )
 from vsalog.report.plot import Drawn
+from vsalog.rig.guess import LEAST_CHANNELS
 from vsalog.rig.guess_gaps import Answers, Command, Gap, command_for, gaps_of, waits_for
 from vsalog.rig.guess_types import Guess, JointGuess
 from vsalog.rig.template import named_joints, toml_key
@@ -215,7 +216,10 @@ def _head(head: HeadReport, begin: int | None) -> Table:
 
 def _joints(report: LogReport) -> Iterator[Block]:
     if not report.joints:
-        yield Section("", (Words("no channel looks like a joint's position, so no joint was guessed"),))
+        words = "no channel looks like a joint's position, so no joint was guessed"
+        moving = sum(not channel.constant for stream in report.streams for channel in stream.channels)
+        more = "; 'vsalog init LOG' writes a rig to fill in" if moving >= LEAST_CHANNELS else ""
+        yield Section("", (Words(words + more),))
         return
     yield from guessed_joints(report.joints)
     yield Words("'vsalog init LOG' writes these guesses into a rig file")
@@ -243,6 +247,7 @@ def init_document(
     written: Path | None,
     answers: Mapping[str, Answers] = MappingProxyType({}),
     preset: str | None = None,
+    lacking: Sequence[str] = (),
 ) -> Document:
     """Return the evidence for a guessed rig, and what to do with it.
 
@@ -252,7 +257,8 @@ def init_document(
     log : its name
     written : the rig's file; None where it is printed
     answers : per joint, the answers about its gaps
-    preset : whose numbers the rig has, so that it has no gaps
+    preset : whose numbers the rig has
+    lacking : keys of the preset's roles whose channels the log lacks
     """
     items: list[Block] = [*guessed_joints(guess.joints), *_findings(guess.findings)]
     file = "RIG" if written is None else printable(quote(str(written)))
@@ -260,7 +266,8 @@ def init_document(
     if preset is None:
         items += _uses(guess, log_name, file, answers)
     elif written is not None:
-        items.append(Words(f"{file} written; check it, then run 'vsalog estimate {log_name} --rig {file}'"))
+        first = f"fill in the channels of {', '.join(lacking)}" if lacking else "check it"
+        items.append(Words(f"{file} written; {first}, then run 'vsalog estimate {log_name} --rig {file}'"))
     return Document(f"A rig for {log}", "Guesses", tuple(items))
 
 
@@ -274,7 +281,11 @@ _WHAT_FOR = {
     "identify": "fits the rig's initial values",
     "simulate": "simulates the rig's initial values; the log lacks signals that a stiffness needs",
 }
-_WAITED_FOR = {"counts_per_turn": "the counts per turn are", "gear_ratio": "the gear ratio is"}
+_WAITED_FOR = {
+    "counts_per_turn": "the counts per turn are",
+    "gear_ratio": "the gear ratio is",
+    "signals": "its channels are",
+}
 _ASKED = {
     "counts_per_turn": "counts per turn of '{channel}'",
     "gear_ratio": "gear ratio, turns of '{channel}' per turn of the joint",
@@ -296,26 +307,27 @@ def _uses(guess: Guess, log: str, file: str, answers: Mapping[str, Answers]) -> 
     """Yield which commands can use the rig, and which additions would allow more."""
     names: dict[Command, list[str]] = {}
     lacking: dict[str, list[str]] = {}
-    waiting: dict[str, list[Gap]] = {}
+    waiting: dict[str, tuple[str, ...]] = {}
+    proposed: dict[tuple[str, str], float] = {}
     for name, joint in named_joints(guess):
         known = answers.get(name, {})
         names.setdefault(command_for(joint, known), []).append(name)
-        needed, gaps = waits_for(joint, known), [gap for gap in gaps_of(joint) if gap.key not in known]
-        waiting[name] = [gap for gap in gaps if gap.key in needed]
-        for gap in gaps:
-            if gap.guess is None or gap.key in needed:
+        waiting[name] = waits_for(joint, known)
+        for gap in gaps_of(joint):
+            proposed |= {} if gap.guess is None else {(name, gap.key): gap.guess}
+            if gap.key not in known and (gap.guess is None or gap.key in waiting[name]):
                 lacking.setdefault(_lacking(gap), []).append(f"joint.{toml_key(name)}.{gap.key}")
     for what, keys in lacking.items():
         yield Words(f"not known: {what}: {', '.join(keys)}")
     for command, joints in names.items():
         line = _COMMANDS[command].format(log=log, rig=file)
         only = "".join(f" --joint {joint}" for joint in joints) if len(names) > 1 and command != "simulate" else ""
-        lacked = [(name, gap) for name in joints for gap in waiting[name]]
-        missing = " and ".join(dict.fromkeys(_WAITED_FOR[gap.key.rpartition(".")[2]] for _, gap in lacked))
+        lacked = [(name, key) for name in joints for key in waiting[name]]
+        missing = " and ".join(dict.fromkeys(_WAITED_FOR[key.rpartition(".")[2]] for _, key in lacked))
         first = f"once {missing} filled in, " if lacked else ""
-        if lacked and all(gap.guess is not None for _, gap in lacked):
+        if lacked and set(lacked) <= set(proposed):
             # The log's own estimate is no datum: whoever runs the command states it.
-            stated = (f"joint.{toml_key(name)}.{gap.key}={gap.guess:g}" for name, gap in lacked)
+            stated = (f"joint.{toml_key(name)}.{key}={proposed[name, key]:g}" for name, key in lacked)
             only += "".join(f" --set {quote(key)}" for key in stated)
             first = f"if {missing} as proposed here, "
         yield Words(printable(f"{', '.join(joints)}: {first}'{line}{only}' {_WHAT_FOR[command]}"))

@@ -15,15 +15,26 @@ import numpy as np
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Recording
-from vsalog.rig.guess_data import without_outliers
+from vsalog.rig.guess_data import is_constant, without_outliers
 from vsalog.rig.guess_joint import guess_joint
 from vsalog.rig.guess_names import meaning_of, words_of
 from vsalog.rig.guess_runs import RunGroup, find_runs
 from vsalog.rig.guess_types import Candidate, Guess, JointGuess, RunGuess
 
-__all__ = ["Guess", "JointGuess", "guess_roles"]
+__all__ = ["Guess", "JointGuess", "guess_roles", "or_unknown"]
 
 _PLACED = ("position", "deflection")
+
+LEAST_CHANNELS = 2
+"""Channels of a joint that move [1]: an angle, and what is compared with it."""
+
+_WANTED = {
+    "motor_position": "an angle on the motor's side of the spring",
+    "link_position": "an angle on the link's side of the spring",
+    "deflection": "link − motor position; instead of one of the two",
+    "motor_torque": "the motor's torque or current",
+    "torque_sensor": "the spring's torque by a sensor",
+}
 
 
 @np.errstate(
@@ -53,6 +64,14 @@ def guess_roles(recording: Recording) -> Guess:
         joints = [_with_runs(joint, runs) for joint in joints]
         findings += _left_out(runs)
     return Guess(tuple(joints), tuple(findings))
+
+
+def or_unknown(guess: Guess, recording: Recording) -> Guess:
+    """Return a guess, with a joint without channels where no joint was recognised, but enough channels move for one."""
+    if guess.joints or sum(not is_constant(channel) for channel in recording.channels.values()) < LEAST_CHANNELS:
+        return guess
+    joint = JointGuess("joint", "elastic", "no name or unit of a channel shows a joint", 0.0, {}, _WANTED)
+    return msgspec.structs.replace(guess, joints=(joint,))
 
 
 def _candidates(recording: Recording, runs: RunGroup | None) -> tuple[list[Candidate], list[Finding]]:

@@ -55,6 +55,8 @@ def counts_key(role: str) -> str:
 
 def waits_for(joint: JointGuess, answers: Answers) -> tuple[str, ...]:
     """Return the keys without which a command refuses a joint: counts, or an angle before an unknown gear, are no angle of it."""
+    if not joint.roles:
+        return ("signals",)
     keys = [
         counts_key(role)
         for role, guess in joint.roles.items()
@@ -67,6 +69,8 @@ def waits_for(joint: JointGuess, answers: Answers) -> tuple[str, ...]:
 def command_for(joint: JointGuess, answers: Answers) -> Command:
     """Return the command that can use a guessed joint, once nothing is missing: the most informative one."""
     roles = set(joint.roles)
+    if not roles:
+        return "estimate"
     if joint.kind == "rigid":
         moves = "motor_torque" in roles or not roles.isdisjoint(COMMANDS)
         return "identify" if moves and "link_position" in roles else "simulate"

@@ -10,9 +10,12 @@ import textwrap
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 
+import numpy as np
+
 from vsalog.core.finding_texts import sentence
 from vsalog.core.printable import printable
 from vsalog.core.recording import Recording
+from vsalog.core.resolution import noise_of, step_of
 from vsalog.core.units import shown
 from vsalog.rig.checks import RUN
 from vsalog.rig.guess_gaps import Answers, Command, command_for, counts_key
@@ -55,7 +58,19 @@ def rig_template(
     for name, joint in named_joints(guess):
         known = answers.get(name, {})
         lines.extend(_joint(name, joint, known, command_for(joint, known) if with_beginnings else "estimate"))
+        lines.extend([] if joint.roles else _channels(recording))
     return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def _channels(recording: Recording) -> Iterator[str]:
+    """Yield the channels of a log as comments, to choose from."""
+    yield "# Channels of the log:"
+    for channel in recording.channels.values():
+        values = channel.values[np.isfinite(channel.values)]
+        facts = [f"{values.min():.5g} to {values.max():.5g}" if values.size else "no numbers"]
+        facts += [] if (step := step_of(values)) is None else [f"step {step:.3g}"]
+        facts += [] if (noise := noise_of(values)) is None else [f"noise {noise:.3g}"]
+        yield _gap("channel", toml_string(channel.name), ", ".join([channel.unit or "no unit", *facts]))
 
 
 def preset_template(recording: Recording, guess: Guess, name: str) -> str:
@@ -75,7 +90,17 @@ def preset_template(recording: Recording, guess: Guess, name: str) -> str:
         lines.append(f"[joint.{toml_key(joint_name)}.signals]")
         lines.extend(_preset_signals(recording, joint, found))
         lines.append("")
+    lines.extend([] if guess.joints else _channels(recording))
     return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def channels_lacking(rig: Rig, recording: Recording) -> Iterator[str]:
+    """Yield the keys of a rig's roles whose channels a recording lacks."""
+    for name, joint in rig.joints.items():
+        for role in joint.signals.__struct_fields__:
+            channel = _channel(joint, role)
+            if channel is not None and RUN not in channel and channel not in recording.channels:
+                yield f"joint.{toml_key(name)}.signals.{role}"
 
 
 def toml_string(text: str) -> str:
