@@ -93,7 +93,13 @@ def test_counts_are_refused_until_it_is_known_how_many_make_a_turn(tmp_path, mon
     log = write(tmp_path, COUNTED)
     made = vsalog_run("init", log, "-o", "my.toml", cwd=tmp_path)
     assert made.returncode == 0
-    for key in ("signals.motor_position.counts_per_turn", "signals.link_position.counts_per_turn", "motor.gear_ratio"):
+    for key in (
+        "signals.motor_position.side",
+        "signals.torque_sensor.sign",
+        "signals.motor_position.counts_per_turn",
+        "signals.link_position.counts_per_turn",
+        "motor.gear_ratio",
+    ):
         assert f"joint.joint.{key}" in made.stderr
     for rig in (["--rig", "my.toml"], []):
         refused = vsalog_run("estimate", log, *rig, cwd=tmp_path)
@@ -185,17 +191,33 @@ def asked(folder, log, answers):
 
 def test_ask_fills_the_gaps_and_asks_again_for_what_cannot_be(tmp_path):
     log = write(tmp_path, COUNTED)
-    # A word, a negative number and another unit are asked for again; an empty line leaves the gap.
-    code, text, prompts = asked(tmp_path, log, ["many", "-3", "4096", "65536", "50", "0.06 N*m", "60 mNm/A"])
+    # A word, a negative number, another unit and what is no choice are asked for again; an empty line leaves the gap.
+    answers = ["many", "-3", "4096", "65536", "shaft", "rotor", "50", "0.06 N*m", "60 mNm/A", "2", "-1"]
+    code, text, prompts = asked(tmp_path, log, answers)
     assert code == 0, prompts
     joint = tomllib.loads(text)["joint"]["joint"]
     assert joint["motor"] == {"gear_ratio": 50, "torque_constant": "60 mNm/A"}
     assert joint["signals"]["motor_position"] == {"channel": "Enc1", "counts_per_turn": 4096, "side": "rotor"}
     assert joint["signals"]["link_position"] == {"channel": "Enc2", "counts_per_turn": 65536}
     assert joint["signals"]["motor_torque"] == "Iq_meas"
+    assert joint["signals"]["torque_sensor"] == {"channel": "LoadCell", "sign": -1}
     assert prompts.count("counts per turn of 'Enc1'") == 3
-    code, text, _ = asked(tmp_path, log, ["", "", "", ""])
+    # Behind the gear its ratio does not matter.
+    code, text, prompts = asked(tmp_path, log, ["4096", "65536", "joint", "", "1"])
     assert code == 0
+    assert "gear ratio" not in prompts.partition("joint joint")[0]
+    assert tomllib.loads(text)["joint"]["joint"]["signals"]["motor_position"] == {
+        "channel": "Enc1",
+        "counts_per_turn": 4096,
+    }
+    assert "# torque_sensor" not in text
+    code, text, _ = asked(tmp_path, log, ["", "", "", "", "", ""])
+    assert code == 0
+    for line in (
+        '# motor_position = { channel = "Enc1", counts_per_turn = 4096, side = "rotor" }',
+        '# torque_sensor = { channel = "LoadCell", sign = -1 }',
+    ):
+        assert line in text
     assert tomllib.loads(text)["joint"]["joint"]["signals"]["link_position"] == {"channel": "Enc2", "unit": "counts"}
 
 

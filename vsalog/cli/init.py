@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 @click.option(
     "--ask",
     is_flag=True,
-    help="Ask on the terminal for what no log contains: counts per turn, gear ratio, torque constant.",
+    help="Ask on the terminal for what no log contains: counts per turn, side of the gear, gear ratio, torque constant, signs.",
 )
 @click.option(
     "--preset",
@@ -109,7 +109,7 @@ def _answers(guess: Guess) -> dict[str, dict[str, str]]:
     answers: dict[str, dict[str, str]] = {}
     for name, joint in named_joints(guess):
         answers[name] = {}
-        for gap in gaps_of(joint):
+        for gap in gaps_of(joint, answers[name]):
             shown = "" if gap.guess is None else f"{gap.guess:g}"
             answer = click.prompt(
                 printable(question_of(name, gap)),
@@ -132,6 +132,11 @@ def _value(gap: Gap, text: str) -> str:
     text = text.strip()
     if not text:
         return ""
+    if gap.choices:
+        bare = {choice.strip('"'): choice for choice in gap.choices}
+        if text not in bare:
+            raise click.UsageError(f"enter {' or '.join(bare)}, or nothing if it is not known")
+        return bare[text]
     try:
         value = float(text)
         written = repr(value).removesuffix(".0")

@@ -288,6 +288,8 @@ _WAITED_FOR = {
 }
 _ASKED = {
     "counts_per_turn": "counts per turn of '{channel}'",
+    "side": "the side of the gear on which '{channel}' is: rotor on the motor's shaft, joint behind the gear",
+    "sign": "sign of '{channel}': 1, or -1 where it counts the other way round (deflection = link - motor)",
     "gear_ratio": "gear ratio, turns of '{channel}' per turn of the joint",
     "torque_constant": "torque constant that converts the current '{channel}' to a torque [{unit}]",
     "inertia": "inertia of the motor, on the joint's side of the gear [{unit}]",
@@ -313,7 +315,7 @@ def _uses(guess: Guess, log: str, file: str, answers: Mapping[str, Answers]) -> 
         known = answers.get(name, {})
         names.setdefault(command_for(joint, known), []).append(name)
         waiting[name] = waits_for(joint, known)
-        for gap in gaps_of(joint):
+        for gap in gaps_of(joint, known):
             proposed |= {} if gap.guess is None else {(name, gap.key): gap.guess}
             if gap.key not in known and (gap.guess is None or gap.key in waiting[name]):
                 lacking.setdefault(_lacking(gap), []).append(f"joint.{toml_key(name)}.{gap.key}")

@@ -52,7 +52,7 @@ def _gear(checked: Checked, channels: Mapping[str, Channel]) -> None:
     found = guess_data.gear_between(motor, link)
     if found is None or found.slope == 0.0:
         return
-    guess = checked.roles["motor_position"]
+    guess = msgspec.structs.replace(checked.roles["motor_position"], has_sign=True)
     if found.slope < 0.0:
         guess = _changed(guess, "it moves against the link", sign=-1)
     size = _motor_per_link(checked, channels, "")
@@ -96,9 +96,9 @@ def _torque(checked: Checked, channels: Mapping[str, Channel], suffix: str) -> N
         checked.findings.append(Finding(code="torque.computed", part=f"'{torque.name}'", evidence=evidence))
         guess = msgspec.structs.replace(guess, confidence=round(guess.confidence * 0.6, 2))
     if line.correlation < -CORRELATED:
-        guess = _changed(guess, f"it falls with {name}, while τ_e = k (q − θ) rises", sign=-1)
+        guess = _changed(guess, f"it falls with {name}, while τ_e = k (q − θ) rises", sign=-1, has_sign=True)
     elif line.correlation > CORRELATED:
-        guess = _changed(guess, f"it rises with {name}")
+        guess = _changed(guess, f"it rises with {name}", has_sign=True)
     checked.roles[role] = guess
 
 

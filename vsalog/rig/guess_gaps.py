@@ -17,7 +17,7 @@ Answers = Mapping[str, str]
 
 
 class Gap(Struct, frozen=True):
-    """A number that the rig of a joint lacks.
+    """What the rig of a joint lacks: a number, or one of several values.
 
     Attributes
     ----------
@@ -25,27 +25,45 @@ class Gap(Struct, frozen=True):
     unit : SI; "" for a plain number
     channel : that it is about
     guess : from the log; None where it shows none
+    choices : the possible values as TOML writes them; empty for a number
     """
 
     key: str
     unit: str
     channel: str
     guess: float | None = None
+    choices: tuple[str, ...] = ()
 
 
-def gaps_of(joint: JointGuess) -> Iterator[Gap]:
-    """Yield what the rig of a guessed joint lacks for stiffness or torques in SI."""
+SIDES, SIGNS = ('"rotor"', '"joint"'), ("1", "-1")
+
+
+def gaps_of(joint: JointGuess, answers: Answers) -> Iterator[Gap]:
+    """Yield what the rig of a guessed joint lacks for stiffness or torques in SI.
+
+    Parameters
+    ----------
+    joint : guessed
+    answers : those so far: an encoder on the joint's side needs no gear ratio
+    """
     for role, guess in joint.roles.items():
         if guess.unit == "counts":
             yield Gap(counts_key(role), "", guess.channel, guess.counts_per_turn)
     for suffix in ("", "_1", "_2"):
         motor, torque = joint.roles.get(f"motor_position{suffix}"), joint.roles.get(f"motor_torque{suffix}")
-        if motor is not None and suffix == "" and (joint.gear_ratio is not None or motor.unit == "counts"):
-            yield Gap("motor.gear_ratio", "", motor.channel, joint.whole_gear_ratio)
+        side = f"signals.motor_position{suffix}.side"
+        if motor is not None and motor.unit == "counts":
+            yield Gap(side, "", motor.channel, choices=SIDES)
+        if motor is not None and (motor.side == "rotor" or (motor.unit == "counts" and answers.get(side) != SIDES[1])):
+            yield Gap(f"motor{suffix}.gear_ratio", "", motor.channel, joint.whole_gear_ratio)
         if torque is not None and torque.is_current:
             yield Gap(f"motor{suffix}.torque_constant", "N*m/A", torque.channel)
         if torque is not None and joint.kind != "rigid" and not _has_sensor(joint):
             yield Gap(f"motor{suffix}.inertia", "kg*m^2", torque.channel)
+    torque_role = "torque_sensor" if _has_sensor(joint) else "motor_torque"
+    for role, guess in joint.roles.items():
+        if joint.kind != "rigid" and not guess.has_sign and role.startswith(("motor_position", torque_role)):
+            yield Gap(f"signals.{role}.sign", "", guess.channel, choices=SIGNS)
 
 
 def counts_key(role: str) -> str:
@@ -62,7 +80,11 @@ def waits_for(joint: JointGuess, answers: Answers) -> tuple[str, ...]:
         for role, guess in joint.roles.items()
         if guess.unit == "counts" and guess.counts_per_turn is None
     ]
-    keys += ["motor.gear_ratio"] if any(guess.side == "rotor" for guess in joint.roles.values()) else []
+    keys += [
+        f"motor{role.removeprefix('motor_position')}.gear_ratio"
+        for role, guess in joint.roles.items()
+        if role.startswith("motor_position") and SIDES[0] in (answers.get(f"signals.{role}.side"), f'"{guess.side}"')
+    ]
     return tuple(key for key in keys if key not in answers)
 
 

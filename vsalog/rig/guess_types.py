@@ -40,6 +40,7 @@ class RoleGuess(Struct, frozen=True):
     unit : to be stated in the rig, where only the name contains it, not the log
     side, sign : as in the rig
     is_current : a motor torque that is recorded as a current
+    has_sign : whether the numbers show `sign`
     counts_per_turn : the counts after which its encoder wraps; None for one that does not, or that is not in ``counts``
     """
 
@@ -51,6 +52,7 @@ class RoleGuess(Struct, frozen=True):
     sign: Literal[1, -1] = 1
     is_current: bool = False
     counts_per_turn: int | None = None
+    has_sign: bool = False
 
 
 class RunGuess(Struct, frozen=True):

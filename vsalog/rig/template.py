@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
@@ -18,7 +18,7 @@ from vsalog.core.recording import Recording
 from vsalog.core.resolution import noise_of, step_of
 from vsalog.core.units import shown
 from vsalog.rig.checks import RUN
-from vsalog.rig.guess_gaps import Answers, Command, command_for, counts_key
+from vsalog.rig.guess_gaps import SIDES, SIGNS, Answers, Command, command_for, counts_key, gaps_of
 from vsalog.rig.guess_types import Guess, JointGuess, RoleGuess
 from vsalog.rig.load import Rig
 from vsalog.rig.schema import Joint, Signal
@@ -179,6 +179,8 @@ def _joint(name: str, joint: JointGuess, answers: Answers, command: Command) -> 
         yield _signal(
             role, guess, bool(joint.runs), answers, lacks_constant=_lacks_constant(role, guess, answers, command)
         )
+        open_keys = [gap.key for gap in gaps_of(joint, answers) if gap.choices and gap.key not in answers]
+        yield from _otherwise(role, guess, answers, [key for key in open_keys if key.startswith(f"signals.{role}.")])
     for role, why in joint.missing.items():
         if role != "setpoint" or not joint.runs:
             yield _gap(role, '"…"', why)
@@ -315,21 +317,8 @@ def _signal(
     *,
     lacks_constant: bool = False,
 ) -> str:
-    parts = []
     counts = answers.get(counts_key(role), guess.counts_per_turn)
-    if guess.unit == "counts" and counts is not None:
-        parts.append(f"counts_per_turn = {counts}")
-    elif guess.unit is not None:
-        parts.append(f"unit = {toml_string(guess.unit)}")
-    is_rotors = (
-        role in ("motor_position", "motor_velocity") and guess.unit == "counts" and "motor.gear_ratio" in answers
-    )
-    if guess.side != "joint" or is_rotors:
-        parts.append('side = "rotor"')
-    if guess.sign != 1:
-        parts.append(f"sign = {guess.sign}")
-    channel = toml_string(guess.channel)
-    value = f"{{ channel = {channel}, {', '.join(parts)} }}" if parts else channel
+    value = _value(role, guess, answers)
     why = f"{_percent(guess.confidence)}: {'; '.join(guess.reasons)}"
     if RUN in guess.channel and not has_runs:
         return _gap(role, value, f"{why}; but its name contains {RUN}, which is replaced by a run")
@@ -338,6 +327,41 @@ def _signal(
     if guess.unit == "counts" and counts is None:
         why = f"write counts_per_turn = 4096, or its number, for the unit; {why}"
     return _line(f"{role} = {value}", why)
+
+
+def _value(role: str, guess: RoleGuess, answers: Answers) -> str:
+    """Return a role's channel with its unit, side and sign, as TOML writes it."""
+    parts = []
+    counts = answers.get(counts_key(role), guess.counts_per_turn)
+    if guess.unit == "counts" and counts is not None:
+        parts.append(f"counts_per_turn = {counts}")
+    elif guess.unit is not None:
+        parts.append(f"unit = {toml_string(guess.unit)}")
+    # A motor's velocity is its position's derivative.
+    of = role.replace("velocity", "position") if role.startswith("motor_velocity") and guess.unit == "counts" else role
+    side, sign = (
+        answers.get(f"signals.{of}.side", f'"{guess.side}"'),
+        answers.get(f"signals.{of}.sign", str(guess.sign)),
+    )
+    parts += [] if side == SIDES[1] else [f"side = {side}"]
+    parts += [] if sign == SIGNS[0] else [f"sign = {sign}"]
+    channel = toml_string(guess.channel)
+    return f"{{ channel = {channel}, {', '.join(parts)} }}" if parts else channel
+
+
+def _otherwise(role: str, guess: RoleGuess, answers: Answers, unknown: Sequence[str]) -> Iterator[str]:
+    """Yield the line of a role with the other value of each key that the log does not show."""
+    whys = {
+        "side": "where it is on the motor's shaft, before the gear (then write gear_ratio, too)",
+        "sign": "where it counts the other way round: φ = q − θ, and torques that rise with it, are positive",
+    }
+    names = [key.rpartition(".")[2] for key in unknown]
+    values = {"side": SIDES[0], "sign": SIGNS[1]}
+    if names:
+        counts = {counts_key(role): "4096"} if guess.unit == "counts" and guess.counts_per_turn is None else {}
+        other = {f"signals.{role}.{name}": values[name] for name in names}
+        why = "; ".join(f"{name}: {whys[name]}" for name in names)
+        yield _gap(role, _value(role, guess, {**counts, **answers, **other}), f"unknown, {why}")
 
 
 def _preset_signals(recording: Recording, joint: Joint, found: JointGuess | None) -> Iterator[str]:
