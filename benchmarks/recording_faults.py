@@ -78,9 +78,7 @@ def found_in(recording: Recording) -> list[str]:
         'side = "rotor"' for one in guessed if one.side == "rotor"
     ]
     stated = {name: channel.unit for name, channel in recording.channels.items()}
-    return codes + [
-        'unit = "deg"' for one in guessed if one.unit == "deg" and stated.get(one.channel) not in (None, "deg")
-    ]
+    return codes + ['unit = "deg"' for one in guessed if one.unit == "deg" and stated.get(one.channel) != "deg"]
 
 
 def roles_of(recording: Recording) -> dict[str, dict[str, str]]:

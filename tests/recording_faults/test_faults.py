@@ -68,6 +68,19 @@ def test_what_the_guess_says_is_not_reported_again(sea, factors):
     assert list(joint_faults(log, guess_roles(log))) == []
 
 
+def test_a_delay_that_looks_like_a_sign_is_named_in_spite_of_the_guess(samples):
+    log = read(samples / "awas_exp1.mcap")
+    name = roles_of(log)["joint"]["motor_position"]
+    late = with_values(
+        log, name, np.concatenate((np.full(40, log.channels[name].values[0]), log.channels[name].values[:-40]))
+    )
+    guess = guess_roles(late)
+    assert guess.joints[0].roles["torque_sensor"].sign == -1
+    found = [finding.code for finding in joint_faults(late, guess)]
+    assert "signal.late" in found
+    assert "signal.sign" not in found
+
+
 def test_exchanged_motors_are_named(vsa2):
     for one in faulty(vsa2):
         if one.kind == "exchanged":

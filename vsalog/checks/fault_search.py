@@ -56,6 +56,12 @@ def faults_of(signals: JointSignals, unknown_scale: Collection[str] = ()) -> lis
     return found
 
 
+def equations_hold(signals: JointSignals) -> bool:
+    """Return whether no equation of a joint's channels has a residual beyond its noise floor, also where none can be formed."""
+    channels = _channels(signals)
+    return channels is None or not _wrong(channels, ())
+
+
 def exchanged_between(joints: Joints) -> tuple[tuple[str, str], Found] | None:
     """Return the two joints whose channels of one role were exchanged; None for none.
 

@@ -25,6 +25,12 @@ class Checked:
     gear_ratio: Ratio | None = None
     findings: list[Finding] = field(default_factory=list)
 
+    @property
+    def whole_gear_ratio(self) -> int | None:
+        """The only whole number in the interval of the gear ratio."""
+        wholes = range(0) if self.gear_ratio is None else self.gear_ratio.wholes
+        return wholes[0] if len(wholes) == 1 else None
+
 
 def confirm(roles: Mapping[str, RoleGuess], channels: Mapping[str, Channel], kind: Kind) -> Checked:
     """Return the roles with side and sign as the numbers show them.
@@ -57,10 +63,13 @@ def _gear(checked: Checked, channels: Mapping[str, Channel]) -> None:
         guess = _changed(guess, "it moves against the link", sign=-1)
     size = _motor_per_link(checked, channels, "")
     springs = [channels[role] for role in ("deflection", "torque_sensor") if role in channels]
-    moves = None if size is None else guess_data.ratio_between(motor, link, springs)
-    ratio = None if moves is None or size is None else moves.times(1.0 / size)
-    if ratio is not None and round(ratio.value) > 1:  # else a deflection is likelier
-        guess = _before_the_gear(checked, guess, ratio)
+    for some in () if size is None else (springs, []):
+        moves = guess_data.ratio_between(motor, link, some)
+        ratio = None if moves is None else moves.times(1.0 / (size or 1.0))
+        # An interval with and without a gear determines nothing; near 1 a deflection is likelier.
+        if ratio is not None and not ratio.holds(1.0):
+            guess = _before_the_gear(checked, guess, ratio) if round(ratio.value) > 1 else guess
+            break
     checked.roles["motor_position"] = guess
     if "motor_velocity" in checked.roles:
         rate, unit = checked.roles["motor_velocity"], "deg/s" if guess.unit == "deg" else None
@@ -72,7 +81,7 @@ def _gear(checked: Checked, channels: Mapping[str, Channel]) -> None:
 def _before_the_gear(checked: Checked, guess: RoleGuess, ratio: Ratio) -> RoleGuess:
     """Return a motor's position on the rotor's side of a gear, or in degrees where these are the ratio."""
     far = f"it moves about {ratio.value:.2g} times as far as the link"
-    if ratio.whole is None and ratio.holds(DEGREES):
+    if not ratio.wholes and ratio.holds(DEGREES):
         return _changed(guess, f"{far}: in degrees", unit="deg")
     checked.gear_ratio = ratio
     if math.isnan(ratio.low):
@@ -110,7 +119,7 @@ def _over_deflection(
     if deflection is not None:
         return f"'{deflection.name}'", guess_data.torque_over_deflection(torque, deflection)
     motor, link = channels.get(f"motor_position{suffix}"), channels.get("link_position")
-    ratio = 1 if checked.gear_ratio is None else checked.gear_ratio.whole
+    ratio = 1 if checked.gear_ratio is None else checked.whole_gear_ratio
     # Any other estimate of it is too rough for a deflection.
     if motor is None or link is None or ratio is None:
         return "", None

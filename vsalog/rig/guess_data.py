@@ -159,10 +159,9 @@ class Ratio:
         return self.low <= value <= self.high
 
     @property
-    def whole(self) -> int | None:
-        """The whole number in the interval, None where there is none or more than one."""
-        nearest = round(self.value)
-        return nearest if [self.holds(nearest + k) for k in (-1, 0, 1)] == [False, True, False] else None
+    def wholes(self) -> range:
+        """The whole numbers in the interval."""
+        return range(0) if math.isnan(self.low) else range(math.ceil(self.low), math.floor(self.high) + 1)
 
 
 def ratio_between(motor: Channel, link: Channel, springs: Sequence[Channel]) -> Ratio | None:

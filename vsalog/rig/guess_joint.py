@@ -72,7 +72,6 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
         findings.append(Finding(code="guess.no_torque"))
     gaps = [role for role in _ROLES[kind] if role not in roles and _base(role) not in EXTRA]
     stiffness, inertia = _scales(checked, channels)
-    ratio = checked.gear_ratio
     whys = {role: _why_missing(role, kind, roles, still) for role in gaps}
     return JointGuess(
         name,
@@ -81,8 +80,8 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
         confidence,
         checked.roles,
         {role: why for role, (why, _) in whys.items()},
-        None if ratio is None else ratio.value,
-        None if ratio is None else ratio.whole,
+        None if checked.gear_ratio is None else checked.gear_ratio.value,
+        checked.whole_gear_ratio,
         findings=tuple(findings),
         not_needed=tuple(role for role, (_, needed) in whys.items() if not needed),
         stiffness=stiffness,
