@@ -25,7 +25,7 @@ from vsalog.figures.joint_figures import columns_for, joint_charts
 from vsalog.figures.paper import write_figures
 from vsalog.report.document import Block, Cell, Document, Facts, Notes, Section, Table, Verdict, Words, led, provenance
 from vsalog.report.html import page_of
-from vsalog.report.outputs import Outputs
+from vsalog.report.outputs import Outputs, sealed
 from vsalog.writers.atomic import atomic_path
 from vsalog.writers.trace import TraceWriter
 from vsalog.writers.trace_mcap import write_trace_mcap
@@ -108,7 +108,8 @@ def write_estimate(
 
         estimates = job.run(sink, progress)
         first.add_findings(e.findings for e in estimates)
-        model.write_text(job.model_file(estimates, provenance).to_toml(), encoding="utf-8")
+        file = job.model_file(estimates, provenance)
+        model.write_text(sealed(file.to_toml(), file.log.values()), encoding="utf-8")
         if log is not None:
             progress("writing the MCAP log")
             write_trace_mcap(kept, log, provenance)

@@ -1,7 +1,7 @@
 """Output files: the files of a run, named before anything is done, never an input, and all written or none.
 
 An existing file is overwritten with `--force`, or if it is an earlier result of the same logs: one that contains their
-SHA-256. Files that people edit, as rigs, are sealed: an edited one is no result any more.
+SHA-256. Files that people edit, as rigs and models, are sealed: an edited one is no result any more.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ def sealed(text: str, logs: Iterable[str]) -> str:
 
     Parameters
     ----------
-    text : of a rig or a scenario
+    text : of a rig, a model or a scenario
     logs : SHA-256 of each log that it comes from
     """
     return f"{text}{SEAL}{' '.join([_digest(text), *logs])}\n"
@@ -203,13 +203,16 @@ def _holds_something(path: Path) -> bool:
 
 
 def _is_result(path: Path, digests: Sequence[bytes]) -> bool:
-    """Return whether a file contains the digests of all logs, and its seal, if any, is valid."""
+    """Return whether a file contains the digests of all logs, and its seal is valid, which every TOML file has."""
     try:
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
             if any(content.find(digest) < 0 for digest in digests):
                 return False
             seal = content.rfind(SEAL.encode())
-            return seal < 0 or content[seal + len(SEAL.encode()) :].split()[:1] == [_digest(content[:seal]).encode()]
+            if seal < 0:
+                return path.suffix != ".toml"
+            last, end, below = content[seal + len(SEAL.encode()) :].partition(b"\n")
+            return bool(end) and not below and last.split()[:1] == [_digest(content[:seal]).encode()]
     except (OSError, ValueError):  # it cannot be read, or is empty
         return False
 
