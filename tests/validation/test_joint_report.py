@@ -86,7 +86,28 @@ def test_a_model_holds_up_to_five_percent_of_the_span(nrmse, verdict):
     ],
 )
 def test_a_stiffness_holds_up_to_a_tenth_of_itself(truth, nominal, reference, verdict):
-    """The score's interval is 0.9 to 1.1 times the root mean square [%]."""
+    plain = judged(1.0)
+    report = joint_report(_with_stiffness(plain, truth, nominal), SIGNALS, {}, [])
+    assert (report.stiffness.reference, report.stiffness.verdict) == (reference, verdict)
+    assert report.stiffness.reason.value == pytest.approx(nominal if truth is None else truth)
+    assert report.verdict == "holds"  # of the torque
+    assert joint_report(plain, SIGNALS, {}, []).stiffness is None
+
+
+@pytest.mark.parametrize(
+    ("nrmse", "learnt_from", "verdict"),
+    [(20.0, False, "fails"), (5.0, False, "undecided"), (1.0, True, "cannot be judged")],
+)
+def test_a_nominal_stiffness_is_no_reference_unless_the_torque_holds(nrmse, learnt_from, verdict):
+    there = _with_stiffness(judged(nrmse), None, 1.0)
+    report = joint_report(there, SIGNALS, {}, [], learnt_from=learnt_from)
+    assert (report.verdict, report.stiffness) == (verdict, None)
+    true = _with_stiffness(judged(nrmse), 1.0, 50.0)
+    assert joint_report(true, SIGNALS, {}, [], learnt_from=learnt_from).stiffness.verdict == "holds"
+
+
+def _with_stiffness(plain, truth, nominal):
+    """Return results with comparisons of the stiffness, whose intervals are 0.9 to 1.1 times the root mean square [%]."""
 
     def compared(percent, reference):
         value, low, high = (((scale * percent) / 100.0) ** 2 * 100.0 for scale in (1.0, 0.9, 1.1))
@@ -97,11 +118,6 @@ def test_a_stiffness_holds_up_to_a_tenth_of_itself(truth, nominal, reference, ve
         )  # fmt: skip
         return Comparison(quantity="stiffness", unit="N*m/rad", reference=reference, inside=score, outside=None)
 
-    plain = judged(1.0)
     there = [compared(p, r) for p, r in ((nominal, "nominal"), (truth, "truth")) if p is not None]
-    parts = (structs.replace(plain.transmissions[0], comparisons=(*plain.transmissions[0].comparisons, *there)),)
-    report = joint_report(Judged(parts, None), SIGNALS, {}, [])
-    assert (report.stiffness.reference, report.stiffness.verdict) == (reference, verdict)
-    assert report.stiffness.reason.value == pytest.approx(nominal if truth is None else truth)
-    assert report.verdict == "holds"  # of the torque
-    assert joint_report(plain, SIGNALS, {}, []).stiffness is None
+    part = plain.transmissions[0]
+    return Judged((structs.replace(part, comparisons=(*part.comparisons, *there)),), None)

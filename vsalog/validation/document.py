@@ -199,7 +199,7 @@ class JointReport(_Part, frozen=True):
     duration, period : of the log [s]
     transmissions : one by one, then ``total`` where there are two
     sentences : the reasons, in words
-    stiffness : the verdict on the stiffness; null without a reference in the log or the rig
+    stiffness : the verdict on the stiffness; null without a truth in the log, or a nominal one in the rig and a torque that holds
     not_independent : the one that explains, in words, why a torque channel is no independent measurement; null for none
     warnings : the findings, in words
     """

@@ -85,25 +85,31 @@ def joint_report(
     further = (*_cautions(found, parts, worst), *findings)
     # Uninformative signals may make an error smaller; an error that shows nevertheless is kept.
     decisive = reasons if standing == "fails" else (*reasons, *further)
-    void = any(f.severity == "invalidates" for f in decisive)
+    if any(f.severity == "invalidates" for f in decisive):
+        standing = "cannot be judged"
     return JointReport(
         joint=signals.joint,
-        verdict="cannot be judged" if void else standing,
+        verdict=standing,
         reasons=tuple(reasons),
         findings=further,
         duration=len(signals) * signals.period,
         period=signals.period,
         transmissions=parts,
-        stiffness=_stiffness(found, parts),
+        stiffness=_stiffness(found, parts, standing),
     )
 
 
-def _stiffness(found: partial[Finding], parts: Sequence[TransmissionReport]) -> StiffnessVerdict | None:
+def _stiffness(
+    found: partial[Finding], parts: Sequence[TransmissionReport], torque: Verdict
+) -> StiffnessVerdict | None:
     """Judge the stiffness by the available reference: a torque that holds over a short range determines its slope badly.
 
-    A nominal stiffness is as good as the rig: where the model's differs, either may be wrong.
+    A nominal stiffness is as good as the rig: where the model's differs, either may be wrong. It is a reference only where the
+    measured torque agrees with the model, else it may not be the log's spring.
     """
     for reference, code in STIFFNESS_CODES.items():
+        if reference == "nominal" and torque != "holds":
+            continue
         scores = [
             (c.inside.msrep, t.transmission)
             for t in parts
