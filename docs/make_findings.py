@@ -1,15 +1,13 @@
 """Writes docs/reference/findings from the catalogue of findings: ``python docs/make_findings.py``."""
 
 import ast
-import re
 from collections import defaultdict
 from itertools import groupby
 from pathlib import Path
 
 import vsalog
-from vsalog.checks import checks
 from vsalog.core.finding_texts import TEXTS
-from vsalog.core.printable import plural
+from vsalog.report.explain import Explanation, explained_findings
 
 FOLDER = Path(__file__).parent / "reference" / "findings"
 # Page → title, and the families of codes that stand there; other families stand on the last page.
@@ -29,13 +27,6 @@ PAGES: dict[str, tuple[str, tuple[str, ...]]] = {
     "diagnosis": ("diagnosis and identification", ("diagnosis", "identification")),
     REST: ("estimates", ()),
 }  # fmt: skip
-FIELD = re.compile(r"{(\w+)(?::[^}]*)?}")
-COUNTED = re.compile(r"{(\w+):n ([^}]*)}")
-
-
-def plain(words: str) -> str:
-    """Return a text with the names of its fields in place of formats."""
-    return FIELD.sub(r"⟨\1⟩", COUNTED.sub(lambda found: f"⟨{found[1]}⟩ {plural(2, found[2])[2:]}", words))
 
 
 def severities() -> dict[str, list[str]]:
@@ -77,7 +68,7 @@ finding by chance.
 `--json` of `estimate`, `validate`, `diagnose`, `compare` and `inspect` lists them under `findings`, those of a joint with the
 joint, and a validation those that its verdict rests on under `reasons`; `report.json` and `diagnosis.json` have the same. A
 trace's Parquet file has them as JSON in its own metadata (`vsalog.findings`), the summary of a batch their codes in the column
-`codes`.
+`codes`. `vsalog explain CODE` prints the texts of these pages.
 """
 
 
@@ -85,25 +76,29 @@ def _page_of(family: str) -> str:
     return next((stem for stem, (_, families) in PAGES.items() if family in families), REST)
 
 
-def entry(code: str, severity: list[str]) -> list[str]:
+def entry(found: Explanation, severity: list[str]) -> list[str]:
     """Return what a page has of a code."""
-    text = TEXTS[code]
-    parts = [f"## {code}", "", f"Severity: {', '.join(severity)}.", "", plain(text.says), ""]
-    parts += [plain(text.advice), ""] if text.advice else []
-    return parts + ([f"False-alarm rate: {text.false_alarm:g}.", ""] if text.false_alarm is not None else [])
+    texts = (*found.texts, *(f"{what}: {fact}" for what, fact in found.facts.items()))
+    return [
+        f"## {found.name}",
+        "",
+        f"Severity: {', '.join(severity)}.",
+        "",
+        *(line for text in texts for line in (text, "")),
+    ]
 
 
 def pages() -> dict[str, str]:
     """Return the catalogue: name of a page → Markdown."""
-    checks()  # their files add texts to the catalogue
+    found = explained_findings()
     raised = severities()
     lines = {stem: [f"# Findings: {title}", ""] for stem, (title, _) in PAGES.items()}
     index = [HEAD, "| codes | page |", "| --- | --- |"]
-    for family, codes in groupby(sorted(TEXTS), key=lambda code: code.split(".")[0]):
+    for family, codes in groupby(found, key=lambda code: code.split(".")[0]):
         stem = _page_of(family)
         index.append(f"| `{family}.…` | [{PAGES[stem][0]}]({stem}.md) |")
         for code in codes:
-            lines[stem] += entry(code, raised[code])
+            lines[stem] += entry(found[code], raised[code])
     index += ["", "```{toctree}", ":hidden:", "", *PAGES, "```", ""]
     return {"index": "\n".join(index), **{stem: "\n".join(text) for stem, text in lines.items()}}
 

@@ -79,7 +79,7 @@ def test_what_one_cause_makes_is_reported_with_it():
     told = merged([one, void, other, cause, elsewhere])
     assert [severity for severity, _ in told] == ["invalidates", "warning", "warning"]
     (words,) = [words for _, words in told if words.startswith("joint 'a': 1 has")]
-    assert "stiffness.changed, sampling.too_slow" in words
+    assert "stiffness.changed sampling.too_slow" in words
     assert any(words.startswith("joint 'b'") for _, words in told)
     # Without a cause each stands for itself.
     assert len(merged([one, other, elsewhere])) == 3 - 1  # of two joints alike

@@ -17,6 +17,7 @@ from vsalog.cli.batch import batch
 from vsalog.cli.compare import compare
 from vsalog.cli.diagnose import diagnose
 from vsalog.cli.estimate import estimate
+from vsalog.cli.explain import explain
 from vsalog.cli.export import export
 from vsalog.cli.faults import bug, debugging
 from vsalog.cli.help import dress
@@ -45,6 +46,7 @@ cli.add_command(batch)
 cli.add_command(compare)
 cli.add_command(diagnose)
 cli.add_command(estimate)
+cli.add_command(explain)
 cli.add_command(export)
 cli.add_command(identify)
 cli.add_command(init)

@@ -89,6 +89,15 @@ def causes() -> Iterable[str]:
     return catalogue()
 
 
+def codes() -> Iterable[str]:
+    """Return the codes of all findings."""
+    from vsalog.checks import checks
+    from vsalog.core.finding_texts import TEXTS
+
+    checks()  # their files add texts to the catalogue
+    return TEXTS
+
+
 def reproducible() -> Iterable[str]:
     """Return the names of what can be reproduced."""
     from vsalog.reproduce.catalogue import ITEMS

@@ -42,6 +42,10 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
         "vsalog estimate exp1.csv --rig rig.toml --report page.html",
         "vsalog estimate exp1.mcap -e residual-rls --tune forgetting=0.99",
     ),
+    "explain": (
+        "vsalog explain sampling.too_slow  # a finding's code",
+        "vsalog explain motor.cogging link.payload  # causes",
+    ),
     "export": (
         "vsalog export sea --to mjcf -o sea.xml  # for MuJoCo",
         "vsalog export rig.toml --to urdf --unsupported comment -o robot.urdf",

@@ -33,8 +33,7 @@ def reproduce(
     """Simulate what the papers simulate, estimate as they do, and print their numbers next to ours.
 
     NAME is an item of --list, or a paper's name for all of its items; default: everything. Ours are medians over several noise
-    seeds. Each row states the conditions, what was chosen where the paper leaves it open, and the reason where ours is worse;
-    docs/performance/papers explains them.
+    seeds. Each row states the conditions, what was chosen where the paper leaves it open, and the reason where ours is worse.
     """
     from vsalog.figures.paper import prepare_folder, write_reproduced
     from vsalog.report.html import page_of

@@ -23,8 +23,8 @@ _seconds = positive("s", "a time longer than zero")
 @click.option(
     "--scenario",
     metavar="NAME|FILE",
-    help="What drives the joints: a scenario's name or a TOML file (docs/reference/scenarios.md). Default: the preset's first"
-    " experiment, or sines that suit the rig.",
+    help="What drives the joints: a scenario's name or a TOML file; --list lists those that come with vsalog. Default: the"
+    " preset's first experiment, or sines that suit the rig.",
     shell_complete=complete.names(complete.scenarios, or_file=True),
 )
 @click.option("--list", "listing", is_flag=True, help="List the scenarios and presets that come with vsalog.")

@@ -574,7 +574,7 @@ def merged(findings: Iterable[Finding]) -> tuple[tuple[Severity, str], ...]:
         if len({sentence(f, joint=False) for f in alike}) > 1:
             words.append(f"The numbers are those of joint '{first.joint}'.")
         if follow:
-            words.append(f"Other findings may follow from it: {', '.join(follow)} (docs/reference/findings/).")
+            words.append(f"Other findings may follow from it; to read about them: 'vsalog explain {' '.join(follow)}'.")
         out[first.severity, " ".join(words)] = None
     return tuple(out)
 

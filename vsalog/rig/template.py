@@ -215,9 +215,7 @@ def _servo(path: str) -> Iterator[str]:
     yield 'gravity_angle = "0 rad ± 90 deg"'
     yield ""
     yield f"[{path}.drive]"
-    yield _line(
-        'kind = "position-servo"', "docs/how-to/servos.md; leave the table out where a recorded torque moves the joint"
-    )
+    yield _line('kind = "position-servo"', "leave the table out where a recorded torque moves the joint")
     yield 'kp = "400 N*m/rad"'
     yield 'kd = "10 N*m*s/rad"'
     yield 'delay = "50 ms"'

@@ -193,7 +193,7 @@ def _check_fit(model: JointModel, device: Device, rig: Rig) -> None:
     if not theirs:
         raise EstimatorError(
             f"the model of joint '{device.joint}' contains no torque over the deflection, because {model.estimator} follows the"
-            " stiffness or observes a state; fit one with another --estimator (docs/explanation/estimators/index.md lists them)"
+            " stiffness or observes a state; fit one with another --estimator ('vsalog estimate --help' lists them)"
         )
     if len(theirs) == len(ours) and theirs != ours:
         raise RigError(
