@@ -80,6 +80,21 @@ def test_quiet_says_nothing_and_verbose_what_took_how_long(command, bench, befor
     assert any(line.startswith("reading log.csv: ") and line.endswith(" s") for line in verbose.splitlines())
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("estimate", "log.csv", "-q", "-v"),
+        ("-v", "estimate", "log.csv", "--quiet"),
+        ("-q", "-v", "estimate", "log.csv"),
+    ],
+)
+def test_quiet_and_verbose_contradict_each_other(command, bench, words):
+    code, out, err = command(*words, cwd=bench)
+    assert (code, out) == (2, "")
+    assert "--quiet" in err
+    assert not (bench / "log.model.toml").exists()
+
+
 def test_a_refusal_is_one_line(command, bench):
     (bench / "log.rig.toml").write_text(OTHER.replace("theta", "phi"))
     code, _, err = command("estimate", "log.csv", cwd=bench)

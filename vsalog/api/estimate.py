@@ -55,7 +55,7 @@ class Estimate(Results, Sequence[JointEstimate]):
 
     @property
     def model(self) -> ModelFile:
-        """The content of LOG.model.toml: ``model.to_toml()`` is its text."""
+        """The content of LOG.model.toml: ``model.to_toml()`` is its text but for the comment at the end."""
         return self._job.model_file(self._estimates, self._job.provenance())
 
     @property

@@ -6,7 +6,6 @@ import math
 import sys
 from functools import partial
 from pathlib import Path
-from shlex import quote
 from typing import TYPE_CHECKING
 
 import rich_click as click
@@ -55,6 +54,7 @@ def init(
     it, then `vsalog estimate exp1.mcap`. Encoders in counts are refused until the counts per turn are known.
     """
     from vsalog.core.errors import RigError
+    from vsalog.core.printable import command
     from vsalog.readers import read
     from vsalog.report.inspect import init_document
     from vsalog.report.outputs import keep_inputs, require_new
@@ -82,7 +82,7 @@ def init(
     if preset is None and not guess.joints:
         raise RigError(
             f"{log.name}: no channel looks like a joint's position or deflection, and fewer than {LEAST_CHANNELS} move;"
-            f" 'vsalog inspect {quote(log.name)}' lists them"
+            f" '{command('inspect', log)}' lists them"
         )
     answers = _answers(guess) if ask else {}
     text = rig_template(recording, guess, answers) if preset is None else preset_template(recording, guess, preset)
@@ -92,7 +92,7 @@ def init(
         click.echo(text, nl=False)
     else:
         write_text(output, text)
-    document = init_document(guess, log.name, output, answers, preset, lacking)
+    document = init_document(guess, log, output, answers, preset, lacking)
     if verbosity() == Verbosity.QUIET:
         print_findings([*guess.findings, *(finding for joint in guess.joints for finding in joint.findings)])
     else:

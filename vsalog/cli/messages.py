@@ -6,12 +6,15 @@ from typing import Any
 
 import rich_click as click
 
-from vsalog.report.verbosity import Verbosity, ask
+from vsalog.report.verbosity import Verbosity, ask, verbosity
 
 
 def _asked(context: click.Context, parameter: click.Parameter, value: bool) -> None:
     if value:
-        ask(Verbosity.QUIET if parameter.name == "quiet" else Verbosity.VERBOSE)
+        asked = Verbosity.QUIET if parameter.name == "quiet" else Verbosity.VERBOSE
+        if verbosity() not in (Verbosity.NORMAL, asked):
+            raise click.UsageError("--quiet and --verbose contradict each other: leave one of them out")
+        ask(asked)
 
 
 def message_options() -> list[click.RichOption]:

@@ -62,7 +62,7 @@ class Text:
     Attributes
     ----------
     says : what was found, sentences with the fields of the finding and of its evidence in braces; `{value:n row}` is
-        "1 row" or "2 rows"
+        "1 row" or "2 rows", `{name:q}` a word for a shell, quoted if it needs to be
     advice : what to do, or what follows from it, sentences too
     false_alarm : probability of the finding for a joint or a channel without the fault; None where none is derived
     explains : codes of findings that may follow from it: reported with it, in one sentence

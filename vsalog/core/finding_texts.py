@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
+from shlex import quote
 from string import Formatter
 from typing import Any
 
@@ -516,12 +517,14 @@ def add_texts(own: Mapping[str, Text]) -> None:
     TEXTS.update(own)
 
 
-class _Counting(Formatter):
-    """Formats as `str.format` does, and counts: `{value:n row}` is "1 row" or "2 rows"."""
+class _Words(Formatter):
+    """Formats as `str.format` does, counts, and quotes for a shell: `{value:n row}` is "2 rows", `{name:q}` "'my log.csv'"."""
 
     def format_field(self, value: Any, format_spec: str) -> str:
         if format_spec.startswith("n "):
             return plural(int(value), format_spec[2:])
+        if format_spec == "q":
+            return quote(str(value))
         return str(super().format_field(value, format_spec))
 
 
@@ -591,4 +594,4 @@ def _of_joints(names: Collection[str], words: str) -> str:
 
 def _filled(text: str, finding: Finding) -> str:
     fields = {name: getattr(finding, name) for name in ("joint", "part", "value", "limit", "unit")}
-    return _Counting().vformat(text, (), fields | dict(finding.evidence))
+    return _Words().vformat(text, (), fields | dict(finding.evidence))

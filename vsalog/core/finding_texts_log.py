@@ -293,7 +293,7 @@ LOG_TEXTS: Mapping[str, Text] = {
     ),
     "rig.guessed": Text(
         "no rig was found in or next to it, so the roles are guessed. {roles}.",
-        "'vsalog init {name} -o {stem}.rig.toml' writes them down for you to check and correct.",
+        "'vsalog init {name:q} -o {rig:q}' writes them down for you to check and correct.",
     ),
     "rig.joint_left_out": Text("left out: {reason}."),
     "guess.no_position": Text("{channels}: no position next to it, so it was assigned to no joint."),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
+from shlex import quote
 
 LONGEST_TEXT = 256
 """Characters of a name or a quantity in a file: nested fields are put behind one another, numbers have all their digits."""
@@ -19,6 +20,11 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join("�" if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp") else c for c in text)
+
+
+def command(*words: object) -> str:
+    """Return a command of vsalog as it is typed: each word, such as a path, is quoted where a shell would change it."""
+    return printable(" ".join(["vsalog", *(quote(str(word)) for word in words)]))
 
 
 def plural(count: int, noun: str) -> str:

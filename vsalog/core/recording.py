@@ -13,6 +13,7 @@ from vsalog.core.column import is_mapped
 from vsalog.core.errors import BindingError, did_you_mean
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
+from vsalog.core.printable import command
 
 Stamps = NDArray[np.int64]
 Values = NDArray[np.float64]
@@ -138,5 +139,5 @@ class Recording:
         hint = did_you_mean(name, self.channels)
         raise BindingError(
             f"{self.path.name}: there is no channel '{name}'{hint or '.'}"
-            f" ('vsalog inspect {self.path.name}' lists all {len(self.channels)})"
+            f" ('{command('inspect', self.path)}' lists all {len(self.channels)})"
         )

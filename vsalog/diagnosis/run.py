@@ -19,6 +19,7 @@ from vsalog.checks.recording_faults import log_findings
 from vsalog.core.errors import BindingError, DiagnosisError, RigError, VsalogError, did_you_mean
 from vsalog.core.finding import Finding, of_log
 from vsalog.core.finding_texts import sentences_of
+from vsalog.core.printable import command
 from vsalog.core.recording import Recording
 from vsalog.core.signals import JointSignals
 from vsalog.core.units import shown
@@ -373,7 +374,7 @@ def rig_for(log: Path, options: Options) -> Rig:
     if rig is None:
         raise RigError(
             f"no rig was found in or next to {log.name}, and without one there is no simulation to be wrong:"
-            f" 'vsalog init {log.name} > rig.toml' writes a first one, to be completed by hand; give it with --rig"
+            f" '{command('init', log, '-o', 'rig.toml')}' writes a first one, to be completed by hand; give it with --rig"
         )
     return rig.with_settings(options.set)
 
@@ -414,7 +415,7 @@ def bound_as_recorded(
         if not there:
             raise BindingError(
                 f"{one.path.name}: none of the channels that the rig names for joint '{name}' is there;"
-                f" 'vsalog inspect {one.path.name}' lists them"
+                f" '{command('inspect', one.path)}' lists them"
             )
         missing = sorted((roles or set()) - set(there))
         if missing:

@@ -7,7 +7,6 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from shlex import quote
 from typing import Any
 
 import msgspec
@@ -22,6 +21,7 @@ from vsalog.core.finding_texts import sentence
 from vsalog.core.look import of_recording
 from vsalog.core.memory import AT_ONCE_BYTES
 from vsalog.core.model import UNITS, ModelFile
+from vsalog.core.printable import command
 from vsalog.core.recording import Recording
 from vsalog.core.trace import Trace
 from vsalog.estimation.external_stiffness import position_roles
@@ -314,7 +314,7 @@ def _read(
         if missing[0] not in known.unread:
             raise _MissingChannelError(
                 f"{log.name}: there is no channel '{missing[0]}'{did_you_mean(missing[0], known.channels) or '.'}"
-                f" 'vsalog inspect {log.name}' lists all {len(known.channels)}. Leave a role that was not recorded out of the"
+                f" '{command('inspect', log)}' lists all {len(known.channels)}. Leave a role that was not recorded out of the"
                 " rig: another estimator may do without it",
                 log,
                 missing,
@@ -333,14 +333,16 @@ def _guess(recording: Recording) -> tuple[Rig, list[Finding]]:
     if not guess.joints:
         raise RigError(
             f"no rig was found in or next to {name}, and no channel of it looks like a joint's position or deflection."
-            f" 'vsalog inspect {quote(name)}' lists the channels, 'vsalog init {quote(name)}' writes a rig to fill in"
+            f" '{command('inspect', recording.path)}' lists the channels, '{command('init', recording.path)}' writes a rig to fill in"
         )
     roles = "; ".join(
         f"{joint.name}: "
         + ", ".join(f"{role} = '{g.channel}' (confidence {g.confidence:.0%})" for role, g in joint.roles.items())
         for joint in guess.joints
     )
-    evidence = {"roles": roles, "name": name, "stem": recording.path.stem}
+    path = recording.path
+    rig = path.with_name(f"{path.stem}.rig.toml") if path.exists() else f"{path.stem}.rig.toml"  # of an address
+    evidence = {"roles": roles, "name": str(path), "rig": str(rig)}
     guessed = Finding(code="rig.guessed", value=len(guess.joints), evidence=evidence)
     text = rig_template(recording, guess, with_beginnings=False)
     return Rig.from_toml(text, f"the rig guessed for {name}"), of_log(name, [guessed, *guess.findings])

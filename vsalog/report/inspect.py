@@ -6,14 +6,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from shlex import quote
 from types import MappingProxyType
 
 from vsalog._version import __version__
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
 from vsalog.core.notation import between, number, percent
-from vsalog.core.printable import plural, printable, size_text
+from vsalog.core.printable import command, plural, printable, size_text
 from vsalog.estimation.job import sha256
 from vsalog.figures.recorded import recorded_chart
 from vsalog.inspection.document import ChannelReport, HeadReport, Inspection, LogReport, StreamReport
@@ -243,7 +242,7 @@ def guessed_joints(joints: Iterable[JointGuess]) -> Iterator[Section]:
 
 def init_document(
     guess: Guess,
-    log: str,
+    log: Path,
     written: Path | None,
     answers: Mapping[str, Answers] = MappingProxyType({}),
     preset: str | None = None,
@@ -254,28 +253,22 @@ def init_document(
     Parameters
     ----------
     guess : of the log's joints
-    log : its name
+    log : its path
     written : the rig's file; None where it is printed
     answers : per joint, the answers about its gaps
     preset : whose numbers the rig has
     lacking : keys of the preset's roles whose channels the log lacks
     """
     items: list[Block] = [*guessed_joints(guess.joints), *_findings(guess.findings)]
-    file = "RIG" if written is None else printable(quote(str(written)))
-    log_name = printable(quote(log))
+    file = "RIG" if written is None else str(written)
     if preset is None:
-        items += _uses(guess, log_name, file, answers)
+        items += _uses(guess, log, file, answers)
     elif written is not None:
         first = f"fill in the channels of {', '.join(lacking)}" if lacking else "check it"
-        items.append(Words(f"{file} written; {first}, then run 'vsalog estimate {log_name} --rig {file}'"))
-    return Document(f"A rig for {log}", "Guesses", tuple(items))
+        items.append(Words(f"{printable(file)} written; {first}, then run '{command('estimate', log, '--rig', file)}'"))
+    return Document(f"A rig for {log.name}", "Guesses", tuple(items))
 
 
-_COMMANDS = {
-    "estimate": "vsalog estimate {log} --rig {rig}",
-    "identify": "vsalog identify {log} --rig {rig}",
-    "simulate": "vsalog simulate {rig}",
-}
 _WHAT_FOR = {
     "estimate": "estimates the stiffness",
     "identify": "fits the rig's initial values",
@@ -305,7 +298,7 @@ def _lacking(gap: Gap) -> str:
     return _ASKED[gap.key.rpartition(".")[2]].format(channel=gap.channel, unit=gap.unit)
 
 
-def _uses(guess: Guess, log: str, file: str, answers: Mapping[str, Answers]) -> Iterator[Words]:
+def _uses(guess: Guess, log: Path, file: str, answers: Mapping[str, Answers]) -> Iterator[Words]:
     """Yield which commands can use the rig, and which additions would allow more."""
     names: dict[Command, list[str]] = {}
     lacking: dict[str, list[str]] = {}
@@ -321,18 +314,20 @@ def _uses(guess: Guess, log: str, file: str, answers: Mapping[str, Answers]) -> 
                 lacking.setdefault(_lacking(gap), []).append(f"joint.{toml_key(name)}.{gap.key}")
     for what, keys in lacking.items():
         yield Words(f"not known: {what}: {', '.join(keys)}")
-    for command, joints in names.items():
-        line = _COMMANDS[command].format(log=log, rig=file)
-        only = "".join(f" --joint {joint}" for joint in joints) if len(names) > 1 and command != "simulate" else ""
+    for what, joints in names.items():
+        only = (
+            [word for joint in joints for word in ("--joint", joint)] if len(names) > 1 and what != "simulate" else []
+        )
         lacked = [(name, key) for name in joints for key in waiting[name]]
         missing = " and ".join(dict.fromkeys(_WAITED_FOR[key.rpartition(".")[2]] for _, key in lacked))
         first = f"once {missing} filled in, " if lacked else ""
         if lacked and set(lacked) <= set(proposed):
             # The log's own estimate is no datum: whoever runs the command states it.
             stated = (f"joint.{toml_key(name)}.{key}={proposed[name, key]:g}" for name, key in lacked)
-            only += "".join(f" --set {quote(key)}" for key in stated)
+            only += [word for key in stated for word in ("--set", key)]
             first = f"if {missing} as proposed here, "
-        yield Words(printable(f"{', '.join(joints)}: {first}'{line}{only}' {_WHAT_FOR[command]}"))
+        line = command(what, *([] if what == "simulate" else [log, "--rig"]), file, *only)
+        yield Words(f"{', '.join(joints)}: {first}'{line}' {_WHAT_FOR[what]}")
 
 
 def _reasons(joint: JointGuess) -> Iterator[str]:

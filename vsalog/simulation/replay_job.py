@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vsalog.binding.joint import bind, offered_roles, wanted_channels
 from vsalog.core.errors import BindingError, SimulationError, did_you_mean
+from vsalog.core.printable import command
 from vsalog.core.recording import Channel, Recording, Stream
 from vsalog.core.signals import JointSignals
 from vsalog.core.units import shown
@@ -211,7 +212,7 @@ def prepare_replay(source: Rig | str | Path | None, log: Path, options: ReplayOp
     believed = find_rig(log, reader.rig_text, source)
     if believed is None:
         raise SimulationError(
-            f"no rig was found in or next to {shown(log.name)}: name one, 'vsalog simulate RIG --replay {shown(log.name)}'"
+            f"no rig was found in or next to {shown(log.name)}: name one, '{command('simulate', 'RIG', '--replay', log)}'"
         )
     believed = believed.with_settings(options.set)
     actual = believed.with_settings(options.actual, "--actual")
@@ -235,7 +236,7 @@ def prepare_replay(source: Rig | str | Path | None, log: Path, options: ReplayOp
     if missing:
         raise BindingError(
             f"{log.name}: there is no channel '{missing[0]}'{did_you_mean(missing[0], known) or '.'}"
-            f" ('vsalog inspect {log.name}' lists all {len(known)})"
+            f" ('{command('inspect', log)}' lists all {len(known)})"
         )
     recording = read(log, wanted, rate=options.rate)
     signals = {name: _bound(recording, name, joint, roles[name]) for name, joint in movable.items()}

@@ -17,6 +17,7 @@ from vsalog.checks.signals import implausible
 from vsalog.core.errors import BindingError, EstimatorError, RigError, did_you_mean
 from vsalog.core.finding import Finding, of_log
 from vsalog.core.model import JointModel, ModelFile
+from vsalog.core.printable import command
 from vsalog.core.recording import Recording
 from vsalog.estimation.evidence import Draw, JointEvidence
 from vsalog.estimation.job import sha256
@@ -236,7 +237,7 @@ def _read(log: Path, joint: Joint, roles: Sequence[str], name: str, options: Opt
     if missing:
         raise BindingError(
             f"{log.name}: there is no channel '{missing[0]}'{did_you_mean(missing[0], known.channels) or '.'}"
-            f" 'vsalog inspect {log.name}' lists all {len(known.channels)}"
+            f" '{command('inspect', log)}' lists all {len(known.channels)}"
         )
     truth = {c for c in truth_channels(name) if c in known.channels}
     return read(log, channels | truth, options.time, options.rate, options.start, options.end)
