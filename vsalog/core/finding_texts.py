@@ -55,6 +55,11 @@ TEXTS: dict[str, Text] = {
         " only.",
         "Shorten the windows (--tune window=SECONDS), or repair the log.",
     ),
+    "estimate.too_short": Text(
+        "transmission {part}: the log ends after {value:.3g} s, before the uncertainty of a stiffness, or the range of its"
+        " deflections, is known: nothing counts as excited.",
+        "Use more of the log (--start, --end), or record longer.",
+    ),
     "estimate.never_excited": Text(
         "transmission {part} is excited nowhere (the standard deviation is above a fifth of the stiffness everywhere).",
         "Move the joint more.",

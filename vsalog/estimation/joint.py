@@ -363,7 +363,7 @@ def estimate_joint(
         void = {finding.part for finding in (*checked, *fit_findings) if finding.severity == "invalidates"}
         found = (
             *signals.findings,
-            *findings_of(summary, device, whole, void),
+            *findings_of(summary, device, whole, void, summarizer.too_short()),
             *fit_findings,
             *trials.findings(),
             *checked,

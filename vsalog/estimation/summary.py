@@ -91,6 +91,9 @@ class _Kept:
 class _Sums:
     samples: int = 0
     excited: int = 0
+    estimated: int = 0
+    uncertain: int = 0
+    precise: int = 0
     stiffness: _Kept = field(default_factory=_Kept)
     external: _Kept = field(default_factory=_Kept)
     negative: int = 0
@@ -122,6 +125,9 @@ class Summarizer:
             with np.errstate(invalid="ignore"):
                 # A stiffness below zero never counts as excited, however well it is known.
                 s.negative += int(np.count_nonzero(SUPPORTED_SHARE * sigma < -std))
+                s.estimated += int(np.count_nonzero(np.isfinite(sigma)))
+                s.uncertain += int(np.count_nonzero(np.isfinite(sigma) & ~np.isnan(std)))
+                s.precise += int(np.count_nonzero(std < SUPPORTED_SHARE * sigma))
             if excited.any():
                 s.stiffness.add(sigma[excited])
                 if COLUMN in columns:
@@ -144,6 +150,15 @@ class Summarizer:
             s.fit_sum += float(np.sum((fed - fit)[both]))
             s.torque_sum += float(np.sum(fed[both]))
             s.torque_square += float(np.sum(fed[both] ** 2))
+
+    def too_short(self) -> set[str]:
+        """Return the transmissions for which the log ends too early.
+
+        A stiffness has no standard deviation yet, which takes `samples_until_known`; or one that is small enough, but not the
+        samples after which a deflection counts as covered.
+        """
+        waiting = {name: s for name, s in self.sums.items() if s.estimated and not s.excited}
+        return {name for name, s in waiting.items() if s.precise or not s.uncertain}
 
     def result(self, signals: JointSignals) -> JointSummary:
         """Return the figures."""
@@ -182,7 +197,9 @@ def _known(x: float) -> float | None:
     return float(x) if np.isfinite(x) else None
 
 
-def findings_of(summary: JointSummary, device: Device, whole: float, void: Collection[str] = ()) -> Iterator[Finding]:
+def findings_of(
+    summary: JointSummary, device: Device, whole: float, void: Collection[str] = (), short: Collection[str] = ()
+) -> Iterator[Finding]:
     """Yield the findings from the key figures.
 
     Parameters
@@ -190,6 +207,7 @@ def findings_of(summary: JointSummary, device: Device, whole: float, void: Colle
     summary, device : of a joint
     whole : the share of the filters' windows in which no sample is missing
     void : transmissions whose estimate another finding invalidates
+    short : transmissions for which the log ends too early
     """
     odd = 0 not in device.basis.powers
     for p in (p for p in summary.transmissions if p.transmission != "total"):
@@ -198,12 +216,12 @@ def findings_of(summary: JointSummary, device: Device, whole: float, void: Colle
             # Missing samples are why the log is not excited.
             yield found(code="estimate.torn", value=whole, limit=MOST_OF_LOG)
         elif p.excited_share == 0.0 and p.negative_share < NEGLIGIBLE_SHARE and p.transmission not in void:
-            yield found(
-                code="estimate.never_excited" if p.fit_rms is None else "estimate.fit_never_excited",
-                severity="invalidates",
-                value=p.excited_share,
-                limit=0.0,
-            )
+            never = partial(found, severity="invalidates")
+            if p.transmission in short:
+                yield never(code="estimate.too_short", value=summary.duration, unit="s")
+            else:
+                code = "estimate.never_excited" if p.fit_rms is None else "estimate.fit_never_excited"
+                yield never(code=code, value=p.excited_share, limit=0.0)
         elif 0.0 < p.excited_share < MOST_OF_LOG:
             yield found(code="estimate.partly_excited", severity="info", value=p.excited_share, limit=MOST_OF_LOG)
         if odd and p.fit_mean and p.fit_rms and p.fit_share:
