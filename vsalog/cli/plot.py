@@ -89,16 +89,21 @@ def plot(
     The fitted curve and its band are those of LOG.model.toml next to the TRACE, if it is of the same run. Only the figures are
     written.
     """
+    from vsalog.core.errors import ReadError
     from vsalog.estimation.job import Options
     from vsalog.estimation.joint import tuning
     from vsalog.figures.paper import SIZES, check_matplotlib
     from vsalog.figures.screen import require_screen, show
-    from vsalog.figures.trace_file import TraceFile, is_trace
+    from vsalog.figures.trace_file import TraceFile
+    from vsalog.readers.own_files import is_trace
+    from vsalog.readers.remote import is_address
     from vsalog.report.outputs import inputs_of, keep_inputs, require_new
     from vsalog.report.plot import check_format, figures_of, paths_of, plots_document, write_plots
     from vsalog.report.progress import Progress
     from vsalog.report.terminal import print_out
 
+    if missing := [log for log in logs if not log.exists() and not is_address(log)]:
+        raise ReadError("there is no such file", missing[0])
     if output is None:
         require_screen()
     else:

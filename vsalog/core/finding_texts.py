@@ -474,6 +474,10 @@ TEXTS: dict[str, Text] = {
         " were not"
         " judged, nor the torque sensor's offset.",
     ),
+    "diagnosis.rig_lacks": Text(
+        "the equation '{part}' was not checked, since the rig lacks {key}.",
+        "Give it under [joint.{joint}] in the rig, or with --set joint.{joint}.{key}=VALUE.",
+    ),
     "diagnosis.equation_unchecked": Text(
         "the equation '{part}' can be formed nowhere in this log, and was not checked."
     ),

@@ -32,7 +32,7 @@ from vsalog.residuals.balance import Motion
 from vsalog.residuals.channels import Channels, channels_of, span_of
 from vsalog.residuals.kinds import balance_for, equations_of, motion_for
 from vsalog.residuals.per_log import any_of, in_last
-from vsalog.residuals.sensing import at_joint, each_sensor, true_roles
+from vsalog.residuals.sensing import at_joint, each_sensor, motors_of, torque_role, true_roles
 from vsalog.residuals.system import BELL, System, build_system
 from vsalog.residuals.windows import WITHIN, Windows, windows_of
 from vsalog.rig.schema import AwasTransmission
@@ -246,7 +246,10 @@ def _doubts(found: JointDiagnosis) -> Iterator[Finding]:
     """Yield findings that speak against the causes found."""
     about = partial(Finding, joint=found.name)
     for equation in found.unchecked:
-        yield about(code="diagnosis.equation_unchecked", part=equation)
+        if key := _lacking(found, equation):
+            yield about(code="diagnosis.rig_lacks", part=equation, evidence={"key": key})
+        else:
+            yield about(code="diagnosis.equation_unchecked", part=equation)
     if not found.selection.settled:
         yield about(code="diagnosis.search_unsettled")
     given = found.standing
@@ -255,6 +258,13 @@ def _doubts(found: JointDiagnosis) -> Iterator[Finding]:
         off, role = max(errors, default=(0.0, ""))
         if off > WITHIN:
             yield about(code="diagnosis.simulation_off", part=role, value=off, limit=WITHIN)
+
+
+def _lacking(found: JointDiagnosis, equation: str) -> str:
+    """Return the key that the rig lacks for an equation whose signals are recorded; none where that is not why."""
+    if equation in motors_of(found.joint) and torque_role(equation) in found.system.channels.raw:
+        return f"{equation}.inertia" if getattr(found.joint, equation).inertia is None else ""
+    return "link.inertia" if equation == "link" and getattr(found.joint, "link", None) is None else ""
 
 
 def _require_motion(name: str, channels: Channels) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,19 +16,9 @@ from vsalog.core.model import ModelFile
 from vsalog.estimation.evidence import JointEvidence, setpoint_unit
 from vsalog.estimation.trace_evidence import TraceColumns, every_nth, joint_evidence
 from vsalog.readers.opened import for_arrow
+from vsalog.readers.own_files import is_trace, model_beside
 from vsalog.rig import Rig
 from vsalog.validation.frozen import frozen
-
-# Columns that every trace has, and no recorded log.
-OWN = ("time", "joint", "transmission", "deflection", "flexibility_torque_fit", "stiffness", "stiffness_std", "excited")
-
-
-def is_trace(path: Path) -> bool:
-    """Return whether a file is a trace that `estimate` wrote, whatever its name."""
-    try:
-        return path.is_file() and set(OWN) <= set(pq.read_schema(for_arrow(path)).names)
-    except (OSError, UnicodeError, pa.ArrowException):
-        return False
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +101,7 @@ def _parts(path: Path) -> Iterator[tuple[str, str]]:
 
 def _model(path: Path, metadata: dict[str, str]) -> ModelFile | None:
     """Return the model next to a trace, where it was fitted to the same logs with the same rig."""
-    model_path = path.with_name(re.sub(r"(\.stiffness)?\.parquet$", "", path.name) + ".model.toml")
+    model_path = model_beside(path)
     try:
         model = frozen(model_path) if model_path.is_file() else None
         same = model is not None and (model.rig, model.log) == (

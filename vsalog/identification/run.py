@@ -30,7 +30,7 @@ from vsalog.residuals.channels import channels_of
 from vsalog.residuals.windows import WITHIN, Windows, begun, windows_of
 from vsalog.rig import Rig
 from vsalog.rig.roles import ROLE_UNITS
-from vsalog.rig.schema import Lever
+from vsalog.rig.schema import Lever, UnknownTransmission
 from vsalog.rig.uncertain import Path as KeyPath
 from vsalog.rig.uncertain import Tolerance
 
@@ -195,6 +195,7 @@ def identified(
     VsalogError
         There is nothing to fit, or the joint cannot be simulated.
     """
+    _require_springs(name, joint)
     windows = _windows(joint, signals)
     unknowns = unknowns_of(joint, stated, _scales(joint, windows), options.free, options.fixed)
     if not unknowns:
@@ -214,6 +215,16 @@ def identified(
         else:
             there = _errors(name, joint, fit, log, "itself", windows, lever)
     return JointFit(name, joint, fit, tuple(there))
+
+
+def _require_springs(name: str, joint: Any) -> None:
+    """Refuse a joint with a spring of an unknown law, which has no numbers to begin with."""
+    for key in ("transmission", "transmission_1", "transmission_2"):
+        if isinstance(getattr(joint, key, None), UnknownTransmission):
+            raise DiagnosisError(
+                f"joint '{name}': the rig does not state the type of its spring, so nothing can be simulated or fitted; state it"
+                f""" with a first value, as by --set joint.{name}.{key}='{{type = "linear", stiffness = "100 N*m/rad"}}'"""
+            )
 
 
 def _windows(joint: Any, signals: JointSignals) -> Windows:

@@ -17,6 +17,7 @@ from vsalog.readers.container import Container
 from vsalog.readers.matlab import MatlabReader
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.message_reader import BagReader
+from vsalog.readers.own_files import refuse_toml
 from vsalog.readers.parquet import ParquetReader
 from vsalog.readers.recording_from_blocks import collect
 from vsalog.readers.remote import downloaded, local
@@ -70,6 +71,7 @@ def _open_table(
         It cannot be opened, or is no table.
     """
     if kind == "table":
+        refuse_toml(path)
         return TableReader(path, rate, units=units)
     if kind == "parquet":
         return ParquetReader(path, rate, units)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from vsalog.core.errors import ReadError
-from vsalog.core.printable import printable
+from vsalog.core.printable import command, printable
 from vsalog.readers.limits import GLANCE_BYTES, MOST_DAMAGED
 from vsalog.readers.matlab_variables import is_v4
 from vsalog.readers.rosbag2 import is_bag_folder
@@ -70,16 +70,14 @@ def sniff(path: Path) -> str:
 def _sniff_folder(path: Path) -> str:
     if is_bag_folder(path):
         return "rosbag2-folder"
+    others = sorted(file for file in path.iterdir() if file.is_file() and _is_log(file))
+    if others:
+        raise ReadError(f"is a folder with logs; name one of them, such as {printable(str(others[0]))}", path)
     if tables_in(path):
-        others = sorted(printable(file.name) for file in path.iterdir() if file.is_file() and _is_log(file))
-        if others:
-            raise ReadError(f"is a folder of several logs; name one of the files in it, such as {others[0]}", path)
         return "table-folder"
-    raise ReadError(
-        "is a folder, but no ROS 2 bag: it has neither a metadata.yaml nor MCAP or SQLite files, nor are there tables in it;"
-        " name one of the files in it",
-        path,
-    )
+    below = any(file.is_dir() for file in path.iterdir())
+    todo = f"; '{command('batch', path, '-o', 'out')}' takes all in folders below it" if below else ""
+    raise ReadError(f"is a folder without a log: neither a bag nor tables are in it; name a log{todo}", path)
 
 
 def _is_log(path: Path) -> bool:

@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 from vsalog.core.errors import ReadError, RigError
 from vsalog.core.model import JointModel, ModelFile, TransmissionModel
 from vsalog.core.precision import ROUNDING
+from vsalog.core.printable import command
 from vsalog.estimators.tuning import LARGEST
+from vsalog.readers import open_reader
+from vsalog.readers.own_files import is_trace, model_beside
 from vsalog.rig import Rig
 
 Array = NDArray[np.float64]
@@ -31,6 +34,9 @@ def frozen(path: Path) -> ModelFile:
     """
     try:
         file = ModelFile.load(path)
+    except ReadError:
+        _name_another(path)
+        raise
     except (RecursionError, ValueError) as error:
         # The TOML parser's own limits, of nesting and of digits.
         raise ReadError(f"{path}: is not a model file that 'vsalog estimate' writes: it is not valid TOML") from error
@@ -45,6 +51,28 @@ def frozen(path: Path) -> ModelFile:
         if wrong is not None:
             raise ReadError(f"{path}: joint '{name}': {wrong}; write the model again with 'vsalog estimate'")
     return file
+
+
+def _name_another(path: Path) -> None:
+    """Refuse a trace or a log in place of a model.
+
+    Raises
+    ------
+    ReadError
+        It is one.
+    """
+    if is_trace(path):
+        raise ReadError(f"{path}: is a trace, no model; give the model of the same run, {model_beside(path)}")
+    if path.suffix == ".toml":
+        return
+    try:
+        open_reader(path)
+    except ReadError:
+        return
+    raise ReadError(
+        f"{path}: is a log, no model; '{command('estimate', path)}' fits one to it and writes {path.stem}.model.toml, to be"
+        " given in its place"
+    )
 
 
 def _basis_fault(joint: JointModel) -> str | None:
