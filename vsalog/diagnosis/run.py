@@ -220,7 +220,8 @@ def diagnose(
     )
     drawn = ", ".join(names_of(holdouts)) or title
     evidence = tuple(evidence_of(f, drawn) for f in found)
-    return Outcome(document, evidence, rig, extended, proposed)
+    # A spring that was fitted, since the rig has none, is no cause.
+    return Outcome(document, evidence, rig, extended if causes else None, proposed)
 
 
 def _listed(paths: Path | Sequence[Path] | None) -> list[Path]:
