@@ -186,3 +186,14 @@ def test_two_sensors_are_added_up(run, samples):
     # White noise of 1 mN·m each.
     assert off["1"] == pytest.approx(1.0e-3, rel=0.1)
     assert off["total"] == pytest.approx(2.0**0.5 * 1.0e-3, rel=0.1)
+
+
+def test_a_cause_is_reported_once_for_all_estimators(command, tmp_path):
+    wrong = ("--actual", "joint.sea.signals.torque_sensor.gain=1.3", "--duration", "8", "-o", "log.mcap")
+    assert command("simulate", "sea", *wrong, cwd=tmp_path)[0] == 0
+    code, out, err = command("compare", "log.mcap", "-e", "residual-rls,qr-rls,batch-ls,direct", "--json", cwd=tmp_path)
+    assert code == 0, err
+    (scale,) = [f for f in json.loads(out)["findings"] if f["code"] == "cross_check.torque_scale"]
+    # The sensor is no reference for the one that reads it.
+    assert scale["evidence"]["estimator"] == "residual-rls, qr-rls, batch-ls"
+    assert scale["value"] == pytest.approx(1.3, rel=0.05)

@@ -118,3 +118,9 @@ def test_a_log_that_is_too_short_is_not_one_without_motion(command, bench, estim
     write_log(bench / "log.csv", theta=still[0], q=still[1], tau=1e3 * still[2])
     assert never & (resting := codes())
     assert "estimate.too_short" not in resting
+
+
+def test_no_rig_is_extended_where_no_cause_was_found(command, bench):
+    code, out, _ = command("diagnose", "log.csv", "--json", cwd=bench)
+    assert (code, json.loads(out)["causes"]) == (0, [])
+    assert not (bench / "extended.rig.toml").exists()

@@ -395,17 +395,17 @@ TEXTS = {
         " factor; or the link's inertia in the rig is wrong.",
     ),
     "cross_check.torque_scale": Text(
-        "{reference}, which {estimator} does not read, differs: where the estimated torque of {of} changes by 1 N·m, the"
+        "{reference}, not read by {estimator}, differs: where the estimated torque of {of} changes by 1 N·m, the"
         " reference changes by {value:.3g} N·m. The stiffness may be wrong by the same factor, or {other_cause}.",
         "'vsalog compare' runs the other estimators on this log.",
     ),
     "cross_check.torque_unrelated": Text(
-        "{reference}, which {estimator} does not read, differs: only {value:.0%} of its torque's power is in the estimated"
+        "{reference}, not read by {estimator}, differs: only {value:.0%} of its torque's power is in the estimated"
         " torque of {of} too.",
         "Check the signs, the units and the channels of both in the rig: one of them may be wrong there.",
     ),
     "cross_check.angle": Text(
-        "{reference}, which {estimator} does not read, differs: the estimated angle of {of} is {value:.2g} {unit} off,"
+        "{reference}, not read by {estimator}, differs: the estimated angle of {of} is {value:.2g} {unit} off,"
         " {share_of_range:.0%} of its range, but its standard deviation is {claimed:.1g} {unit}.",
         "The stiffness may be wrong too.",
     ),

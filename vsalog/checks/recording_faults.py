@@ -214,6 +214,7 @@ def _measured(signals: JointSignals, fault: Fault) -> tuple[float | None, float 
 
 # Symptoms of an estimate from inconsistent channels.
 SYMPTOMS = (
+    "cross_check.torque_scale", "cross_check.torque_unrelated",
     "estimate.partly_excited", "filter.noisy_rate", "motor.inertia_differs", "residual.follows_motion", "residual.not_noise",
     "sampling.too_slow", "sampling.too_slow_for_total", "spring.loop", "spring.not_polynomial",
     "spring.setpoint_not_polynomial", "stiffness.changed",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -128,7 +129,7 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True):
     rows : all of them
     left_out : estimators that cannot run on the logs, with the reason
     failed : estimators that ended by a bug in vsalog, with its message
-    findings : of all estimators, each once
+    findings : of all estimators; what several have in common is one finding, with the numbers of the first
     warnings : the findings, in words
     """
 
@@ -203,9 +204,6 @@ def compare(
     joints = {e.joint: runs[0].job.rig.joints[e.joint] for run in runs for e in run.estimates}
     references = references_of(logs[0], options, joints) if len(logs) == 1 else References()
     rows = [row for run in runs for estimate in run.estimates for row in _rows(run, estimate, runs[0], references)]
-    findings = Findings()
-    for run in runs:
-        findings.add(*run.job.findings, *(finding for e in run.estimates for finding in e.findings))
     return (
         Comparison(
             logs=tuple(log.name for log in logs),
@@ -213,11 +211,29 @@ def compare(
             # By default, methods for other joints are not mentioned.
             left_out={label: why for label, why in left_out.items() if asked or label not in other_kind},
             failed={label: f"{type(fault).__name__}: {fault}" for label, fault in faults.items()},
-            findings=tuple(findings),
+            findings=_each_cause_once(
+                (*run.job.findings, *(finding for e in run.estimates for finding in e.findings)) for run in runs
+            ),
         ),
         runs,
         references,
     )
+
+
+def _each_cause_once(found: Iterable[Iterable[Finding]]) -> tuple[Finding, ...]:
+    """Return the findings of all runs; those of one code about one part of a joint have one cause, whatever the estimator."""
+    kept = dict[tuple[object, ...], Finding]()
+    for own in found:
+        seen = Counter[tuple[object, ...]]()
+        for one in Findings(own):
+            about = (one.code, one.log, one.joint, one.part, one.severity)
+            seen[about] += 1  # a second one of the same run is another one
+            first = kept.setdefault((*about, seen[about]), one)
+            names, name = str(first.evidence.get("estimator", "")).split(", "), one.evidence.get("estimator")
+            if name and name not in names and one.evidence.get("reference") == first.evidence.get("reference"):
+                evidence = {**first.evidence, "estimator": ", ".join((*names, str(name)))}
+                kept[*about, seen[about]] = msgspec.structs.replace(first, evidence=evidence)
+    return tuple(kept.values())
 
 
 def _once(contenders: Iterable[Contender]) -> list[Contender]:

@@ -191,6 +191,7 @@ TEXTS: dict[str, Text] = {
         " estimate is corrected by that.",
         "Calibrate it, and set its gain in the rig. A motor's inertia, damping or friction that the rig"
         " lacks may have the same effect.",
+        explains=("cross_check.torque_scale",),
     ),
     "link.inertia_not_estimated": Text(
         "there is no link_position, so the link's inertia and damping are not estimated.",
