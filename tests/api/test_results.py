@@ -333,8 +333,10 @@ def test_hostile_names_do_nothing_in_a_notebook(bench):
 def test_without_pandas_it_says_what_to_install(bench, monkeypatch):
     found = vsalog.inspect("log.csv")
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(vsalog.VsalogError, match="pip install"):
-        found.to_pandas()
+    (joint,) = vsalog.estimate("log.csv", estimator="direct")
+    for one in (found, joint.trace):
+        with pytest.raises(vsalog.VsalogError, match="pip install"):
+            one.to_pandas()
 
 
 def test_a_log_is_seen_before_anything_is_known_of_it(bench):

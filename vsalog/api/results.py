@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
 import pyarrow as pa
 
+from vsalog.core.arrow import data_frame
 from vsalog.core.errors import ReadError, VsalogError, VsalogWarning, did_you_mean
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import merged
@@ -153,13 +154,7 @@ class Results(ABC):
         VsalogError
             pandas is not installed.
         """
-        try:
-            import pandas  # noqa: F401
-        except ImportError:
-            raise VsalogError(
-                "to_pandas() needs pandas, which is not installed: pip install 'vsalog[pandas]'"
-            ) from None
-        return self.to_arrow().to_pandas()
+        return data_frame(self.to_arrow())
 
     def _repr_html_(self) -> str:
         return fragment_of(self._document())

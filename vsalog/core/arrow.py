@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
 from vsalog.core.documents import json_text
+from vsalog.core.errors import VsalogError
 from vsalog.core.finding import Finding
+
+if TYPE_CHECKING:
+    import pandas
 
 _TYPES = {"f8": pa.float64(), "i8": pa.int64(), "i4": pa.int32(), "b1": pa.bool_()}
 
@@ -33,6 +37,21 @@ def arrow_texts(texts: Sequence[str]) -> pa.Array[Any]:
     encoded = [text.encode() for text in texts]
     ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
     return pa.Array.from_buffers(pa.string(), len(encoded), [None, pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))])
+
+
+def data_frame(table: pa.Table) -> pandas.DataFrame:
+    """Return a table as a data frame.
+
+    Raises
+    ------
+    VsalogError
+        pandas is not installed.
+    """
+    try:
+        import pandas  # noqa: F401
+    except ImportError:
+        raise VsalogError("to_pandas() needs pandas, which is not installed: pip install 'vsalog[pandas]'") from None
+    return table.to_pandas()
 
 
 def findings_entry(findings: Iterable[Iterable[Finding]]) -> dict[str, str]:

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from vsalog.core.arrow import arrow_column, arrow_texts
+from vsalog.core.arrow import arrow_column, arrow_texts, data_frame
 from vsalog.core.signals import JointSignals
 
 if TYPE_CHECKING:
@@ -122,8 +122,14 @@ class Trace:
         return pa.concat_tables(trace_tables(self), promote_options="default")
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return the trace as a pandas data frame, where pandas is installed."""
-        return self.to_table().to_pandas()
+        """Return the trace as a data frame.
+
+        Raises
+        ------
+        VsalogError
+            pandas is not installed.
+        """
+        return data_frame(self.to_table())
 
 
 def _unit(column: str) -> str:
