@@ -157,3 +157,24 @@ def test_ticks_of_a_logarithmic_axis_are_numbers(tmp_path):
     text = path.read_text(encoding="utf-8")
     assert "<!-- 0.01 -->" in text
     assert "math" not in text
+
+
+def test_the_stiffness_is_scaled_to_where_it_is_known():
+    joint = lever_arm_joint()
+    part = joint.transmissions["1"]
+    known = (joint.time >= 2.0) & (joint.time < 15.0)
+    std = np.where(known, 1.0, 40.0)
+    jump = np.argmax(known) + 50
+    std[jump] = 30.0  # excited by a fifth of 200 N·m/rad, for one sample
+    part = replace(part, inside=known, stiffness_std=std, true_stiffness=None)
+    (chart,) = [c for c in charts_of(replace(joint, transmissions={"1": part}), "1", 500) if c.name == "stiffness"]
+    low, high = chart.axes[0].y_range
+    sigma = part.stiffness[known]
+    # Twice the standard deviation of 1 N·m/rad above and below, and a margin.
+    assert np.ptp(sigma) < high - low <= 1.1 * (np.ptp(sigma) + 4.0)
+    assert low < sigma.min()
+    assert high > sigma.max()
+    # Nothing is known, or one number without a deviation: the figure's own range.
+    flat = replace(part, stiffness=np.full_like(std, 200.0), stiffness_std=np.full_like(std, np.nan))
+    (chart,) = [c for c in charts_of(replace(joint, transmissions={"1": flat}), "1", 500) if c.name == "stiffness"]
+    assert chart.axes[0].y_range is None

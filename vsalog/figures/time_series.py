@@ -15,6 +15,7 @@ from vsalog.figures.chart import TWO_STD, Axes, Chart, Curve, OverTime, span_wor
 from vsalog.figures.decimation import FIGURE_COLUMNS, around, extent, rms, spans
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Evidence = TypeVar("Evidence", JointEvidence, TransmissionEvidence)
 
 TIME = "time [s]"
@@ -104,8 +105,24 @@ def stiffness_chart(joint: JointEvidence, part: TransmissionEvidence, columns: i
         if has_std:
             covered = 100.0 * float((np.abs(error) <= 2.0 * std).mean())
             words += f", and the band contains the truth for {number(covered)} % of the time"
-    axes = Axes(TIME, STIFFNESS, tuple(curves), *_shaded(joint, part, columns))
+    y_range = _stiffness_range(part, known)
+    axes = Axes(TIME, STIFFNESS, tuple(curves), *_shaded(joint, part, columns), y_range=y_range)
     return Chart("stiffness", "Stiffness over time", f"{words}.{_share_words(joint, part)}", (axes,))
+
+
+def _stiffness_range(part: TransmissionEvidence, known: Flags) -> tuple[float, float] | None:
+    """Return the stiffness, and the truth, where it is known, with 98 % of its band there; None where it is one number.
+
+    Elsewhere the band is as wide as the prior, which would make the stiffness a flat line.
+    """
+    band = np.concatenate([part.stiffness[known] + s * 2.0 * part.stiffness_std[known] for s in (-1.0, 1.0)])
+    band = band[np.isfinite(band)]
+    shown = [part.stiffness[known], np.quantile(band, (0.01, 0.99)) if band.size else band]
+    if part.true_stiffness is not None:
+        shown.append(part.true_stiffness[known])
+    low, high, _ = extent(np.concatenate(shown))
+    room = 0.05 * (high - low)  # matplotlib's own margin
+    return (low - room, high + room) if low < high else None
 
 
 def with_deviation(chart: Chart, joint: JointEvidence, part: TransmissionEvidence, lines: float) -> Chart:
