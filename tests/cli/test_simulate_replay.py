@@ -4,6 +4,7 @@ import hashlib
 
 import numpy as np
 import pytest
+from knee import lay
 
 from vsalog.binding.joint import bind
 from vsalog.readers import open_reader, read
@@ -175,3 +176,16 @@ def test_what_cannot_be_replayed_is_refused(args, words, simulate, bench):
     assert (code, out) == (2, "")
     assert words in err
     assert {p: p.read_bytes() for p in bench.rglob("*") if p.is_file()} == before
+
+
+def test_a_rigid_joint_that_nothing_drives_is_refused(simulate, tmp_path):
+    lay(tmp_path)
+    rig = 'kind = "rigid"\nmotor = { inertia = 0.1 }\nsignals = { motor_position = "theta"'
+    (tmp_path / "rigid.toml").write_text(f"[joint.knee]\n{rig} }}\n")
+    code, out, err = simulate("rigid.toml", "--replay", "log.csv", "-o", "out.mcap", cwd=tmp_path)
+    assert (code, out) == (2, "")
+    assert "motor_torque" in err
+    assert not (tmp_path / "out.mcap").exists()
+    (tmp_path / "rigid.toml").write_text(f'[joint.knee]\n{rig}, motor_torque = "tau" }}\n')
+    code, _, err = simulate("rigid.toml", "--replay", "log.csv", "-o", "out.mcap", cwd=tmp_path)
+    assert code == 0, err

@@ -69,7 +69,8 @@ def replay(
     Raises
     ------
     SimulationError
-        A position to begin with is not recorded, the joints' signals are on different grids, or the machine cannot be simulated.
+        A position to begin with is not recorded, nothing drives a rigid joint, the joints' signals are on different grids, or the
+        machine cannot be simulated.
     """
     first = next(iter(signals.values()))
     if any(len(s) != len(first) or not np.array_equal(s.stamps, first.stamps) for s in signals.values()):
@@ -113,6 +114,12 @@ def _inputs(machine: Machine, name: str, signals: JointSignals, states: Array, h
     for i, slot in enumerate(slots):
         if slot.role in roles:
             given[slot.role] = _torque(bridged(roles[slot.role]), time, held)
+        elif isinstance(machine.joints[name], RigidJoint):
+            # Its motion is what the replay simulates.
+            raise SimulationError(
+                f"joint '{name}': nothing in the log drives it; name the channel of {slot.role} under [joint.{name}.signals] in"
+                f" the rig, or that of commanded_position along with the drive under [joint.{name}.drive]"
+            )
         elif np.isfinite(states[:, 2 + 2 * i]).all() and _recorded(slot.role, roles):
             given[slot.role] = Motion(states[:, 2 + 2 * i])
     if "external_torque" in roles:
