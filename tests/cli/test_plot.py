@@ -2,6 +2,7 @@
 
 import json
 import re
+import subprocess
 import sys
 from itertools import pairwise
 
@@ -17,6 +18,7 @@ from vsalog.core.model import ModelFile
 from vsalog.figures.joint_figures import plot_charts
 from vsalog.figures.paper import SIZES, draw
 from vsalog.figures.trace_file import TraceFile
+from vsalog.readers.own_files import TRACE
 
 pytest.importorskip("matplotlib")
 import matplotlib
@@ -317,3 +319,42 @@ def test_a_trace_among_logs_is_refused_as_one(traces, command, tmp_path):
         code, _, err = command("plot", *both, "-o", "fig.pdf", cwd=tmp_path)
         assert code == 2
         assert "TRACE" in err
+
+
+def bomb(kind):
+    """A small file with a trace's columns that would take gigabytes."""
+    rows, text = 2**16, "k" * 2**17
+    names = pa.array(["a" * 8] * rows)
+    table = {name: np.zeros(rows) for name in TRACE if name not in ("joint", "transmission", "excited")}
+    table |= {"joint": names, "transmission": names, "excited": np.zeros(rows, bool)}
+    indices = pa.array(np.zeros(rows, np.int32))
+    coded = pa.DictionaryArray.from_arrays(indices, pa.array([text]))
+    table["joint"] = coded
+    schema = pa.table(table).schema
+    if kind == "texts":
+        # Read as plain texts, each written out.
+        schema = schema.set(schema.get_field_index("joint"), pa.field("joint", pa.string()))
+    return pa.table(table), schema
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the peak of memory is told by /proc")
+@pytest.mark.parametrize("kind", ["texts", "dictionary"])
+def test_a_small_file_takes_no_gigabytes(tmp_path, kind):
+    table, schema = bomb(kind)
+    path = tmp_path / "log.stiffness.parquet"
+    pq.write_table(table, path, compression="zstd", store_schema=kind == "dictionary", use_dictionary=["joint"],
+                   write_statistics=False)  # fmt: skip
+    assert path.stat().st_size < 2**20
+    assert schema.field("joint").type == pq.read_schema(path).field("joint").type
+    script = (
+        "import sys\nfrom vsalog.cli import _run\ncode = _run()\n"
+        "status = dict(line.split(':') for line in open('/proc/self/status'))\n"
+        "print(code, int(status['VmHWM'].split()[0]) * 1024)"
+    )
+    words = ("plot", path.name, "-o", "figure.pdf")
+    done = subprocess.run(
+        [sys.executable, "-c", script, *words], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    code, peak = map(int, done.stdout.split()[-2:])
+    assert peak < 2**30, done.stderr
+    assert code == (0 if kind == "dictionary" else 2), done.stderr

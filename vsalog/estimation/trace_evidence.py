@@ -109,14 +109,18 @@ class TraceColumns:
         """Return a column of a transmission, shape (N,), NaN where it is null; a part of the file is read after the other."""
         found, skip = [np.zeros(0)], 0
         for batch in _batches(self.trace, [column, "joint", "transmission"]):
-            own = pc.and_(
-                pc.equal(batch["joint"].cast("string"), self.joint),
-                pc.equal(batch["transmission"].cast("string"), transmission),
-            )
+            own = pc.and_(_is(batch["joint"], self.joint), _is(batch["transmission"], transmission))
             values = pc.cast(batch[column].filter(own), "float64").to_numpy(zero_copy_only=False)
             found.append(values[skip :: self.every].copy())
             skip = (skip - values.size) % self.every
         return np.concatenate(found).astype(np.float64)
+
+
+def _is(column: pa.Array, text: str) -> pa.Array:
+    """Return which cells have a text; those of a dictionary are not written out, as that of a hostile file may be long."""
+    if pa.types.is_dictionary(column.type):
+        return pc.equal(column.dictionary.cast("string"), text).take(column.indices)
+    return pc.equal(column.cast("string"), text)
 
 
 def _batches(trace: Path | pa.Table, columns: list[str]) -> Iterator[pa.RecordBatch]:

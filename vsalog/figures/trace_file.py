@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from vsalog.core.errors import ReadError, VsalogError
 from vsalog.core.model import ModelFile
+from vsalog.core.printable import printable
 from vsalog.estimation.evidence import JointEvidence, setpoint_unit
 from vsalog.estimation.trace_evidence import TraceColumns, every_nth, joint_evidence
 from vsalog.readers.opened import for_arrow
 from vsalog.readers.own_files import is_trace, model_beside
+from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.rig import Rig
 from vsalog.validation.frozen import frozen
 
@@ -50,6 +53,9 @@ class TraceFile:
         if not is_trace(path):
             raise ReadError("is no trace that 'vsalog estimate' wrote", path)
         try:
+            if large := ParquetRows(path).too_large:
+                column = printable(large[0])
+                raise ReadError(f"column '{column}' takes more memory than its footer states, as of no trace", path)
             metadata = _metadata(path)
             joints: dict[str, list[str]] = {}
             for joint, transmission in _parts(path):
@@ -92,11 +98,18 @@ def _parts(path: Path) -> Iterator[tuple[str, str]]:
     found: dict[tuple[str, str], None] = {}
     with pq.ParquetFile(for_arrow(path)) as file:
         for batch in file.iter_batches(columns=["joint", "transmission"]):
-            texts: Sequence[pa.Array] = [pc.cast(batch[name], "string") for name in ("joint", "transmission")]
-            pairs = pa.table(texts, ["joint", "transmission"]).group_by(["joint", "transmission"], use_threads=False)
-            for row in pairs.aggregate([]).to_pylist():
-                found.setdefault((row["joint"] or "", row["transmission"] or ""))
+            coded = [_coded(batch[name]) for name in ("joint", "transmission")]
+            places = np.stack([pc.fill_null(one.indices.cast("int64"), -1).to_numpy() for one in coded])
+            pairs, first = np.unique(places, axis=1, return_index=True)
+            texts = [[*one.dictionary.cast("string").to_pylist(), ""] for one in coded]  # the last one of a null
+            for i, j in pairs[:, np.argsort(first)].T:
+                found.setdefault((texts[0][i] or "", texts[1][j] or ""))
     yield from found
+
+
+def _coded(column: pa.Array) -> pa.DictionaryArray:
+    """Return a column of texts as a dictionary, none of whose texts is written out for each row."""
+    return column if pa.types.is_dictionary(column.type) else column.dictionary_encode()
 
 
 def _model(path: Path, metadata: dict[str, str]) -> ModelFile | None:

@@ -19,6 +19,7 @@ TRACE = (
     "joint",
     "transmission",
     "deflection",
+    "flexibility_torque",
     "flexibility_torque_fit",
     "stiffness",
     "stiffness_std",

@@ -59,6 +59,11 @@ class ParquetRows:
         self._refuse_bombs()
         self._bad = self._bombs()
 
+    @property
+    def too_large(self) -> list[str]:
+        """The columns with a page that takes more memory than the footer states."""
+        return sorted({name for _, name in self._bad})
+
     def sample(self) -> list[pa.Array | None]:
         """Return the first rows of each column that can be read, None for one of which none can; no columns without rows."""
         names = self.schema.names
