@@ -333,7 +333,8 @@ def _guess(recording: Recording) -> tuple[Rig, list[Finding]]:
     if not guess.joints:
         raise RigError(
             f"no rig was found in or next to {name}, and no channel of it looks like a joint's position or deflection."
-            f" '{command('inspect', recording.path)}' lists the channels, '{command('init', recording.path)}' writes a rig to fill in"
+            f" '{command('inspect', recording.path)}' lists the channels,"
+            f" '{command('init', recording.path)}' writes a rig to fill in"
         )
     roles = "; ".join(
         f"{joint.name}: "
