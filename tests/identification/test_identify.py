@@ -54,31 +54,31 @@ def rotor_torque(t):
 @pytest.fixture(scope="module")
 def sea(tmp_path_factory):
     """A motor behind a gear of 10, a spring and a link; two logs with the noise of their encoders."""
-    folder, r = tmp_path_factory.mktemp("sea"), 10.0
+    folder = tmp_path_factory.mktemp("sea")
+    for seed, name in enumerate(("one.csv", "two.csv")):
+        write_sea(folder / name, seed, TRUE["damping"])
+    (folder / "guess.rig.toml").write_text(SEA.format(**GUESS))
+    return folder
+
+
+def write_sea(path, seed, damping, dry=0.0, r=10.0):
+    """Write the log of a rotor with viscous and dry friction; the latter is blurred over 1 mrad/s."""
 
     def rates(t, x):
         theta, omega, q, v = x
         spring = TRUE["stiffness"] * (q - theta)
-        a = (r * rotor_torque(t) - r**2 * TRUE["damping"] * omega + spring) / (r**2 * TRUE["inertia"])
-        return omega, a, v, (-spring - 0.05 * v) / TRUE["link"]
+        rotor = rotor_torque(t) - damping * r * omega - dry * np.tanh(omega / 1e-3)
+        return omega, (r * rotor + spring) / (r**2 * TRUE["inertia"]), v, (-spring - 0.05 * v) / TRUE["link"]
 
-    for seed, name in enumerate(("one.csv", "two.csv")):
-        time = np.arange(0.0, 12.0, 0.002)
-        begin = np.array([0.1 * seed, 0.0, 0.1 * seed, 0.0])
-        x = solve_ivp(rates, (0.0, 12.0), begin, t_eval=time, rtol=1e-9, atol=1e-11).y
-        rng = np.random.default_rng(seed)
-        columns = [time, x[0] + 2e-4 * rng.standard_normal(time.size), r * rotor_torque(time)]
-        columns.append(x[2] + 2e-4 * rng.standard_normal(time.size))
-        np.savetxt(
-            folder / name,
-            np.stack(columns, axis=1),
-            delimiter=",",
-            header="time [s],theta,torque,q",
-            comments="",
-            fmt="%.9g",
-        )
-    (folder / "guess.rig.toml").write_text(SEA.format(**GUESS))
-    return folder
+    time = np.arange(0.0, 12.0, 0.002)
+    begin = np.array([0.1 * seed, 0.0, 0.1 * seed, 0.0])
+    method = {"method": "LSODA", "max_step": 0.01} if dry else {}
+    x = solve_ivp(rates, (0.0, 12.0), begin, t_eval=time, rtol=1e-9, atol=1e-11, **method).y
+    rng = np.random.default_rng(seed)
+    columns = [time, x[0] + 2e-4 * rng.standard_normal(time.size), r * rotor_torque(time)]
+    columns.append(x[2] + 2e-4 * rng.standard_normal(time.size))
+    header = "time [s],theta,torque,q"
+    np.savetxt(path, np.stack(columns, axis=1), delimiter=",", header=header, comments="", fmt="%.9g")
 
 
 def identified(folder, *arguments):
@@ -111,6 +111,35 @@ def test_numbers_are_found_within_their_intervals_and_written_as_the_rig_has_the
     assert motor.side == "rotor"
     assert motor.inertia == pytest.approx(TRUE["inertia"], rel=0.03)
     assert 0.0 < rig.tolerances["a"]["motor.inertia"] < 0.05 * TRUE["inertia"]
+
+
+UNDAMPED = SEA.replace("damping = {damping}\n", "").replace("damping = 0.05\n", "")
+
+
+@pytest.mark.parametrize(("damping", "dry"), [(3e-3, 0.0), (0.0, 0.0), (3e-3, 0.02)])
+def test_damping_and_friction_that_the_rig_does_not_give_are_identified(tmp_path, damping, dry):
+    """Behind a gear, where sizes of torque and velocity are those of the rotor."""
+    write_sea(tmp_path / "log.csv", 3, damping, dry)
+    (tmp_path / "rig.toml").write_text(UNDAMPED.format(**GUESS))
+    numbers = {n["key"]: n for n in identified(tmp_path, "log.csv", "--rig", "rig.toml")["numbers"]}
+    truth = {"motor.damping": damping, "transmission.stiffness": TRUE["stiffness"], "link.damping": 0.05}
+    truth |= {"motor.friction.coulomb": dry} if dry else {}
+    assert {key for key in numbers if "friction" in key} == {key for key in truth if "friction" in key}
+    for key, true in truth.items():
+        n = numbers[key]
+        assert n["determined"] == "alone", key
+        # As above: 95 % intervals of several numbers.
+        assert abs(n["value"] - true) <= n["high"] - n["low"], key
+        assert n["high"] - n["low"] < 0.1 * max(true, 1e-3), key
+
+
+def test_damping_that_the_rig_states_exactly_or_that_is_fixed_stays(sea):
+    """And so does friction: what is kept is not looked for."""
+    exact = SEA.format(**GUESS | {"damping": '"0 N*m*s/rad ± 0"'})
+    (sea / "stated.rig.toml").write_text(exact.replace("damping = 0.05", 'damping = "0.05 N*m*s/rad ± 0"'))
+    found = identified(sea, "one.csv", "--rig", "stated.rig.toml", "--fix", "*.friction.coulomb", "-o", "stated.toml")
+    assert {n["key"] for n in found["numbers"]} == {"motor.inertia", "transmission.stiffness", "link.inertia"}
+    assert "identification.misfit" in {f["code"] for f in found["findings"]}
 
 
 def test_what_is_exact_or_fixed_stays(sea):
@@ -206,7 +235,8 @@ def test_a_fit_that_leaves_more_than_noise_is_reported(run, tmp_path):
         friction = f"joint.sea.motor.friction.coulomb={torque} N*m"
         done = run("simulate", "sea", "--actual", friction, "-o", f"{torque}.mcap", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
-        done = run("identify", f"{torque}.mcap", "--json", "-o", f"{torque}.toml", cwd=tmp_path)
+        asked = ("--fix", "motor.friction.coulomb", "--json", "-o", f"{torque}.toml")
+        done = run("identify", f"{torque}.mcap", *asked, cwd=tmp_path)
         codes[torque] = {f["code"]: f for f in json.loads(done.stdout)["findings"]}
     assert "identification.misfit" not in codes["0"]
     assert codes["0.1"]["identification.misfit"]["value"] > 5.0
@@ -228,6 +258,17 @@ def test_without_a_torque_numbers_are_reported_relative_to_one(servo):
     assert {n["determined"] for n in numbers.values()} == {"alone"}
     assert numbers["drive.kp"]["value"] == pytest.approx(26.0, rel=0.02)
     assert numbers["motor.damping"]["value"] == pytest.approx(1.0 - 0.5, rel=0.05)
+
+
+def test_damping_that_a_log_does_not_determine_is_reported_so(servo):
+    """Without a torque the drive's gain of velocity acts as damping does, and the rig gives that of a machine without any."""
+    (servo / "undamped.toml").write_text(SERVO.format().replace("damping = 0.4\n", ""))
+    found = identified(servo, "log.csv", "--rig", "undamped.toml", "--fix", "motor.inertia", "-o", "undetermined.toml")
+    numbers = {n["key"]: n for n in found["numbers"]}
+    for key, true in (("motor.damping", 0.7), ("drive.kd", 0.3)):
+        assert numbers[key]["determined"] == "in combination"
+        assert numbers[key]["low"] <= true <= numbers[key]["high"]
+    assert numbers["motor.damping"]["value"] + numbers["drive.kd"]["value"] == pytest.approx(1.0, rel=0.05)
 
 
 def test_the_document_is_as_its_schema_says(servo):

@@ -75,8 +75,9 @@ def identify(
 
     Prints each with its 95 % interval and whether the log determines it alone, only in combination with others, or not at all,
     and the simulation's error on data that were not fitted. A parameter that the rig states with a tolerance stays near it;
-    others may be off by ten times what is usual for their kind. Writes the rig with the fitted values: after `vsalog identify
-    exp1.mcap`, `vsalog diagnose exp2.mcap --rig identified.rig.toml` searches for causes.
+    others may be off by ten times what is usual for their kind. Damping that the rig does not give is fitted too, and dry
+    friction where the log shows any. Writes the rig with the fitted values: after `vsalog identify exp1.mcap`, `vsalog diagnose
+    exp2.mcap --rig identified.rig.toml` searches for causes.
     """
     from vsalog.figures.paper import check_matplotlib, write_figures
     from vsalog.identification.run import Options

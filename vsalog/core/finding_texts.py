@@ -498,8 +498,7 @@ TEXTS: dict[str, Text] = {
     "identification.misfit": Text(
         "with the identified numbers the simulation of {part}, {where}, is off by {value:.3g} times its noise floor. The"
         " intervals contain noise only, and the numbers may be further off: they compensate what the rig lacks.",
-        "State missing numbers of the rig, such as motor.damping, so that they are identified too; 'vsalog diagnose LOG' searches"
-        " for effects that it lacks.",
+        "'vsalog diagnose LOG' searches for effects that the rig lacks; --free KEY adds a number that is known to be missing.",
     ),
     "identification.worse_elsewhere": Text(
         "with the identified numbers {part} is simulated worse on data that were not fitted, {where}, than with the rig's:"

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
+from vsalog.core.dependence import above_zero
 from vsalog.core.errors import SimulationError
 from vsalog.core.progress import counted
 from vsalog.core.significance import SIGNIFICANCE
@@ -131,6 +132,35 @@ def fitted(
     return there if _left(there) < _left(fit) else fit
 
 
+def absence(joint: Any, fit: Fit, others: Sequence[Unknown], lever: Lever | None = None) -> Array:
+    """Return the probability that a log of a joint without an effect speaks as much for it, of each: shape (k,).
+
+    A score test: the slope of the log-likelihood with the effect's size at zero, less what the fitted numbers explain of it (Rao
+    1948, Proc. Cambridge Phil. Soc. 44), in independent parts of the log.
+
+    Parameters
+    ----------
+    joint, lever : as of `fitted`
+    fit : of the joint without the effects
+    others : k numbers at their least values, which are zero effects
+
+    Raises
+    ------
+    SimulationError
+        The joint cannot be simulated.
+    """
+    p = len(fit.unknowns)
+    values = np.concatenate([fit.values, np.zeros(len(others))])
+    objective = _Objective(joint, (*fit.unknowns, *others), fit.windows, values, lever)
+    objective.weigh(values)
+    J = objective.jacobian(values)[: -values.size]
+    own = J[:, :p] / np.maximum(np.linalg.norm(J[:, :p], axis=0), np.finfo(np.float64).tiny)
+    beyond = J[:, p:] - own @ np.linalg.lstsq(own, J[:, p:], rcond=None)[0]
+    beyond = beyond.reshape(len(fit.windows.spans), -1, len(others))
+    scores = _Batches.of(beyond, objective.residual(values)[: len(J)], len(fit.windows.roles)).scores
+    return np.array([above_zero(-score) for score in scores.T])
+
+
 def _left(fit: Fit) -> float:
     return float(np.mean(fit.shot.whitened(fit.windows) ** 2))
 
@@ -186,6 +216,9 @@ class _Search:
         tolerance = EFFORT.search if windows is self.few else EFFORT.tolerance / objective.cost_of_noise
         for _ in counted("fit", range(rounds)):
             values = objective.least(values, tolerance)
+            # The search stays inside its bounds by less than counts.
+            for bound in (self.low, self.high):
+                values = np.where(np.isclose(values, bound), bound, values)
             objective.weigh(values)
         return objective.fit(values)
 
@@ -248,16 +281,20 @@ class _Objective:
         def jacobian(values: Array) -> Array:
             next(evaluations, None)
             J, rows = self.jacobian(values), self.residual(values)
-            if _reached(J, rows) < tolerance * np.square(rows).sum():
+            slope = J.T @ rows
+            held = (np.isclose(values, self.low) & (slope > 0.0)) | (np.isclose(values, self.high) & (slope < 0.0))
+            if _reached(J[:, ~held], rows) < tolerance * np.square(rows).sum():
                 raise _SettledError(values)
             return J
 
         evaluations = counted("fit", range(EFFORT.evaluations), at_most=True)
+        # The interior method makes no progress from a bound; that of an active set does.
+        at_bound = np.any(np.isclose(values, self.low) | np.isclose(values, self.high))
         try:
             # With errors of the simulation's own, steps without a predicted gain are shortened again and again.
             return np.asarray(
                 least_squares(
-                    self.residual, values, jacobian, (self.low, self.high), x_scale="jac",
+                    self.residual, values, jacobian, (self.low, self.high), "dogbox" if at_bound else "trf", x_scale="jac",
                     ftol=tolerance, xtol=None, gtol=None, max_nfev=EFFORT.evaluations,
                 ).x
             )  # fmt: skip

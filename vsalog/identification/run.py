@@ -16,18 +16,19 @@ from vsalog.core.errors import DiagnosisError, SimulationError, VsalogError
 from vsalog.core.finding import Finding, of_log
 from vsalog.core.finding_texts import sentences_of
 from vsalog.core.signals import JointSignals
+from vsalog.core.significance import FALSE_ALARM
 from vsalog.diagnosis import run as diagnosis
 from vsalog.diagnosis.gain import floors, weighed
 from vsalog.estimation.job import sha256
 from vsalog.estimation.joint import pick_joints
 from vsalog.identification.document import Combination, Identification, IdentifiedNumber
 from vsalog.identification.document import SimulationError as ErrorThere
-from vsalog.identification.fit import Fit, fitted
+from vsalog.identification.fit import Fit, absence, fitted
 from vsalog.identification.identifiability import combinations, correlations, determined
 from vsalog.identification.lever import bound_by, lever_of
-from vsalog.identification.unknowns import Scales, as_felt, placed, unknowns_of
+from vsalog.identification.unknowns import Scales, Unknown, as_felt, placed, unknowns_of, unstated_frictions
 from vsalog.residuals.channels import channels_of
-from vsalog.residuals.windows import WITHIN, Windows, begun, windows_of
+from vsalog.residuals.windows import WITHIN, Windows, begun, player_of, windows_of
 from vsalog.rig import Rig
 from vsalog.rig.roles import ROLE_UNITS
 from vsalog.rig.schema import Lever, UnknownTransmission
@@ -197,10 +198,13 @@ def identified(
     """
     _require_springs(name, joint)
     windows = _windows(joint, signals)
-    unknowns = unknowns_of(joint, stated, _scales(joint, windows), options.free, options.fixed)
+    moving, scales = player_of(as_felt(joint), windows.channels).moving(), _scales(joint, windows)
+    unknowns = unknowns_of(joint, stated, scales, options.free, options.fixed, moving)
     if not unknowns:
         raise DiagnosisError(f"joint '{name}': the rig leaves no number to be fitted; --free KEY adds one")
     fit = fitted(joint, unknowns, weighed(as_felt(joint), windows), lever=lever)
+    frictions = unstated_frictions(joint, stated, scales, (*options.free, *options.fixed), moving)
+    fit = _with_those_there(joint, fit, frictions, lever)
     there = [
         error
         for path, other in held.items()
@@ -210,7 +214,7 @@ def identified(
         cut = 2 * len(windows.spans) // 3
         first, rest = np.arange(cut), np.arange(cut, len(windows.spans))
         if cut and rest.size:
-            part = fitted(joint, unknowns, fit.windows.part(first), fit.values, lever)
+            part = fitted(joint, fit.unknowns, fit.windows.part(first), fit.values, lever)
             there = _errors(name, joint, part, log, "last third", windows.part(rest), lever)
         else:
             there = _errors(name, joint, fit, log, "itself", windows, lever)
@@ -227,6 +231,20 @@ def _require_springs(name: str, joint: Any) -> None:
             )
 
 
+def _with_those_there(joint: Any, fit: Fit, others: Sequence[Unknown], lever: Lever | None) -> Fit:
+    """Return a fit with those of some effects that the log shows, one after another; of one log in a thousand there is one by
+    chance (`FALSE_ALARM`).
+    """
+    left = list(others)
+    while left:
+        p = absence(joint, fit, left, lever)
+        if np.min(p) * len(others) > FALSE_ALARM:
+            break
+        one = left.pop(int(np.argmin(p)))
+        fit = fitted(joint, (*fit.unknowns, one), fit.windows, np.append(fit.values, 0.0), lever)
+    return fit
+
+
 def _windows(joint: Any, signals: JointSignals) -> Windows:
     return windows_of(as_felt(joint), channels_of(signals), hold=False)
 
@@ -235,13 +253,25 @@ def _scales(joint: Any, windows: Windows) -> Scales:
     """Return the usual torque and velocity of a joint in a log."""
     channels = windows.channels
     torques = [np.nanstd(v) for role, v in channels.raw.items() if "torque" in role]
-    speeds = [np.nanstd(v[1]) for role, v in channels.roles.items() if "position" in role and "commanded" not in role]
+    again = channels.with_noise(seed=0)
+    speeds = [
+        _beyond_noise(v[1], again.roles[role][1] - v[1])
+        for role, v in channels.roles.items()
+        if "position" in role and "commanded" not in role
+    ]
     speed = float(max(speeds, default=0.0)) or 1.0
     if not torques and getattr(joint, "drive", None) is not None:
         # The loop's torque from the recorded error.
         position = next(channels.raw[r] for r in ("motor_position", "link_position") if r in channels.raw)
         torques = [joint.drive.kp * np.nanstd(channels.raw["commanded_position"] - position)]
     return Scales(float(max(torques, default=0.0)) or 1.0, speed, channels.period)
+
+
+def _beyond_noise(values: Array, noise: Array) -> float:
+    """Return the standard deviation of what is recorded without its noise, or the least that would be noticed in it."""
+    of_noise = float(np.nanvar(noise))
+    least = of_noise * np.sqrt(2.0 / np.count_nonzero(np.isfinite(noise)))  # standard deviation of a variance
+    return float(np.sqrt(max(np.nanvar(values) - of_noise, least)))
 
 
 def _errors(

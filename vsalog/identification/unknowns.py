@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from typing import Any, NamedTuple
 
 import numpy as np
-from msgspec.structs import replace
+from msgspec import structs
 from numpy.typing import NDArray
 
 from vsalog.core.errors import DiagnosisError, did_you_mean
@@ -26,7 +26,7 @@ class Spread(NamedTuple):
     Attributes
     ----------
     wider : times the default tolerance that a number may be off where the rig states none: a first fit presumes little
-    step : part of its prior deviation, or of its value where that is less, by which it is moved
+    step : part of its prior deviation, or of its value where that is less, by which it is moved; of its usual deviation at least
     """
 
     wider: float = 10.0
@@ -92,9 +92,9 @@ class Unknown:
     def step(self, unknown: float) -> float:
         """Return the step of the unknown for its slope."""
         slope = self.slope(unknown)
-        step = max(
-            min(SPREAD.step, SPREAD.step * abs(self.value(unknown)) / slope or SPREAD.step), self.least_step / slope
-        )
+        # A number near zero has no size of its own.
+        size = min(max(abs(self.value(unknown)) / slope, self.usual(unknown)) or 1.0, 1.0)
+        step = max(SPREAD.step * size, self.least_step / slope)
         return -step if unknown + step > self.bounds[1] else step
 
 
@@ -118,14 +118,26 @@ class Scales:
         sizes = {"N*m": self.torque, "N*m*s/rad": self.torque / self.speed}
         return sizes.get(unit, abs(value))
 
+    def of_part(self, part: Any) -> Scales:
+        """Return the sizes at a part of the joint: those of a rotor are the other side of its gear's."""
+        if getattr(part, "side", "joint") == "joint":
+            return self
+        return replace(self, torque=self.torque / part.gear_ratio, speed=self.speed * part.gear_ratio)
+
 
 def unknowns_of(
-    joint: Any, stated: Mapping[str, float], scales: Scales, free: Sequence[str] = (), fixed: Sequence[str] = ()
+    joint: Any,
+    stated: Mapping[str, float],
+    scales: Scales,
+    free: Sequence[str] = (),
+    fixed: Sequence[str] = (),
+    moving: Collection[str] = (),
 ) -> list[Unknown]:
     """Return the numbers of a joint that are to be fitted.
 
     They are those that the rig gives and that machines of one make may differ in: a default tolerance of their kind is no zero.
-    Of sensors only numbers count whose tolerance the rig states.
+    Of sensors only numbers count whose tolerance the rig states. Whatever moves is damped: that is fitted even where the rig
+    does not give it.
 
     Parameters
     ----------
@@ -134,13 +146,14 @@ def unknowns_of(
     scales : of the log
     free : keys, or patterns as ``motor.*``, that are fitted, too, even where the rig leaves them at their default
     fixed : keys or patterns that are not
+    moving : parts of the joint that torques move
 
     Raises
     ------
     DiagnosisError
         A pattern fits no number of the joint.
     """
-    numbers = numbers_of(joint)
+    numbers, damped = numbers_of(joint), {f"{part}.damping" for part in moving}
     for pattern in (*free, *fixed):
         if not any(_fits(n.key, [pattern]) for n in numbers):
             hint = did_you_mean(pattern, [n.key for n in numbers])
@@ -151,9 +164,10 @@ def unknowns_of(
         sensor = number.path[0] == "signals"
         if _fits(number.key, fixed) or own == 0.0:
             continue
-        if not asked and (number.exact or (own is None and (number.default or sensor))):
+        given = number.key in damped or not (number.default or sensor)
+        if not asked and (number.exact or (own is None and not given)):
             continue
-        unknown = _unknown(number, own, scales)
+        unknown = _unknown(joint, number, own, scales)
         if unknown is not None:
             found.append(unknown)
         elif asked:
@@ -161,12 +175,28 @@ def unknowns_of(
     return found
 
 
+def unstated_frictions(
+    joint: Any, stated: Mapping[str, float], scales: Scales, fixed: Sequence[str], moving: Collection[str]
+) -> list[Unknown]:
+    """Return the Coulomb frictions of moving parts of which the rig gives no dry friction: a machine may have them or not.
+
+    Parameters
+    ----------
+    joint, stated, scales, fixed, moving : as of `unknowns_of`
+    """
+    keys = {f"{part}.friction.coulomb" for part in moving if not getattr(joint, part).friction.rubs}
+    keys -= {key for key in keys if _fits(key, fixed) or key in stated}
+    found = (_unknown(joint, number, None, scales) for number in numbers_of(joint) if number.key in keys)
+    return [unknown for unknown in found if unknown is not None]
+
+
 def _fits(key: str, patterns: Collection[str]) -> bool:
     return any(key == p or fnmatchcase(key, p) for p in patterns)
 
 
-def _unknown(number: Number, stated: float | None, scales: Scales) -> Unknown | None:
-    deviation, scale = stated, scales.of(number.unit, number.value)
+def _unknown(joint: Any, number: Number, stated: float | None, scales: Scales) -> Unknown | None:
+    scale = scales.of_part(getattr(joint, number.path[0])).of(number.unit, number.value)
+    deviation = stated
     if deviation is None:
         try:
             deviation = SPREAD.wider * default_deviation(number.key, number.value, scale)
@@ -196,4 +226,4 @@ def placed(joint: Any, unknowns: Sequence[Unknown], values: Array) -> Any:
 
 def as_felt(joint: Any) -> Any:
     """Return a joint with all that its motors have as the joint feels it; its sensors stay as they are written."""
-    return replace(joint, **{name: getattr(joint, name).reflected for name in motors_of(joint)})
+    return structs.replace(joint, **{name: getattr(joint, name).reflected for name in motors_of(joint)})

@@ -70,6 +70,10 @@ class Player(Protocol):
         """Return the recorded roles that a simulation predicts."""
         ...
 
+    def moving(self) -> list[str]:
+        """Return the parts of the joint, as `motor`, that torques move; all others move as they were measured."""
+        ...
+
     def measured_states(self) -> Array:
         """Return the states as rig and filter have them, shape (N, n), NaN where they are not known."""
         ...

@@ -58,6 +58,10 @@ class BenchPlayer:
         whole = ["torque_sensor"] if len(self.torques) == 2 else []
         return [r for r in (*(f"torque_sensor{s}" for s in self.torques), *whole) if r in self.channels.roles]
 
+    def moving(self) -> list[str]:
+        """Return nothing: all of it moves as it was measured."""
+        return []
+
     def measured_states(self) -> Array:
         """Return the deflections, shape (N, n): all states of a window's beginning."""
         return np.stack([phi[0] for phi in self.deflections.values()], axis=-1)

@@ -158,6 +158,10 @@ class MechanicalPlayer:
         followed = self.followed()
         return [r for r in roles if r not in followed]
 
+    def moving(self) -> list[str]:
+        """Return the motors that are not prescribed, and the link where it is not."""
+        return [*(m for m in motors_of(self.joint) if m not in self.moved), *(() if self.link_moves else ("link",))]
+
     def measured_states(self) -> Array:
         """Return the states as rig and filter have them, shape (N, n)."""
         joint, channels = self.joint, self.channels

@@ -63,6 +63,10 @@ class PneumaticPlayer:
         """Return the recorded angle, pressures and torque meter."""
         return [r for r in self.channels.roles if r in SIMULATED]
 
+    def moving(self) -> list[str]:
+        """Return the link."""
+        return ["link"]
+
     def measured_states(self) -> Array:
         """Return the states as rig and filter have them, shape (N, 4); a velocity that may be noise is zero."""
         channels = self.channels

@@ -54,6 +54,11 @@ class RigidPlayer(MechanicalPlayer):
         """Return the recorded positions."""
         return [r for r in self.channels.roles if r in SIMULATED]
 
+    def moving(self) -> list[str]:
+        """Return the part that has what resists the motion: motor and link are one body."""
+        link = self.joint.link
+        return ["motor"] if link is None or (link.damping == 0.0 and not link.friction.rubs) else ["link"]
+
     def measured_states(self) -> Array:
         """Return the states as rig and filter have them, shape (N, 2)."""
         channels = self.channels
