@@ -7,10 +7,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-FREE: Mapping[str, int] = {"scale": 1, "late": 1, "drift": 2, "gravity": 2}
+FREE: Mapping[str, int] = {"scale": 1, "gain": 1, "late": 1, "drift": 2, "gravity": 2, "stiffness": 2}
 """Numbers that are fitted when a fault is undone, of those kinds that have any."""
 
-Kind = Literal["sign", "unit", "scale", "late", "drift", "exchanged", "unsigned", "gravity"]
+Kind = Literal["sign", "unit", "scale", "late", "drift", "exchanged", "unsigned", "gravity", "gain", "stiffness"]
+OF_JOINT: tuple[Kind, ...] = ("gain", "stiffness")
+"""What else may explain channels: a sensor's gain, and a spring that changes, are no faults of a recording."""
 
 
 class Rule(NamedTuple):
@@ -59,11 +61,13 @@ class Fault:
 
     Attributes
     ----------
-    kind : a wrong sign, unit or scale, a delay, a drifting clock, two channels exchanged, a magnitude, gravity taken out
+    kind : a wrong sign, unit or scale, a delay, a drifting clock, two channels exchanged, a magnitude, gravity taken out; or a
+        gain, or a stiffness that changes (`OF_JOINT`)
     roles : of the affected channels
     factor : of recorded over true values
     delay : of the recorded values in the middle of the log [s]
     rate : seconds per second by which they become later
+    since : when a stiffness changes, after the middle of the log [s]
     """
 
     kind: Kind
@@ -71,6 +75,7 @@ class Fault:
     factor: float = 1.0
     delay: float = 0.0
     rate: float = 0.0
+    since: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ log-likelihood ratio per independent sample. The likeliest fault is reported whe
 - it explains most of the error (`Rule.left`), and the equation holds then (`Rule.holds`).
 
 Of faults that the blocks do not separate from the likeliest the simplest is named. It is undone, and the search starts again,
-for a second fault.
+for a second fault. What the joint may do instead is compared in the same way, and undone where it is likeliest, or not separated
+from a fault, but is none of the recording: a channel's gain, and a stiffness that changes (`fault.OF_JOINT`).
 
 Ibragimov, Müller, "t-statistic based correlation and heterogeneity robust inference", J. Bus. Econ. Stat. 28, 2010.
 """
@@ -25,7 +26,8 @@ from itertools import combinations
 
 import numpy as np
 
-from vsalog.checks.fault import FREE, RULE, Fault, Found
+from vsalog.checks.changed_spring import changed_stiffness
+from vsalog.checks.fault import FREE, OF_JOINT, RULE, Fault, Found
 from vsalog.checks.late_channels import late
 from vsalog.checks.scaled_channels import scaled
 from vsalog.checks.smoothed_motion import exchanged, motion_of
@@ -53,7 +55,7 @@ def faults_of(signals: JointSignals, unknown_scale: Collection[str] = ()) -> lis
         if one is None:
             break
         found.append(one)
-    return found
+    return [one for one in found if one.fault.kind not in OF_JOINT]
 
 
 def equations_hold(signals: JointSignals) -> bool:
@@ -156,8 +158,9 @@ def _likeliest(channels: Channels, undone: Faults) -> Found | None:
     magnitudes = [one for one in explaining if one.fault.kind == "unsigned"]
     best = max(magnitudes or explaining, key=lambda one: one.ratio)
     alike = [one for one in explaining if one is best or not _is_better(channels, undone, best.fault, one.fault)]
-    # Of equally likely faults, the one with the fewest equations and fitted numbers.
-    chosen = min(alike, key=lambda one: (len(one.trial.squares), FREE.get(one.fault.kind, 0), -one.ratio))
+    # Of equally likely faults, the one with the fewest equations and fitted numbers; no fault that the joint itself may explain.
+    of_joint = [one for one in alike if one.fault.kind in OF_JOINT]
+    chosen = min(of_joint or alike, key=lambda one: (len(one.trial.squares), FREE.get(one.fault.kind, 0), -one.ratio))
     same = (one.fault for one in alike if one is not chosen and one.trial.squares.keys() == chosen.trial.squares.keys())
     return Found(chosen.fault, tuple(dict.fromkeys(same)), chosen.p, chosen.left)
 
@@ -201,6 +204,7 @@ def _all(channels: Channels, undone: Faults, wrong: set[str]) -> Iterator[Fault]
                 yield Fault("gravity", (role,))
         if channels.touched(Fault("late", (role,)), undone) & wrong:
             yield from late(channels, undone, role)
+    yield from changed_stiffness(channels, undone, wrong)
     for a, b in combinations(channels.roles, 2):
         if _quantity(a) == _quantity(b):
             yield Fault("exchanged", (a, b))

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from vsalog.core.dependence import hats
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 COMMAND = "commanded_position"
 
@@ -60,6 +61,7 @@ class Equation:
     y, scale : shape (R,); and the target's term in y, whose standard deviation scales the residual
     free, positive : shape (R, m), (R, k)
     knots : of the spring in it
+    elastic : how many columns of `positive`, the last ones, are the spring's; `free` is its torque at the first knot then
     """
 
     name: str
@@ -70,6 +72,14 @@ class Equation:
     free: Array
     positive: Array
     knots: Array | None = None
+    elastic: int = 0
+
+    def changed(self, later: Flags) -> Equation:
+        """Return the equation of a spring that is another one at some instants, shape (R,)."""
+        rest, spring = np.split(self.positive, [self.positive.shape[1] - self.elastic], axis=1)
+        whens = (~later[:, None], later[:, None])
+        free, own = (np.column_stack([columns * when for when in whens]) for columns in (self.free, spring))
+        return replace(self, free=free, positive=np.column_stack((rest, own)), elastic=own.shape[1])
 
 
 Rows = Mapping[str, Array]
@@ -95,7 +105,7 @@ def equation(name: str, roles: Rows, knots: Array | None = None, unknown_scale: 
     found = build(name, roles, suffix, knots)
     if kind == "motor" and found.target in unknown_scale:
         rest = found.y - found.scale
-        return replace(found, y=found.scale, positive=np.column_stack((found.positive, -rest)))
+        return replace(found, y=found.scale, positive=np.column_stack((-rest, found.positive)))
     return found
 
 
@@ -139,7 +149,8 @@ def _spring(name: str, roles: Rows, suffix: str, knots: Array | None) -> Equatio
     torque = roles[f"torque_sensor{suffix}"][0]
     free, positive, knots = _elastic(roles, suffix, knots)
     used = {f"torque_sensor{suffix}", *_deflects(roles, suffix), *({"setpoint"} & set(roles))}
-    return Equation(name, f"torque_sensor{suffix}", frozenset(used), torque, torque, free, positive, knots)
+    columns = positive.shape[1]
+    return Equation(name, f"torque_sensor{suffix}", frozenset(used), torque, torque, free, positive, knots, columns)
 
 
 def _elastic(roles: Rows, suffix: str, knots: Array | None) -> tuple[Array, Array, Array]:
@@ -164,7 +175,7 @@ def _resistance(position: Array) -> Array:
 
 def _motor(name: str, roles: Rows, suffix: str, knots: Array | None) -> Equation:
     torque = roles[f"motor_torque{suffix}"][0]
-    positive = _resistance(roles[f"motor_position{suffix}"])
+    positive, elastic = _resistance(roles[f"motor_position{suffix}"]), 0
     used = {f"motor_torque{suffix}", f"motor_position{suffix}"}
     if f"torque_sensor{suffix}" in roles:
         used.add(f"torque_sensor{suffix}")
@@ -172,8 +183,8 @@ def _motor(name: str, roles: Rows, suffix: str, knots: Array | None) -> Equation
     else:
         used |= _deflects(roles, suffix) | ({"setpoint"} & set(roles))
         free, spring, knots = _elastic(roles, suffix, knots)
-        y, positive = torque, np.column_stack((positive, -spring))
-    return Equation(name, f"motor_torque{suffix}", frozenset(used), y, torque, free, positive, knots)
+        y, positive, elastic = torque, np.column_stack((positive, -spring)), spring.shape[1]
+    return Equation(name, f"motor_torque{suffix}", frozenset(used), y, torque, free, positive, knots, elastic)
 
 
 def _body(name: str, roles: Rows, torque: str, _: Array | None) -> Equation:

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from vsalog.checks.constrained_fit import residual_of
 from vsalog.checks.fault import RULE, Fault, unit_factors
@@ -19,7 +20,10 @@ Array = NDArray[np.float64]
 
 
 def scaled(channels: Channels, undone: Faults, roles: tuple[str, ...]) -> Iterator[Fault]:
-    """Yield that roles are in another unit or out of proportion by one factor, where an equation contains the first."""
+    """Yield that roles are in another unit or out of proportion by one factor, where an equation contains the first.
+
+    A factor that is no larger than a sensor's gain may be is one.
+    """
     role = roles[0]
     if role in channels.unknown_scale:
         return
@@ -30,6 +34,8 @@ def scaled(channels: Channels, undone: Faults, roles: tuple[str, ...]) -> Iterat
         slope = _slope(channels, channels.equation(name, undone), undone, role) if role in channels.read[name] else 0.0
         if slope > 0.0 and abs(math.log(slope)) > math.log(RULE.scale):
             yield _refined(channels, undone, roles, slope)
+        elif slope > 0.0 and channels.touched(gain := Fault("gain", roles), undone):
+            yield replace(gain, factor=slope * math.exp(_most_likely(channels, undone, gain, slope)))
 
 
 def _is_told(channels: Channels, undone: Faults, unit: Fault) -> bool:
@@ -62,9 +68,9 @@ def _slope(channels: Channels, eq: Equation, undone: Faults, role: str) -> float
     if kind == "pair" and role == motor:
         q, theta = eq.scale - eq.scale.mean(), eq.scale - eq.y
         return float((theta - theta.mean()) @ q / (q @ q))
-    if kind == "spring" and role.startswith(("motor_position", "link_position")) and motor:
+    if eq.elastic and role.startswith(("motor_position", "link_position")) and motor and "link_position" in eq.roles:
         q, theta = channels.values("link_position", undone), channels.values(motor, undone)
-        columns = np.column_stack((np.ones(q.shape[1]), q[0], theta[0], q[1], theta[1]))
+        columns = np.column_stack((np.ones(q.shape[1]), q[0], theta[0], q[1], theta[1], theta[2]))
         _, of_q, of_theta, *_ = np.linalg.lstsq(columns, eq.y, rcond=None)[0].tolist()
         over, under = (of_q, of_theta) if role == motor else (of_theta, of_q)
         # With both positions of one joint, the other one's factor is equivalent.
@@ -87,6 +93,18 @@ def _by_grid(channels: Channels, undone: Faults, role: str) -> float:
         ):
             return s
     return max(powers, key=lambda s: trials[s].better(now))
+
+
+def _most_likely(channels: Channels, undone: Faults, gain: Fault, slope: float) -> float:
+    """Return the exponent, near zero, by which a gain has to differ from a slope to explain the channels best."""
+    touched, now = channels.touched(gain, undone), channels.trial(undone)
+
+    def left(exponent: float) -> float:
+        fault = replace(gain, factor=slope * math.exp(exponent))
+        return -channels.trial((*undone, fault), touched).better(now)
+
+    near = math.log1p(RULE.unit_tolerance)
+    return float(minimize_scalar(left, bounds=(-near, near), method="bounded").x)
 
 
 def _refined(channels: Channels, undone: Faults, roles: tuple[str, ...], slope: float) -> Fault:

@@ -72,6 +72,7 @@ class Channels:
     ----------
     equations : that the roles are enough for; none where too few rows are known
     read : equation → roles that it reads
+    elastic : equations with a spring of any shape in them
     magnitudes : torques that are never negative, and come to zero
     signs : role → signs that it has where it is taken for a magnitude, shape (R,)
     """
@@ -94,7 +95,9 @@ class Channels:
         self.signs: dict[str, Array] = {}
         self._plain = {role: values[:, rows] for role, values in motion.values.items()}
         self._kept: dict[tuple[object, ...], tuple[Array, float]] = {}
-        self.read = {e: equation(e, self._plain, None, self.unknown_scale).roles for e in self.equations}
+        plain = {e: equation(e, self._plain, None, self.unknown_scale) for e in self.equations}
+        self.read = {e: one.roles for e, one in plain.items()}
+        self.elastic = {e for e, one in plain.items() if one.elastic}
 
     @property
     def roles(self) -> list[str]:
@@ -106,13 +109,16 @@ class Channels:
 
         A drive's equation shows only that a command comes after the motion. A possible magnitude is tested for nothing else.
         """
-        timed = fault.kind in ("late", "drift", "unsigned", "gravity") and fault.roles != (COMMAND,)
+        timed = fault.kind in ("late", "drift", "unsigned", "gravity", "gain") and fault.roles != (COMMAND,)
         signed = {role for one in undone if one.kind == "unsigned" for role in one.roles}
         unsure = frozenset[str]() if fault.kind == "unsigned" else self.magnitudes - signed
         return {
             e
             for e, read in self.read.items()
-            if set(fault.roles) & read and not unsure & read and (not timed or e.split(" ")[0] in TIMED)
+            if set(fault.roles) & read
+            and not unsure & read
+            and (not timed or e.split(" ")[0] in TIMED)
+            and (fault.kind != "stiffness" or e in self.elastic)
         }
 
     def trial(self, faults: Faults, equations: Collection[str] | None = None) -> Trial:
@@ -161,6 +167,9 @@ class Channels:
         """Return an equation of channels with faults undone, and with so much more in them, shape (3, R) each."""
         roles = {role: self.values(role, faults) + more.get(role, 0.0) for role in self.read[name]}
         eq = equation(name, roles, knots, self.unknown_scale)
+        for fault in faults:
+            if fault.kind == "stiffness" and eq.elastic and set(fault.roles) & eq.roles:
+                eq = eq.changed(self.time > fault.since)
         if any(f.kind == "gravity" and set(f.roles) & eq.roles for f in faults):
             q = (roles["link_position"] if "link_position" in roles else self.values("link_position", faults))[0]
             eq = replace(eq, free=np.column_stack((eq.free, np.sin(q), np.cos(q))))

@@ -1,0 +1,93 @@
+"""Gains and springs that change are no faults of a recording, and hide none: a joint that is integrated here."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from vsalog.checks.fault_search import faults_of
+from vsalog.core.signals import JointSignals
+
+PERIOD, STIFFNESS = 0.002, 150.0
+
+
+def joint(*, jump=0.0, weight=0.0, seed=0, speed=1.0):
+    """Return channels of a motor with a spring and a link, whose spring becomes stiffer in the middle of the log."""
+    time = np.arange(0.0, 12.0, PERIOD)
+
+    def torque(t):
+        t = speed * t
+        return 4.0 * np.sin(2.1 * t) + 5.0 * np.sin(7.3 * t) + 3.0 * np.sin(17.0 * t + 1.0) + 2.0 * np.sin(31.0 * t)
+
+    def stiffness(t):
+        return STIFFNESS * (1.0 + jump * (t >= 6.0))
+
+    def rates(t, x):
+        theta, omega, q, v = x
+        spring = stiffness(t) * (q - theta)
+        return omega, (torque(t) + spring - 0.8 * omega) / 0.2, v, (-spring - 0.1 * v - weight * np.sin(q)) / 0.4
+
+    halves, begin = [], np.zeros(4)
+    for part in (time < 6.0, time >= 6.0):
+        at = time[part]
+        solved = solve_ivp(rates, (at[0], at[-1] + PERIOD), begin, rtol=1e-8, atol=1e-10, dense_output=True)
+        halves.append(solved.sol(at))
+        begin = solved.sol(at[-1] + PERIOD)
+    theta, _, q, _ = np.hstack(halves)
+    noise = np.random.default_rng(seed).standard_normal((4, time.size))
+    return {
+        "motor_position": theta + 1e-5 * noise[0],
+        "link_position": q + 1e-5 * noise[1],
+        "motor_torque": torque(time) + 5e-3 * noise[2],
+        "torque_sensor": stiffness(time) * (q - theta) + 5e-3 * noise[3],
+    }
+
+
+def found_in(roles):
+    count = next(iter(roles.values())).size
+    time = np.arange(count) * PERIOD
+    signals = JointSignals(
+        "j", PERIOD, (time * 1e9).astype(np.int64), time, roles, time == 0.0, np.zeros(count, np.int32)
+    )
+    return [(one.fault.kind, one.fault.roles) for one in faults_of(signals)]
+
+
+def scaled(roles, role, gain):
+    return roles | {role: gain * roles[role]}
+
+
+def without(roles, *left_out):
+    return {role: values for role, values in roles.items() if role not in left_out}
+
+
+@pytest.fixture(scope="module")
+def sound():
+    return joint()
+
+
+@pytest.mark.parametrize("alone", [(), ("torque_sensor",)], ids=["sensor", "motor torque alone"])
+@pytest.mark.parametrize(
+    ("role", "gain"), [("link_position", 1.01), ("motor_position", 0.98), ("motor_torque", 1.1), ("torque_sensor", 1.2)]
+)
+def test_a_gain_is_no_fault_of_the_recording(sound, role, gain, alone):
+    if role not in alone:
+        assert found_in(without(scaled(sound, role, gain), *alone)) == []
+
+
+@pytest.mark.parametrize("alone", [(), ("torque_sensor",)], ids=["sensor", "motor torque alone"])
+@pytest.mark.parametrize(("weight", "speed"), [(0.0, 1.0), (0.0, 0.1), (15.0, 0.1)])
+def test_a_stiffness_that_jumps_is_no_fault_of_the_recording(weight, speed, alone):
+    """With a slow torque it would be a late encoder, with a heavy link a gravity torque that was taken out."""
+    assert found_in(without(joint(jump=0.25, weight=weight, speed=speed), *alone)) == []
+
+
+def test_gravity_taken_out_is_found_along_with_a_gain_or_a_jump(sound):
+    for roles in (scaled(sound, "link_position", 1.01), scaled(sound, "motor_torque", 1.1), joint(jump=0.25)):
+        # By the recorded angle: what a driver computes.
+        torque = roles["torque_sensor"] - 6.0 * np.sin(roles["link_position"])
+        assert found_in(roles | {"torque_sensor": torque}) == [("gravity", ("torque_sensor",))]
+
+
+def test_a_late_torque_is_found_along_with_a_gain_or_a_jump(sound):
+    for roles in (scaled(sound, "link_position", 1.01), scaled(sound, "torque_sensor", 1.1), joint(jump=0.25)):
+        torque = np.concatenate((np.full(10, roles["motor_torque"][0]), roles["motor_torque"][:-10]))
+        assert found_in(roles | {"motor_torque": torque}) == [("late", ("motor_torque",))]
