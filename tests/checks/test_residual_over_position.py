@@ -12,7 +12,7 @@ PERIOD, COUNT, STIFFNESS = 2e-3, 10_000, 60.0
 SHAPE, FOLLOWS = "residual.shape_over_position", "residual.follows_motion"
 
 
-def log(folder, seed=0, link=lambda q: q, cogging=lambda theta: 0.0 * theta):
+def log(folder, seed=0, link=lambda q: q, cogging=lambda theta: 0.0 * theta, offset=0.0):
     """A linear spring between a link that swings and its motor; `link` is what the link's encoder makes of its angle."""
     t, rng = np.arange(COUNT) * PERIOD, np.random.default_rng(seed)
 
@@ -28,7 +28,7 @@ def log(folder, seed=0, link=lambda q: q, cogging=lambda theta: 0.0 * theta):
         step * np.round(link(q[0]) / step),
         step * np.round(theta[0] / step),
         0.05 * theta[2] + 0.3 * theta[1] - torque + cogging(theta[0]) + 0.01 * rng.standard_normal(COUNT),
-        torque + 0.02 * rng.standard_normal(COUNT),
+        torque + offset + 0.02 * rng.standard_normal(COUNT),
     )
     np.savetxt(folder / "arm.csv", np.column_stack(columns), "%.9g", ",", header="time,q,theta,tau,sensor", comments="")
     (folder / "arm.rig.toml").write_text(RIG)
@@ -62,6 +62,13 @@ def test_it_is_a_shape_over_a_position(tmp_path):
     shape = estimated(tmp_path, "direct")[1][SHAPE]
     assert shape["evidence"]["position"] in ("link_position", "motor_position")
     assert shape["value"] > shape["limit"]
+
+
+def test_an_offset_of_the_torque_sensor_is_reported_as_one(tmp_path):
+    log(tmp_path, offset=0.4)
+    found = estimated(tmp_path, "smoother")[1]
+    assert found["fit.offset"]["value"] == pytest.approx(0.4, rel=0.02)
+    assert not {SHAPE, FOLLOWS, "residual.shape_over_deflection", "residual.not_noise"} & set(found)
 
 
 def test_a_motor_that_cogs_is_found_by_the_method_that_reads_its_torque(tmp_path):

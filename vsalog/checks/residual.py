@@ -72,7 +72,7 @@ class _Rows:
     Attributes
     ----------
     knots : variable → knots of its functions, shape (k,)
-    moments : over the basis' functions, those of the variables, and the residual
+    moments : over a constant, the basis' functions, those of the variables, and the residual
     over : shape (k, 2), how often the deflection is near each knot, and the stiffness there
     whole : sums over all samples: how many, torque, its square, stiffness, its relative variance
     """
@@ -123,7 +123,7 @@ class ResidualShapes:
             if role in look.roles and (own := _knots(look.roles[role], 0.0)) is not None:
                 knots[role] = own
         if knots:
-            size = self.device.basis.size + sum(k.size for k in knots.values()) + 1
+            size = 1 + self.device.basis.size + sum(k.size for k in knots.values()) + 1
             self.rows[name] = _Rows(knots, row_moments_start(size), np.zeros((0 if phi is None else phi.size, 2)))
 
     def add(self, trace: Trace) -> None:
@@ -155,7 +155,7 @@ class ResidualShapes:
             return
         basis = basis_rows(self.device.basis, columns, part)
         functions = [hats(values[over], knots) for over, knots in rows.knots.items()]
-        z = np.column_stack((basis, *functions, torque - fit))
+        z = np.column_stack((np.ones(phi.size), basis, *functions, torque - fit))
         rows.moments = row_moments_block(rows.moments, z, use, np.zeros_like(use), 1)
         if DEFLECTION in rows.knots:
             near = functions[0][use]
@@ -191,8 +191,11 @@ class ResidualShapes:
         return [*(lacking.values() or over_positions), *hidden]
 
     def _depends(self, rows: _Rows, name: str) -> Association | None:
-        """Return how the residual depends on a variable beyond the basis; None where it may be chance."""
-        basis = range(self.device.basis.size)
+        """Return how the residual depends on a variable beyond the basis; None where it may be chance.
+
+        An offset, which an odd basis cannot follow, is no dependence.
+        """
+        basis = range(1 + self.device.basis.size)
         tried = sum(len(other.knots) for other in self.rows.values())
         found = association(rows.moments.blocks, rows.columns(name), basis)
         return found if found is not None and found.p_value * tried <= FALSE_ALARM else None

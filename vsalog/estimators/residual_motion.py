@@ -50,7 +50,7 @@ SUSPECTS = (SPEED, ACCELERATION, POSITION)
 
 
 class MotionRows(NamedTuple):
-    """Rows of an equation with n regressors: F, the slopes of the stiffness, position, speed, y, and acceleration.
+    """Rows of an equation with n regressors: F, the slopes of the stiffness, position, speed, y, a constant, and acceleration.
 
     Attributes
     ----------
@@ -63,16 +63,21 @@ class MotionRows(NamedTuple):
     @property
     def size(self) -> int:
         """Number of regressors."""
-        return (self.short.row.size - 4) // 2
+        return (self.short.row.size - 5) // 2
 
     def column(self, suspect: str) -> int:
         """Return where a suspect is."""
-        return 2 * self.size + {POSITION: 0, SPEED: 1, ACCELERATION: 3}[suspect]
+        return 2 * self.size + {POSITION: 0, SPEED: 1, ACCELERATION: 4}[suspect]
 
     @property
     def torque(self) -> int:
         """Where y is."""
         return 2 * self.size + 2
+
+    @property
+    def known(self) -> list[int]:
+        """Where the regressors are, and the constant: an offset follows no motion."""
+        return [*range(self.size), self.torque + 1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +102,7 @@ class Follower:
 
 def motion_rows_start(n: int) -> MotionRows:
     """Return the state before the first sample, for n regressors."""
-    return MotionRows(row_moments_start(2 * n + 4), row_moments_start(2 * n + 4))
+    return MotionRows(row_moments_start(2 * n + 5), row_moments_start(2 * n + 5))
 
 
 def motion_rows_block(
@@ -115,7 +120,7 @@ def motion_rows_block(
     window : samples of the filter before
     period : [s]
     """
-    columns, window = np.column_stack((F, slopes, *motion, y)), max(window, AVERAGED_SAMPLES)
+    columns, window = np.column_stack((F, slopes, *motion, y, np.ones(y.size))), max(window, AVERAGED_SAMPLES)
     speed = 2 * F.shape[1] + 1
     return MotionRows(
         row_moments_block(state.short, columns, use, starts, window, period, speed),
@@ -155,7 +160,7 @@ def followers(state: MotionRows, claimed: float, step: float, suspects: tuple[st
     step : of the deflection's sensors [rad], 0 where they have none
     suspects : those that are no unknowns of the equation
     """
-    known, y = range(state.size), state.torque
+    known, y = state.known, state.torque
     whole, long = state.short.blocks.sum(axis=0), state.long.blocks.sum(axis=0)
     plain = least_squares(whole, known, y)
     found: list[Follower] = []
@@ -165,8 +170,8 @@ def followers(state: MotionRows, claimed: float, step: float, suspects: tuple[st
         if shape is None or shape.p_value * len(suspects) > FALSE_ALARM or shape.share < PREDICTED_SHARE:
             continue
         unknowns, lasting = (least_squares(m, [*known, place], y) for m in (whole, long))
-        now = _stiffness(unknowns[:-1], state)
-        moved = _stiffness(unknowns[:-1] - plain, state) / now if now > 0.0 else np.inf
+        now = _stiffness(unknowns[: state.size], state)
+        moved = _stiffness((unknowns[:-1] - plain)[: state.size], state) / now if now > 0.0 else np.inf
         torque = abs(unknowns[-1]) * float(np.sqrt(whole[place, place] / state.short.rows))
         if (
             lasts(float(lasting[-1] * np.sign(unknowns[-1])), abs(float(unknowns[-1])))
