@@ -329,7 +329,7 @@ def test_the_foot_fitted_at_four_settings_holds_at_five_others(tmp_path):
     ("arguments", "words"),
     [
         (("nothing.model.toml", SEA2), "cannot be read"),
-        ((SEA2, SEA2), "is not a model file"),
+        ((SEA2, SEA2), "is a log, no model"),
         (("MODEL", "nothing.mcap"), "there is no such file"),
         (("MODEL", SEA2, "--joint", "elbow"), "the model has no joint 'elbow'"),
         (("MODEL", SAMPLES / "vsa2_exp2.mcap", "--rig", "sea"), "there is no channel"),
