@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Sequence
 
 # Decimal exponents that are printed without a power of ten.
@@ -26,6 +27,14 @@ def number(value: float | None, digits: int = 3, most: float = math.inf, least: 
 def between(low: float | None, high: float | None, digits: int = 4) -> str:
     """Return a range of numbers."""
     return "–" if low is None or high is None else f"{number(low, digits)} … {number(high, digits)}"
+
+
+def digits_apart(low: float, high: float, least: int = 4) -> int:
+    """Return how many digits two numbers need to differ in the last but one, no fewer than `least`."""
+    size, apart = max(abs(low), abs(high)), abs(high - low)
+    if not (0.0 < apart < math.inf and size < math.inf):
+        return least
+    return max(least, min(math.floor(math.log10(size / apart)) + 2, sys.float_info.dig))
 
 
 def percent(share: float | None, digits: int = 3) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from vsalog.core.notation import number, signal_name, unit_of
+from vsalog.core.notation import digits_apart, number, signal_name, unit_of
 from vsalog.figures.chart import Chart
 from vsalog.figures.dot_plots import identified_chart
 from vsalog.identification.document import Combination, Determined, Identification, IdentifiedNumber, SimulationError
@@ -59,10 +59,11 @@ def _numbers(joint: str, numbers: list[IdentifiedNumber]) -> Table:
     rows = []
     for n in numbers:
         word, tone = TOLD[n.determined]
-        interval = f"{number(n.low, 4)} to {number(n.high, 4)}"
+        digits = digits_apart(n.low, n.high)
+        interval = f"{number(n.low, digits)} to {number(n.high, digits)}"
         nearest = "" if n.correlated_with is None else f"{n.correlated_with} ({number(n.correlation, 2)})"
         rows.append(
-            (n.key, unit_of(n.unit), Cell(word, tone=tone), nearest, number(n.rig, 4), number(n.value, 4), interval)  # type: ignore[arg-type]
+            (n.key, unit_of(n.unit), Cell(word, tone=tone), nearest, number(n.rig, 4), number(n.value, digits), interval)  # type: ignore[arg-type]
         )
     heads = ("number", "unit", "determined", "correlated", "rig", "identified", "95 % interval")
     return Table(f"Numbers of joint {joint}", heads, tuple(rows), keys=1, texts=4)
