@@ -170,3 +170,11 @@ def test_blocks_give_the_same_bits_as_the_whole(size):
     for parts, whole in ((parts_r, whole_r), (parts_q, whole_q)):
         for i, expected in enumerate(whole[1:]):
             np.testing.assert_array_equal(np.concatenate([p[i] for p in parts]), expected)
+
+
+def test_regressors_whose_squares_are_too_small_for_a_number_do_no_harm():
+    """A joint at rest has a deflection of 1e-25 rad after the filters, and a basis its seventh power."""
+    F, y = problem(1, n=2)
+    rest = np.column_stack((np.full(20, 1e-25), np.full(20, 1e-175)))
+    state, *_ = qr(np.vstack((rest, F)), np.r_[np.zeros(20), y])
+    np.testing.assert_allclose(state.solve(), np.linalg.lstsq(F, y, rcond=None)[0], rtol=1e-9)

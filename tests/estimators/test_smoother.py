@@ -433,6 +433,18 @@ def test_inertia_and_damping_are_estimated_where_the_rig_has_none():
         assert fold.model(state).motor["inertia_1"] == pytest.approx(INERTIA, rel=0.02)
 
 
+def test_a_motor_of_unknown_inertia_does_not_calibrate_the_sensor():
+    """Inertia, damping and a gain together fit noise of the acceleration better than the right inertia does."""
+    own = SEA.joint["sea"]
+    joint = msgspec.structs.replace(own, motor=msgspec.structs.replace(own.motor, inertia=None, damping=0.0))
+    for gain in (1.0, 1.1):
+        t, signals, truth = machine(step=8.0 * STEP)
+        signals["motor_torque"] = gain * signals["motor_torque"]
+        columns, fold, state = estimated(t, signals, joint)
+        assert np.median(errors(columns, truth)[0]) < 0.003
+        assert "torque.gain_differs" not in {one.code for one in fold.findings(state)}
+
+
 def test_each_equation_alone_and_both_together():
     t, signals, truth = machine(seed=3)
     sensor = {k: v for k, v in signals.items() if k != "motor_torque"}

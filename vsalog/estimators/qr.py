@@ -116,6 +116,9 @@ def qr_update(F: Array, y: float, forgetting: float, Rp: Array, row: Array) -> N
             continue
         r = Rp[i, i]
         h = np.sqrt(r * r + x * x)
+        if h == 0.0:
+            # A high power of a deflection at rest has a square that no floating-point number can be.
+            continue
         cos, sin = r / h, x / h
         Rp[i, i] = h
         for j in range(i + 1, n + 1):

@@ -453,12 +453,11 @@ def _hidden(
     torque: str, equation: CombinedEquation, signals: JointSignals, conditioner: Conditioner, box: int
 ) -> frozenset[str]:
     """Return the unknowns of an equation that cannot be identified."""
-    # A gain is relative to the other equations'.
-    alone = len({torque for torque, _ in equation.parts}) == 1
+    # A gain is relative to the other equations', and a motor whose inertia and damping are free fits too many.
+    alone = len({torque for torque, _ in equation.parts}) == 1 or not equation.known
     if torque == "torque_sensor":
         return frozenset((GAIN,)) if alone else frozenset()
-    # Inertia and damping that the rig does not have are relative to the torque.
-    hidden = {GAIN} if alone or (torque == "motor_torque" and not equation.known) else set[str]()
+    hidden = {GAIN} if alone else set[str]()
     # Noise of a regressor makes its coefficient smaller by its share of the power, which is not to be reported as a change.
     moved = ["link_position"] if torque == PUSH else [view.motor_position for view in equation.transmissions]
     if max(_noise_of_acceleration(signals.roles[role], conditioner, box) for role in moved) > REPORTED_CHANGE:
