@@ -62,17 +62,9 @@ def _numbers(joint: str, numbers: list[IdentifiedNumber]) -> Table:
         digits = digits_apart(n.low, n.high)
         interval = f"{number(n.low, digits)} to {number(n.high, digits)}"
         nearest = "" if n.correlated_with is None else f"{n.correlated_with} ({number(n.correlation, 2)})"
-        rows.append(
-            (
-                n.key,
-                unit_of(n.unit),
-                Cell(word, tone=tone),
-                nearest,
-                number(n.rig, 4),
-                number(n.value, digits),
-                interval,
-            )  # type: ignore[arg-type]
-        )
+        sure = Cell(word, tone=tone)  # type: ignore[arg-type]
+        own = number(n.value, digits)
+        rows.append((n.key, unit_of(n.unit), sure, nearest, number(n.rig, 4), own, interval))
     heads = ("number", "unit", "determined", "correlated", "rig", "identified", "95 % interval")
     return Table(f"Numbers of joint {joint}", heads, tuple(rows), keys=1, texts=4)
 
