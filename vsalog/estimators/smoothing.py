@@ -12,6 +12,7 @@ from a polynomial is averaged in the same way.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -79,7 +80,6 @@ class Limits(NamedTuple):
         changes them by little for a constant spring, the fourth for one that changes
     jumps : at most [1]: a log that shows more has a spring that the basis cannot follow
     spreads : of a jump [1]: a window of the filters is an interval at most, which touches two, so that three steps contain it
-    places : where a first jump is looked for [1]: a jump that is off by half of their distance still explains most
     least_probability : of a hypothesis that is averaged, as a part of the most probable one's [1]
     """
 
@@ -94,7 +94,6 @@ class Limits(NamedTuple):
     most_rounds: int = 4
     jumps: int = 4
     spreads: tuple[int, ...] = (1, 2, 3)
-    places: int = 32
     least_probability: float = 1e-3
 
     @property
@@ -120,7 +119,7 @@ class Limits(NamedTuple):
 
     @property
     def trends(self) -> Array:
-        """The trends that are hypotheses, in decades: how fast one is the log tells by itself."""
+        """The trends that are hypotheses, in decades: the estimate of one hardly depends on its prior deviation."""
         return np.asarray(self.changes[::2])
 
 
@@ -455,7 +454,7 @@ class Smoother:
         return self._settled()[2].probability_of_polynomial
 
     def _settled(self) -> tuple[Smoother, Array, Choice, Smoothed]:
-        """Return a smoother that has chosen, and what it has: a spring that changes once more, from noise without the change."""
+        """Return a smoother and what it has chosen; if the spring changes, one whose first noise has no steady change in it."""
         found = self._chosen()
         if self.changing or found[1].change.constant:
             return self, *found
@@ -730,13 +729,13 @@ class Smoother:
         walk = self._walk(measurements)
         # Until the noise is known, steps of a decade suffice.
         sizes = LIMITS.changes[:: 1 if shapes else 2] if self.count > 1 and not self.solver.constant else ()
-        trends = [Change(trend=size) for size in (0.0, *LIMITS.trends)[: len(sizes) + 1]]
+        trends = [Change(), *(Change(trend=size) for size in (LIMITS.trends if len(sizes) else ()))]
         evidence = self._weighed(measurements, walk, [own._replace(whole=w) for own in trends for w in (0.0, *sizes)])
         best = _likeliest(evidence)
         if not best.constant:
-            # A fast walk would hide a jump.
+            # A fast walk would hide a jump. The search is shortest with as many steps between places as there are places.
             most = max(LIMITS.spreads)
-            places = np.unique(np.linspace(0, self.count - 2, LIMITS.places).astype(int)).tolist()
+            places = range(0, self.count - 1, math.isqrt(self.count))
             broken = self._weighed(measurements, walk, [Change(jumps=(place,), spread=most) for place in places])
             self._place(measurements, walk, broken)
             evidence |= broken
@@ -812,11 +811,11 @@ class Smoother:
 
     def _weighed(self, measurements: Array, walk: RandomWalk, changes: Sequence[Change]) -> dict[Change, float]:
         """Return the log evidence of hypotheses: either the whole walks or not, and so for its shape and trend, each alike."""
-        none, each, trend = np.log(0.5), np.log(0.5 / LIMITS.changes.size), np.log(0.5 / LIMITS.trends.size)
+        absent, walks, steady = np.log(0.5), np.log(0.5 / LIMITS.changes.size), np.log(0.5 / LIMITS.trends.size)
         return {
             change: self._log_likelihood(measurements, walk, change)
-            + sum(each if size else none for size in (change.whole, change.shape))
-            + (trend if change.trend else none)
+            + sum(walks if size else absent for size in (change.whole, change.shape))
+            + (steady if change.trend else absent)
             # Any interval could have been the one of a jump.
             - np.log(max(self.count - 1, 1)) * len(change.jumps)
             - (np.log(len(LIMITS.spreads)) if change.jumps else 0.0)
@@ -885,7 +884,7 @@ class Smoother:
         deviation = np.sqrt(np.square(full).sum(axis=1)).mean(axis=0)
         others = {self.names[i - n]: (float(mean[:, i].mean()), float(deviation[i])) for i in self.active if i >= n}
         projection = self.direction.T / np.square(self.direction).sum(axis=1) / self.scale[self.active][:, None]
-        torque, doubt = mean[:, self.active] @ projection, np.sqrt(np.square(root @ projection).sum(axis=1))
+        torque, deviations = mean[:, self.active] @ projection, np.sqrt(np.square(root @ projection).sum(axis=1))
         external = np.ascontiguousarray(mean[:, order])
         return Trajectory(
             self.samples,
@@ -895,7 +894,7 @@ class Smoother:
             choice.noise[0].deviation,
             choice,
             torque,
-            doubt,
+            deviations,
             self._misfit(mean),
             others,
         )

@@ -266,8 +266,8 @@ class SmootherFold(RegressionFold):
         found = []
         least = two_sided(FALSE_ALARM / len(trajectory.torque))
         for i, view in enumerate(equation.transmissions):
-            torque, doubt = trajectory.torque[:, i], trajectory.torque_std[:, i]
-            if np.max(torque - least * doubt) <= np.min(torque + least * doubt):
+            torque, band = trajectory.torque[:, i], least * trajectory.torque_std[:, i]
+            if np.max(torque - band) <= np.min(torque + band):
                 continue
             whole = torque[-1] / torque[0] - 1.0
             # No spring vanishes or doubles, or breaks as often as the search allows.
@@ -376,7 +376,7 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     first, count = equations[0], len(together[0])
     noises = (noise_for_torque(signals, view, conditioner) for view in views)
     read = max(0.0 if noise is None else noise.own for noise in noises)
-    late = read + max(_lateness(signals, view, conditioner, tuning) for view in views)
+    late = read + max(_causal_noise(signals, view, conditioner, tuning) for view in views)
     box = max(conditioner.window // BOXES.per_window, BOX)
     solver = SmootherSolver(
         device.basis.powers_of_terms * count,
@@ -425,7 +425,9 @@ def _has_link(device: Device, offered: Collection[str]) -> bool:
     return device.link is not None and {PUSH, "link_position"} <= set(offered)
 
 
-def _lateness(signals: JointSignals, view: TransmissionView, conditioner: Conditioner, tuning: SmootherTuning) -> float:
+def _causal_noise(
+    signals: JointSignals, view: TransmissionView, conditioner: Conditioner, tuning: SmootherTuning
+) -> float:
     """Return the variance of a deflection behind the causal filter [rad²], as it differs from what a centred window shows."""
     causal = conditioner.kind == "kinematic"
     weights = savgol_weights(tuning.default_window, tuning.degree)[0] if causal else conditioner.weights[0]
@@ -453,7 +455,7 @@ def _hidden(
     torque: str, equation: CombinedEquation, signals: JointSignals, conditioner: Conditioner, box: int
 ) -> frozenset[str]:
     """Return the unknowns of an equation that cannot be identified."""
-    # A gain is relative to the other equations', and a motor whose inertia and damping are free fits too many.
+    # A gain is relative to the other equations'; next to a free inertia and damping it fits noise of the acceleration.
     alone = len({torque for torque, _ in equation.parts}) == 1 or not equation.known
     if torque == "torque_sensor":
         return frozenset((GAIN,)) if alone else frozenset()
