@@ -26,7 +26,7 @@ class Boxes(NamedTuple):
     per_window : of a filter's window, within which noise is correlated [1]
     """
 
-    per_window: int = 4
+    per_window: int = 6
 
 
 BOXES = Boxes()

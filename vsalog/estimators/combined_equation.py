@@ -140,9 +140,10 @@ class CombinedEquation:
         """Form the equations for a block."""
         sensor, states, first, parts = state[0], [], None, []
         slipping, loops, settled = self._slipping(state[2], block)
-        # Motor and link equation are formed from each sample to the next.
+        # Motor and link equation may be formed from each sample to the next.
         seen = np.vstack((state[4], loops))
-        halfway = 0.5 * (seen[1:] + seen[:-1])
+        exact = any(motor.exact for motor in self.motors) or (self.link is not None and self.link.exact)
+        halfway = loops if exact else 0.5 * (seen[1:] + seen[:-1])
         slopes = np.hstack([regressors(self.basis, block, view, 1) for view in self.transmissions])
         if self.sensor is not None:
             sensor, rows = self.sensor.rows(sensor, block)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from vsalog.core.basis import PolynomialBasis
 from vsalog.estimators.device import TransmissionView, deflection_of
 from vsalog.estimators.equation import EquationRows
+from vsalog.estimators.function_roles import function_roles
 from vsalog.estimators.known_effects import KnownEffects
 from vsalog.estimators.torque import integral_block, lag_block, residual_block
 from vsalog.filters.conditioning import Conditioned
@@ -23,6 +24,8 @@ Flags = NDArray[np.bool_]
 
 def regressors(basis: PolynomialBasis, block: Conditioned, view: TransmissionView, derivative: int = 0) -> Array:
     """Return the functions of the basis, or a derivative in φ, at each sample of a block, shape (N, n)."""
+    if not derivative and (roles := function_roles(view, basis))[0] in block.fit:
+        return np.column_stack([block.fit[role] for role in roles])
     c = block.fit.get("setpoint") if basis.has_setpoint else None
     return basis.rows(deflection_of(block.fit, view), c, derivative, block.loading_fit.get(view.name))[:, derivative]
 
@@ -196,6 +199,7 @@ class IntegratedMotorEquation(OfOneTransmission):
     known: KnownEffects | None = None
     torque_noise: float = 0.0  # of a sample of the motor's torque, standard deviation [N·m]
     noise: RegressorNoise | None = None
+    exact: bool = False  # whether the filter's acceleration is the derivative of its velocity
 
     leading: ClassVar[int] = 3
     parameters: ClassVar[tuple[str, ...]] = ("motor_inertia", "motor_damping")
@@ -244,9 +248,11 @@ class IntegratedMotorEquation(OfOneTransmission):
         if doubted is not None:
             fed = np.where(doubted, np.nan, fed)
         fed_to = {view.name: fed}
-        # From sample to sample, by the trapezoidal rule: the change of the speed, the mean of all else.
         seen = np.vstack((state[2], np.where(use[:, None], np.column_stack((velocity, theta, f, tau)), np.nan)))
+        # Else from sample to sample, by the trapezoidal rule: the change of the speed, the mean of all else.
         change, mean = np.diff(seen, axis=0) / self.period, 0.5 * (seen[1:] + seen[:-1])
+        if self.exact:
+            change, mean = np.column_stack((acceleration, velocity)), seen[1:]
         plain = np.column_stack((np.zeros_like(theta), change[:, :2], -mean[:, 2:-1])), mean[:, -1]
         rows = EquationRows(
             F, integrals[:, -1], use, fresh, fed_to, {}, dynamics, doubted, self.noise,

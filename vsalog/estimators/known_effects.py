@@ -144,16 +144,18 @@ def conditioner_of(
     motor: bool,
     present: bool = True,
     rates: tuple[str, ...] = (),
+    exact: bool = False,
+    near: float | None = None,
 ) -> Conditioner:
     """Return the filters for a method that reads `roles`, with the rig's known effects of motors and transmissions.
 
-    Without a motor's position and torque among the roles there is nothing to subtract friction from. `present` and `rates`, with
-    what damping needs, as for a `Conditioner`.
+    Without a motor's position and torque among the roles there is nothing to subtract friction from. `present`, `exact`,
+    `near`, and `rates` with what damping needs, as for a `Conditioner`.
     """
     driven = (v for v in device.transmissions if {v.motor_position, v.motor_torque} <= set(roles))
     views = tuple(v for v in driven if motor and extended(v.motor))
     before = FrictionCompensation(views, signals, tuning.filter, tuning.shape) if views else None
-    return tuning.conditioner(roles, signals, (*_rates(device, roles), *rates), before, present)
+    return tuning.conditioner(roles, signals, (*_rates(device, roles), *rates), before, present, exact, near)
 
 
 def _rates(device: Device, roles: Collection[str]) -> tuple[str, ...]:

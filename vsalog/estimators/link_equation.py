@@ -18,7 +18,7 @@ State = tuple[tuple[Array, ...], Array]
 
 
 class LinkRows(NamedTuple):
-    """Rows of a link's equation, from each sample to the next by the trapezoidal rule.
+    """Rows of a link's equation, at each sample, or from each to the next by the trapezoidal rule.
 
     Attributes
     ----------
@@ -45,6 +45,7 @@ class LinkEquation:
     pushed : the equation of the torque that pushes the link
     inertia, damping, weight : of the link and its payload [kg·m², N·m·s/rad]
     period : [s]
+    exact : whether the filter's acceleration is the derivative of its velocity
     """
 
     pushed: TorqueEquation
@@ -52,6 +53,7 @@ class LinkEquation:
     damping: float
     weight: Weight | None
     period: float
+    exact: bool = False
 
     def start(self) -> State:
         """Return the states before the first sample: of the hysteresis, and that sample, which is none."""
@@ -66,8 +68,10 @@ class LinkEquation:
         weight = np.zeros_like(q) if self.weight is None else self.weight.of(q)
         columns = np.column_stack((velocity, q, np.sign(velocity), weight, rows.y, rows.F))
         seen = np.vstack((state[1], np.where(rows.use[:, None], columns, np.nan)))
-        # The change of speed and position, the mean of all else.
+        # Else the change of speed and position, the mean of all else.
         change, mean = np.diff(seen[:, :2], axis=0) / self.period, 0.5 * (seen[1:] + seen[:-1])[:, 2:]
+        if self.exact:
+            change, mean = np.column_stack((block.fit["acceleration:link_position"], velocity)), seen[1:, 2:]
         moving = change @ np.array([self.inertia, self.damping]) + mean[:, 1]
         torque, F = mean[:, 2] - moving, mean[:, 3:]
         use = rows.use & np.isfinite(torque) & np.isfinite(F).all(axis=1)

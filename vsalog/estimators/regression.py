@@ -26,6 +26,7 @@ from vsalog.estimators.equation import (
     EquationRows,
     Solver,
 )
+from vsalog.estimators.equations import regressors
 from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.region import Region, lengths
 from vsalog.estimators.residual_motion import MotionRows, motion_rows_block, motion_rows_start, residual_findings
@@ -187,7 +188,16 @@ class RegressionFold:
             phi, c = where[i]
             fitted, sigma, d1, d2 = (values[:, 4 * i + s] for s in range(4))
             std = deviations[:, 4 * i + 1]
+            # A long window takes a part of a fast motion; what functions were of is nearer to what is read.
             phi_fit, c_fit = deflection_of(block.fit, view), block.fit.get("setpoint")
+            if self.conditioner.exact:
+                phi_fit, c_fit = phi, c
+                # The torque comes out of that window.
+                first = equation.leading + i * self.device.basis.size
+                behind = (
+                    regressors(self.device.basis, block, view) * unknowns[:, first : first + self.device.basis.size]
+                )
+                fitted = np.where(np.isfinite(total := behind.sum(axis=1)), total, fitted)
             state.regions[view.name], seen = state.regions[view.name].block(phi_fit, c_fit, use, phi, c)
             with np.errstate(invalid="ignore"):
                 supported = (std < SUPPORTED_SHARE * sigma) & (view.name not in self.look.blind)

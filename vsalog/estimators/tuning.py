@@ -61,8 +61,10 @@ class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         rates: tuple[str, ...] = (),
         before: Preparation | None = None,
         present: bool = True,
+        exact: bool = False,
+        near: float | None = None,
     ) -> Conditioner:
-        """Return the filters these values describe; `rates`, `before` and `present` as a `Conditioner` takes them."""
+        """Return the filters these values describe; the other arguments as a `Conditioner` takes them."""
         return Conditioner(
             roles,
             signals,
@@ -74,6 +76,8 @@ class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
             rates=rates,
             before=before,
             present=present,
+            exact=exact,
+            near=near,
         )
 
 

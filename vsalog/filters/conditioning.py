@@ -6,12 +6,13 @@ Three settings, all folds over blocks:
 - ``pair``: causal output. The data to fit pass through one and the same Savitzky–Golay filter, late by half a window;
   the stiffness is evaluated at the MKKF's present deflection (Flacco 2014 eq. 30).
 - ``savitzky-golay``: non-causal. Both come from the Savitzky–Golay filter; the output is late by half a window and belongs to
-  the window's centre.
+  the window's centre. Its derivatives may be those of the filtered signal itself (`derivative_weights.py`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol
 
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from vsalog.core.errors import FilterError
 from vsalog.core.look import LONGEST_RUN
 from vsalog.core.signals import LONGER, JointSignals
+from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.kinematic import KinematicSettings, kinematic_filter
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
 
@@ -54,7 +56,9 @@ class Conditioned:
 class Preparation(Protocol):
     """A fold that the signals go through before they are filtered, and that may hold samples back."""
 
-    roles: tuple[str, ...]  # that it adds
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """Roles that it adds."""
 
     def start(self) -> Any:
         """Return the state before the first sample."""
@@ -92,6 +96,9 @@ class Conditioner:
     rates : other positions and deflections whose velocity is wanted
     before : what the signals go through first; the roles it adds are filtered like torques
     present : whether values to evaluate at are wanted too; without them `now` is empty, and only ``savitzky-golay`` works
+    exact : whether derivatives are those of the filtered signal, so that a linear equation stays true however fast a motion is;
+        then all rates come with an acceleration
+    near : window of the Savitzky–Golay filter of values to evaluate at, no longer than `window` [s]; as those to fit without
 
     Raises
     ------
@@ -112,13 +119,15 @@ class Conditioner:
         rates: tuple[str, ...] = (),
         before: Preparation | None = None,
         present: bool = True,
+        exact: bool = False,
+        near: float | None = None,
     ) -> None:
-        self.kind = kind
-        self.roles = roles if before is None else (*roles, *before.roles)
-        self.before = before
+        self.kind, self.given, self.exact = kind, roles, exact and kind != "kinematic"
+        self._prepare(before)
         self.period = signals.period
         self.motor_roles = tuple(r for r in roles if r.startswith("motor_position"))
         self.rated = {*self.motor_roles, *rates}
+        self.accelerated = self.rated if self.exact else set(self.motor_roles)
         self.moving = tuple(r for r in roles if "torque" not in r and present)
         self.settings = {
             role: KinematicSettings.for_resolution(signals.resolution.get(role, 0.0), self.period, shape)
@@ -133,7 +142,20 @@ class Conditioner:
             )
         self.window = 2 * round(0.5 * window / self.period) + 1
         if kind != "kinematic":
-            self.weights = savgol_weights(self.window, degree, 2, self.period)
+            weights = derivative_weights if exact else savgol_weights
+            self.weights = weights(self.window, degree, 2, self.period)
+            self.near = self.weights[0]
+            if near is not None:
+                self.near = savgol_weights(2 * round(0.5 * near / self.period) + 1, degree)[0]
+
+    def _prepare(self, before: Preparation | None) -> None:
+        self.before, self.roles = before, self.given if before is None else (*self.given, *before.roles)
+
+    def behind(self, before: Preparation | None) -> Conditioner:
+        """Return the same filters with another preparation."""
+        other = copy(self)
+        other._prepare(before)
+        return other
 
     def check_length(self, longest_run: int) -> None:
         """Refuse a log in which no run is long enough for the filter.
@@ -216,7 +238,7 @@ class Conditioner:
     def _smooth(self, joined: JointSignals) -> dict[str, Array]:
         smooth: dict[str, Array] = {}
         for role in self.roles:
-            if role in self.motor_roles:
+            if role in self.accelerated:
                 smooth[role], smooth[f"velocity:{role}"], smooth[f"acceleration:{role}"] = savgol_filter(
                     joined.roles[role], self.weights
                 )
@@ -236,8 +258,18 @@ class Conditioner:
         rows = slice(first - offset, last - offset)
         fit = {r: _at_end(v, last - first) for r, v in smooth.items()}
         use = _complete(fit)
-        now = {r: np.where(np.isfinite(fit[r]), fit[r], kalman[r][rows]) for r in self.moving}
+        now = {r: v[rows] for r, v in self._now(joined, kalman).items()}
         return Conditioned(joined[rows], fit, now, use)
+
+    def _now(self, joined: JointSignals, kalman: Mapping[str, Array]) -> dict[str, Array]:
+        """Return the values to evaluate at, by the Kalman filter where the others' window is not complete."""
+        now = {}
+        for role in self.moving:
+            found = savgol_filter(joined.roles[role], self.near[None])[0]
+            whole = _at_end(found, found.size + self.near.size // 2)
+            centred = np.concatenate((whole, np.full(len(joined) - whole.size, np.nan)))
+            now[role] = np.where(np.isfinite(centred), centred, kalman[role])
+        return now
 
     def _flush(self, state: ConditionerState) -> list[Conditioned]:
         if self.kind != "savitzky-golay" or state.tail is None:
@@ -245,8 +277,8 @@ class Conditioner:
         pending = min(savgol_lag(self.window), state.seen)
         rows = state.tail[len(state.tail) - pending :]
         nothing = np.full(pending, np.nan)
-        names = [*self.roles, *(f"velocity:{r}" for r in self.rated), *(f"acceleration:{r}" for r in self.motor_roles)]
-        now = {r: state.tail_kalman[r][len(state.tail) - pending :] for r in self.moving}
+        names = [*self.roles, *(f"velocity:{r}" for r in self.rated), *(f"acceleration:{r}" for r in self.accelerated)]
+        now = {r: v[len(state.tail) - pending :] for r, v in self._now(state.tail, state.tail_kalman).items()}
         return [Conditioned(rows, dict.fromkeys(names, nothing), now, np.zeros(pending, dtype=np.bool_))]
 
 

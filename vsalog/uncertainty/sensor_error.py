@@ -47,14 +47,14 @@ class SensorError:
 
     def product(self, a: Array, b: Array) -> float:
         """Return the mean product of the errors behind two filters; weights of one length, as `savgol_filter` takes them."""
+        return float(self.products(np.stack((a, b)))[0, 1])
+
+    def products(self, weights: Array) -> Array:
+        """Return the mean products of the errors behind filters, shape (m, m), of weights of shape (m, window)."""
         if not self.rounding:
-            return self.white**2 * float(a @ b)
-        both = np.stack((a, b))
-        products = []
-        for series in self.rounding:
-            x, y = savgol_filter(series, both)
-            products.append(float(np.mean(x * y)) if x.size else 0.0)
-        return float(np.mean(products))
+            return np.asarray(self.white**2 * (weights @ weights.T))
+        behind = [savgol_filter(series, weights) for series in self.rounding]
+        return np.asarray(np.mean([own @ own.T / max(own.shape[1], 1) for own in behind], axis=0))
 
     def rms(self, weights: Array) -> float:
         """Return the RMS error behind a filter."""

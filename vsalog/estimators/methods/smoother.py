@@ -10,7 +10,7 @@ import math
 from collections.abc import Collection, Mapping
 from copy import copy
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import msgspec
@@ -30,19 +30,21 @@ from vsalog.estimators.equation import GAIN, REPORTED_CHANGE, REPORTED_MISFIT, E
 from vsalog.estimators.equations import TorqueEquation
 from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.folding import BLOCK
+from vsalog.estimators.function_roles import Functions
 from vsalog.estimators.known_effects import conditioner_of, known_of, slack_of
 from vsalog.estimators.link_equation import LinkEquation
 from vsalog.estimators.methods.qr_rls import integrated_equations
 from vsalog.estimators.methods.residual_rls import sensor_equations
 from vsalog.estimators.needs import deflection_roles, require, sensor_role, torque_roles
 from vsalog.estimators.regression import RegressionFold
-from vsalog.estimators.regressor_noise import noise_for_torque
+from vsalog.estimators.regressor_noise import noise_behind_filters
 from vsalog.estimators.residual_motion import POSITION, SUSPECTS, MotionRows, followers, following
 from vsalog.estimators.screening import Screening, screened
 from vsalog.estimators.smoothing import LIMITS, SHARED, Choice, SmootherSolver, SmootherState, Trajectory
 from vsalog.estimators.transmission_torque import carried_by
 from vsalog.estimators.tuning import Tuning
-from vsalog.estimators.windows import keeping_window, motor_window, rms
+from vsalog.estimators.window_error import Driven, exact_window
+from vsalog.estimators.windows import keeping_window, rms
 from vsalog.filters.conditioning import Conditioned, Conditioner
 from vsalog.filters.kinematic import kinematic_filter
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
@@ -173,6 +175,8 @@ class SmootherFold(RegressionFold):
         """Return the same fold with other functions and friction elements, as a `CombinedEquation` has them."""
         fold, count = copy(self), self.solver.transmissions
         fold.device = replace(self.device, basis=basis)
+        if isinstance(before := self.conditioner.before, Functions):
+            fold.conditioner = self.conditioner.behind(replace(before, basis=basis))
         fold.equations = tuple(
             replace(own.with_basis(basis), slips=slips, smooth=smooth, wait=wait) for own in self.equations
         )
@@ -348,17 +352,21 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     # A torque that never changes has no noise that could weigh it against the sensor's: with a gain of zero it fits anything.
     motors = motors and not (sensed and any(_is_constant(signals.roles[view.motor_torque]) for view in views))
     look, asked = screened(device, signals, tuning), tuning
-    tuning = (
-        motor_window(device, signals, tuning)
-        if motors
-        else keeping_window(device, signals, tuning, tuning.default_window)
-    )
+    near = keeping_window(device, signals, tuning, tuning.default_window).window
+    tuning = exact_window(device, signals, tuning, partial(_driven, device, offered, sensed, motors))
+    if tuning.window is not None and near is not None:
+        near = min(near, tuning.window)
     rates = ("link_position",) if _has_link(device, offered) else ()
-    conditioner = conditioner_of(device, signals, tuning, roles(device, offered, tuning), motor=motors, rates=rates)
+    needed = roles(device, offered, tuning)
+    conditioner = conditioner_of(device, signals, tuning, needed, motor=motors, rates=rates, exact=True, near=near)
+    if conditioner.kind != "kinematic":
+        noises = tuple(_noise_before(signals, view) for view in views)
+        conditioner = conditioner.behind(Functions(views, device.basis, noises, conditioner.before))
     sensors = sensor_equations(device, signals, tuning, conditioner) if sensed else ()
     driven = integrated_equations(device, signals, tuning, conditioner) if motors else ()
+    driven = tuple(replace(own, exact=conditioner.exact) for own in driven)
     known = all(view.motor.reflected_inertia is not None for view in views)
-    pushed = _pushed(device, signals, tuning, sensed=sensed and len(sensors) > 1)
+    pushed = _pushed(device, signals, tuning, conditioner, sensed=sensed and len(sensors) > 1)
     # One sensor for several transmissions ties them together, and so does their link.
     together = [views] if len(sensors) == 1 or pushed else [(view,) for view in views]
     equations = [
@@ -374,8 +382,9 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
         for i, own in enumerate(together)
     ]
     first, count = equations[0], len(together[0])
-    noises = (noise_for_torque(signals, view, conditioner) for view in views)
-    read = max(0.0 if noise is None else noise.own for noise in noises)
+    read = 0.0
+    if conditioner.kind != "kinematic":
+        read = max(noise_behind_filters(signals, view, conditioner.near).own for view in views)
     late = read + max(_causal_noise(signals, view, conditioner, tuning) for view in views)
     box = max(conditioner.window // BOXES.per_window, BOX)
     solver = SmootherSolver(
@@ -396,7 +405,26 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     return plain if tuning.basis == "rig" or tuning.causal else _fitting(plain, signals)
 
 
-def _pushed(device: Device, signals: JointSignals, tuning: SmootherTuning, *, sensed: bool) -> LinkEquation | None:
+def _driven(
+    device: Device, offered: Collection[str], sensed: bool, motors: bool, view: TransmissionView
+) -> list[Driven]:
+    """Return the equations of a transmission whose unknowns noise may hide."""
+    found, sensor = [], sensor_role(view, offered)
+    if sensed:
+        found.append(Driven(sensor))
+    if motors:
+        motor = view.motor
+        own = Driven(view.motor_torque, view.motor_position, motor.reflected_inertia, motor.reflected_damping or 0.0)
+        found.append(own._replace(transmitted=sensor) if sensed and sensor == view.torque_sensor else own)
+    if _has_link(device, offered):
+        assert device.link is not None
+        found.append(Driven(PUSH, "link_position", carried_by(device.link)[0], device.link.damping))
+    return found
+
+
+def _pushed(
+    device: Device, signals: JointSignals, tuning: SmootherTuning, conditioner: Conditioner, *, sensed: bool
+) -> LinkEquation | None:
     """Return the link's equation where the rig has the link and what pushes it is recorded; none next to several sensors."""
     if sensed or not _has_link(device, signals.roles):
         return None
@@ -406,7 +434,13 @@ def _pushed(device: Device, signals: JointSignals, tuning: SmootherTuning, *, se
         device.transmissions, device.basis, lambda block: block.fit[PUSH], tuple(k for k in known if k is not None)
     )
     inertia, weight = carried_by(device.link)
-    return LinkEquation(pushed, inertia, device.link.damping, weight, signals.period)
+    return LinkEquation(pushed, inertia, device.link.damping, weight, signals.period, conditioner.exact)
+
+
+def _noise_before(signals: JointSignals, view: TransmissionView) -> float:
+    """Return the variance of a deflection's noise before the filters [rad²]."""
+    roles = (signals.roles[role][:ENOUGH] for role in view.deflection_roles(signals.roles))
+    return sum(sensor_error(own, 1).rms(np.ones(1)) ** 2 for own in roles)
 
 
 def _has_a_setpoint_per_run(signals: JointSignals) -> bool:
@@ -430,7 +464,7 @@ def _causal_noise(
 ) -> float:
     """Return the variance of a deflection behind the causal filter [rad²], as it differs from what a centred window shows."""
     causal = conditioner.kind == "kinematic"
-    weights = savgol_weights(tuning.default_window, tuning.degree)[0] if causal else conditioner.weights[0]
+    weights = savgol_weights(tuning.default_window, tuning.degree)[0] if causal else conditioner.near
     off = {}
     for role in view.deflection_roles(signals.roles):
         raw = signals.roles[role][:ENOUGH]
