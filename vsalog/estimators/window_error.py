@@ -64,7 +64,7 @@ def exact_window(
     widened = [round(WIDER * window) | 1 for window in (*WINDOWS, *SHORTER[::-1])]
     # The bell of the weights, and the derivatives of a polynomial, need samples.
     tried = [window for window in widened if window > tuning.degree + 2]
-    tried = [window for window in tried if window <= PART_OF_RUN * signals.longest_run] or tried[-1:]
+    tried = [window for window in tried if window <= PART_OF_RUN * signals.longest_run] or tried[:1]
     errors = {
         window: max(
             _square_error(view, part, derivative_weights(window, tuning.degree, 2, signals.period), len(signals), own)

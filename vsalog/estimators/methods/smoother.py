@@ -489,10 +489,10 @@ def _hidden(
     torque: str, equation: CombinedEquation, signals: JointSignals, conditioner: Conditioner, box: int
 ) -> frozenset[str]:
     """Return the unknowns of an equation that cannot be identified."""
-    # A gain is relative to the other equations'; next to a free inertia and damping it fits noise of the acceleration.
-    alone = len({torque for torque, _ in equation.parts}) == 1 or not equation.known
+    # A gain is relative to the other equations'. Which of two is wrong only a known inertia tells; else it is the motor's.
+    alone = len({torque for torque, _ in equation.parts}) == 1
     if torque == "torque_sensor":
-        return frozenset((GAIN,)) if alone else frozenset()
+        return frozenset((GAIN,)) if alone or not equation.known else frozenset()
     hidden = {GAIN} if alone else set[str]()
     # Noise of a regressor makes its coefficient smaller by its share of the power, which is not to be reported as a change.
     moved = ["link_position"] if torque == PUSH else [view.motor_position for view in equation.transmissions]
