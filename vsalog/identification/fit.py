@@ -24,6 +24,7 @@ from vsalog.core.errors import SimulationError
 from vsalog.core.progress import counted
 from vsalog.core.significance import SIGNIFICANCE
 from vsalog.diagnosis.trajectory import bases_of, projected, weights_of
+from vsalog.identification.beginning import by_equations
 from vsalog.identification.lever import bound_by
 from vsalog.identification.unknowns import Unknown, as_felt, placed
 from vsalog.residuals.windows import (
@@ -98,17 +99,18 @@ class Fit:
 
 
 def fitted(
-    joint: Any, unknowns: Sequence[Unknown], windows: Windows, start: Array | None = None, lever: Lever | None = None
+    joint: Any, unknowns: Sequence[Unknown], windows: Windows, starts: Sequence[Array] = (), lever: Lever | None = None
 ) -> Fit:
     """Fit numbers of a joint to windows of a log.
+
+    It is searched where the fit begins, and whether recorded inputs are linear in between or held from sample to sample.
 
     Parameters
     ----------
     joint : of the rig, as it is written
     unknowns : p of them
     windows : of the log
-    start : shape (p,), to begin the fit with; when absent it is searched, and so is whether recorded inputs are linear in between
-        or held from sample to sample
+    starts : shape (p,) each, to begin with instead of the rig; the numbers by the joint's equations are tried, too
     lever : that bound the set-point of the windows, see `lever.bound_by`
 
     Raises
@@ -117,9 +119,7 @@ def fitted(
         The joint cannot be simulated as the rig has it.
     """
     search = _Search(joint, tuple(unknowns), windows, lever)
-    if start is not None:
-        return search.all_the_way(start)
-    begin, other = search.begin(np.zeros(len(unknowns))), search.otherwise_held()
+    begin, other = search.begin(starts or [np.zeros(len(unknowns))]), search.otherwise_held()
     if other is not None and other.promises(begin.values, other.few) < search.promises(begin.values, search.few):
         held = other.tried(begin.values, other.few)
         if held is not None and _left(held) < _left(begin):
@@ -130,6 +130,11 @@ def fitted(
         return fit
     there = other.all_the_way(fit.values)
     return there if _left(there) < _left(fit) else fit
+
+
+def refitted(joint: Any, fit: Fit, windows: Windows, lever: Lever | None = None) -> Fit:
+    """Fit the numbers of a fit to other windows, from its values; parameters and errors as of `fitted`."""
+    return _Search(joint, fit.unknowns, windows, lever).all_the_way(fit.values)
 
 
 def absence(joint: Any, fit: Fit, others: Sequence[Unknown], lever: Lever | None = None) -> Array:
@@ -184,9 +189,18 @@ class _Search:
             return None
         return _Search(self.joint, self.unknowns, replace(self.windows, hold=not self.windows.hold), self.lever)
 
-    def begin(self, values: Array) -> Fit:
-        """Fit a part of the windows from some values."""
-        return self._from(values, self.few, 1)
+    def begin(self, starts: Sequence[Array]) -> Fit:
+        """Fit a part of the windows from some values and from those by the equations: the fit that is best.
+
+        Where simulations of different friction or inertia are far from the log, each has optima of its own.
+        """
+        first, *others = starts
+        fits = [self._from(first, self.few, 1)]
+        if _left(fits[0]) > WITHIN:
+            found = by_equations(self.joint, self.unknowns, self.windows.channels)
+            others += [] if found is None else [found]
+            fits += [fit for values in others if (fit := self.tried(values, self.few)) is not None]
+        return min(fits, key=_left)
 
     def tried(self, values: Array, windows: Windows) -> Fit | None:
         """Fit windows once from some values; none where they cannot be simulated."""

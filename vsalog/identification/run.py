@@ -23,7 +23,7 @@ from vsalog.estimation.job import sha256
 from vsalog.estimation.joint import pick_joints
 from vsalog.identification.document import Combination, Identification, IdentifiedNumber
 from vsalog.identification.document import SimulationError as ErrorThere
-from vsalog.identification.fit import Fit, absence, fitted
+from vsalog.identification.fit import Fit, absence, fitted, refitted
 from vsalog.identification.identifiability import combinations, correlations, determined
 from vsalog.identification.lever import bound_by, lever_of
 from vsalog.identification.unknowns import Scales, Unknown, as_felt, placed, unknowns_of, unstated_frictions
@@ -214,7 +214,7 @@ def identified(
         cut = 2 * len(windows.spans) // 3
         first, rest = np.arange(cut), np.arange(cut, len(windows.spans))
         if cut and rest.size:
-            part = fitted(joint, fit.unknowns, fit.windows.part(first), fit.values, lever)
+            part = refitted(joint, fit, fit.windows.part(first), lever)
             there = _errors(name, joint, part, log, "last third", windows.part(rest), lever)
         else:
             there = _errors(name, joint, fit, log, "itself", windows, lever)
@@ -241,7 +241,7 @@ def _with_those_there(joint: Any, fit: Fit, others: Sequence[Unknown], lever: Le
         if np.min(p) * len(others) > FALSE_ALARM:
             break
         one = left.pop(int(np.argmin(p)))
-        fit = fitted(joint, (*fit.unknowns, one), fit.windows, np.append(fit.values, 0.0), lever)
+        fit = fitted(joint, (*fit.unknowns, one), fit.windows, [np.append(fit.values, 0.0)], lever)
     return fit
 
 
