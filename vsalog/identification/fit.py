@@ -93,6 +93,16 @@ class Fit:
     shot: Shot
 
     @property
+    def misfit(self) -> float:
+        """Mean square of its errors over their noise [1]."""
+        return float(np.mean(self.shot.whitened(self.windows) ** 2))
+
+    def above_zero(self, i: int) -> float:
+        """Return the probability that a number whose least value is zero is found as large where it is zero."""
+        least = self.unknowns[i].bounds[0]
+        return float(student.sf((self.values[i] - least) / np.sqrt(self.covariance[i, i]), self.degrees[i]))
+
+    @property
     def half_widths(self) -> Array:
         """Half-widths of 95 % intervals, shape (p,), in prior deviations."""
         return np.asarray(np.sqrt(np.diag(self.covariance)) * student.isf(0.5 * SIGNIFICANCE, self.degrees))
@@ -122,14 +132,19 @@ def fitted(
     begin, other = search.begin(starts or [np.zeros(len(unknowns))]), search.otherwise_held()
     if other is not None and other.promises(begin.values, other.few) < search.promises(begin.values, search.few):
         held = other.tried(begin.values, other.few)
-        if held is not None and _left(held) < _left(begin):
+        if held is not None and held.misfit < begin.misfit:
             search, begin, other = other, held, search
     fit = search.all_the_way(search.searched(begin).values)
     # Few windows determine little of it, all of them nearly everything.
     if other is None or other.promises(fit.values, other.windows) >= search.promises(fit.values, search.windows):
         return fit
     there = other.all_the_way(fit.values)
-    return there if _left(there) < _left(fit) else fit
+    return there if there.misfit < fit.misfit else fit
+
+
+def begun_with(joint: Any, unknowns: Sequence[Unknown], windows: Windows, lever: Lever | None = None) -> Fit:
+    """Fit numbers of a joint to a few windows of a log, where a fit to all may begin; parameters and errors as of `fitted`."""
+    return _Search(joint, tuple(unknowns), windows, lever).begin([np.zeros(len(unknowns))])
 
 
 def refitted(joint: Any, fit: Fit, windows: Windows, lever: Lever | None = None) -> Fit:
@@ -166,10 +181,6 @@ def absence(joint: Any, fit: Fit, others: Sequence[Unknown], lever: Lever | None
     return np.array([above_zero(-score) for score in scores.T])
 
 
-def _left(fit: Fit) -> float:
-    return float(np.mean(fit.shot.whitened(fit.windows) ** 2))
-
-
 class _Search:
     """The way to the values that fit best: from the rig, and where that ends far from the log, from draws of the prior."""
 
@@ -196,11 +207,11 @@ class _Search:
         """
         first, *others = starts
         fits = [self._from(first, self.few, 1)]
-        if _left(fits[0]) > WITHIN:
+        if fits[0].misfit > WITHIN:
             found = by_equations(self.joint, self.unknowns, self.windows.channels)
             others += [] if found is None else [found]
             fits += [fit for values in others if (fit := self.tried(values, self.few)) is not None]
-        return min(fits, key=_left)
+        return min(fits, key=lambda fit: fit.misfit)
 
     def tried(self, values: Array, windows: Windows) -> Fit | None:
         """Fit windows once from some values; none where they cannot be simulated."""
@@ -219,10 +230,10 @@ class _Search:
     def searched(self, begin: Fit) -> Fit:
         """Return a fit to a part of the windows; where one is far from the log, the best of others, from draws of the prior."""
         fits = [begin]
-        if _left(begin) > WITHIN:
+        if begin.misfit > WITHIN:
             for values in self._best_draws():
                 fits += [fit for fit in (self.tried(values, self.few),) if fit is not None]
-        return min(fits, key=_left)
+        return min(fits, key=lambda fit: fit.misfit)
 
     def _from(self, values: Array, windows: Windows, rounds: int) -> Fit:
         values = np.clip(values, self.low, self.high)

@@ -23,7 +23,7 @@ from vsalog.estimation.job import sha256
 from vsalog.estimation.joint import pick_joints
 from vsalog.identification.document import Combination, Identification, IdentifiedNumber
 from vsalog.identification.document import SimulationError as ErrorThere
-from vsalog.identification.fit import Fit, absence, fitted, refitted
+from vsalog.identification.fit import Fit, absence, begun_with, fitted, refitted
 from vsalog.identification.identifiability import combinations, correlations, determined
 from vsalog.identification.lever import bound_by, lever_of
 from vsalog.identification.unknowns import Scales, Unknown, as_felt, placed, unknowns_of, unstated_frictions
@@ -202,9 +202,8 @@ def identified(
     unknowns = unknowns_of(joint, stated, scales, options.free, options.fixed, moving)
     if not unknowns:
         raise DiagnosisError(f"joint '{name}': the rig leaves no number to be fitted; --free KEY adds one")
-    fit = fitted(joint, unknowns, weighed(as_felt(joint), windows), lever=lever)
     frictions = unstated_frictions(joint, stated, scales, (*options.free, *options.fixed), moving)
-    fit = _with_those_there(joint, fit, frictions, lever)
+    fit = _with_frictions(joint, unknowns, frictions, weighed(as_felt(joint), windows), lever)
     there = [
         error
         for path, other in held.items()
@@ -231,14 +230,30 @@ def _require_springs(name: str, joint: Any) -> None:
             )
 
 
-def _with_those_there(joint: Any, fit: Fit, others: Sequence[Unknown], lever: Lever | None) -> Fit:
-    """Return a fit with those of some effects that the log shows, one after another; of one log in a thousand there is one by
-    chance (`FALSE_ALARM`).
+def _with_frictions(
+    joint: Any, unknowns: Sequence[Unknown], frictions: Sequence[Unknown], windows: Windows, lever: Lever | None
+) -> Fit:
+    """Fit numbers of a joint along with those frictions that the log shows; of one log in a thousand there is one by chance
+    (`FALSE_ALARM`).
+
+    Far from a log that has friction, a fit without it has optima of its own, and takes long to find them.
     """
-    left = list(others)
+    begin = begun_with(joint, unknowns, windows, lever)
+    fit, left = None, list(frictions)
+    if frictions and begin.misfit > WITHIN:
+        starts = [np.append(begin.values, np.zeros(len(frictions)))]
+        fit = fitted(joint, (*unknowns, *frictions), windows, starts, lever)
+        found = [one for one in frictions if fit.above_zero(fit.unknowns.index(one)) * len(frictions) <= FALSE_ALARM]
+        left = [one for one in frictions if one not in found]
+        kept = [one not in left for one in fit.unknowns]
+        if not found:
+            fit = None
+        elif left:
+            fit = fitted(joint, (*unknowns, *found), windows, [fit.values[kept]], lever)
+    fit = fit or fitted(joint, unknowns, windows, [begin.values], lever)
     while left:
         p = absence(joint, fit, left, lever)
-        if np.min(p) * len(others) > FALSE_ALARM:
+        if np.min(p) * len(frictions) > FALSE_ALARM:
             break
         one = left.pop(int(np.argmin(p)))
         fit = fitted(joint, (*fit.unknowns, one), fit.windows, [np.append(fit.values, 0.0)], lever)
