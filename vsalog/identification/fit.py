@@ -26,7 +26,7 @@ from vsalog.core.significance import SIGNIFICANCE
 from vsalog.diagnosis.trajectory import bases_of, projected, weights_of
 from vsalog.identification.beginning import by_equations
 from vsalog.identification.lever import bound_by
-from vsalog.identification.unknowns import Unknown, as_felt, placed
+from vsalog.identification.unknowns import Unknown, as_felt, felt
 from vsalog.residuals.windows import (
     WITHIN,
     Shot,
@@ -209,7 +209,7 @@ class _Search:
         fits = [self._from(first, self.few, 1)]
         if fits[0].misfit > WITHIN:
             found = by_equations(self.joint, self.unknowns, self.windows.channels)
-            others += [] if found is None else [found]
+            others += [] if found is None else [found.values]
             fits += [fit for values in others if (fit := self.tried(values, self.few)) is not None]
         return min(fits, key=lambda fit: fit.misfit)
 
@@ -252,7 +252,7 @@ class _Search:
 
         def misfit(values: Array) -> float:
             try:
-                joint = as_felt(placed(self.joint, self.unknowns, values))
+                joint = felt(self.joint, self.unknowns, values)
                 shot = shoot(joint, bound_by(self.lever, self.few, joint), states)
             except SimulationError:
                 return np.inf
@@ -361,7 +361,7 @@ class _Objective:
         )
 
     def _placed(self, values: Array) -> tuple[Any, Windows]:
-        joint = as_felt(placed(self.joint, self.unknowns, values))
+        joint = felt(self.joint, self.unknowns, values)
         return joint, bound_by(self.lever, self.windows, joint)
 
     def _begun(self, values: Array) -> Shot:
