@@ -7,6 +7,7 @@ from elastic_drive import DAMPING, INERTIA, elastic_drive, write_log
 from vsalog.readers import read
 from vsalog.rig import Rig
 from vsalog.rig.guess import guess_roles
+from vsalog.rig.schema import UnknownTransmission
 from vsalog.rig.template import rig_template
 
 
@@ -67,3 +68,11 @@ def test_no_load_is_guessed_of_a_torque_that_follows_nothing(tmp_path):
     columns["motor_torque"] = np.random.default_rng(1).standard_normal(columns["time"].size)
     joint = guessed(tmp_path, columns, ["torque_sensor"])[2]
     assert (joint.load, joint.roles["motor_torque"].has_sign) == (None, False)
+
+
+def test_the_spring_that_an_identification_may_begin_with_is_a_gap_next_to_a_torque_sensor(tmp_path):
+    recording, guess, _ = guessed(tmp_path, elastic_drive())
+    text = rig_template(recording, guess)
+    assert Rig.from_toml(text).joints["joint"].transmission == UnknownTransmission()
+    filled = text.replace('type = "unknown"', 'type = "linear"').replace("# stiffness = ", "stiffness = ")
+    assert Rig.from_toml(filled).joints["joint"].transmission.stiffness == pytest.approx(100.0, rel=0.05)

@@ -324,6 +324,11 @@ def _transmission(path: str, joint: JointGuess, begin: bool) -> Iterator[str]:
     law = f"{choices} where the spring's law is known; then its parameters go here too"
     if not begin:
         yield _line('type = "unknown"', law)
+        if joint.load is not None and joint.load.spring > 0.0:
+            size = f'"{joint.load.spring:.3g} N*m/rad"'
+            yield _gap(
+                "stiffness", size, "by torque and motion; with type = \"linear\" 'vsalog identify' can begin there"
+            )
     elif joint.kind == "serial":
         yield _line('type = "awas"', law)
         yield 'spring_stiffness = "40 kN/m"'
