@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,19 @@ Array = NDArray[np.float64]
 Sum = Sequence[tuple[Channel, float]]
 """Channels whose sum is a quantity, and their factors to SI on the joint's side."""
 
-BELL = 0.1
-"""Seconds over which the motor's equation is averaged: the noise of accelerations averages out, and motions of 10 Hz are left."""
+
+class Averaging(NamedTuple):
+    """How the motor's equation is averaged.
+
+    Attributes
+    ----------
+    bell : over which [s]: the noise of accelerations averages out, and motions of 10 Hz are left
+    """
+
+    bell: float = 0.1
+
+
+AVERAGING = Averaging()
 
 
 def motor_load(
@@ -115,7 +127,7 @@ def _rows(torque: Channel, factor: float, motor: Sum, spring: Sum) -> Iterator[A
     stamps = torque.stamps
     if stamps.size < 2 or not (period := float(np.median(np.diff(stamps)))) > 0.0:
         return
-    length = max(5, round(BELL * 1e9 / period))
+    length = max(5, round(AVERAGING.bell * 1e9 / period))
     phase = 2.0 * np.pi * (np.arange(length) + 0.5) / length
     bell = (1.0 - np.cos(phase)) / length
     rate = 2.0 * np.pi / (length * period * 1e-9)
