@@ -57,7 +57,7 @@ def results(command, bench):
     [
         (("validate", "log.csv", "log.csv"), "vsalog estimate log.csv"),
         (("validate", "log.stiffness.parquet", "log.csv"), "log.model.toml"),
-        (("validate", "rig.toml", "log.csv"), "model"),
+        (("validate", "rig.toml", "log.csv"), "vsalog estimate LOG --rig rig.toml"),
         (("diagnose", "log.model.toml"), "vsalog validate log.model.toml LOG"),
         (("inspect", "rig.toml"), "--rig"),
         (("estimate", "rig.toml"), "--rig"),

@@ -62,12 +62,12 @@ def sea(tmp_path_factory):
 
 
 def write_sea(path, seed, damping, dry=0.0, r=10.0):
-    """Write the log of a rotor with viscous and dry friction; the latter is blurred over 1 mrad/s."""
+    """Write the log of a rotor with viscous and dry friction; the latter is blurred over 0.2 mrad/s."""
 
     def rates(t, x):
         theta, omega, q, v = x
         spring = TRUE["stiffness"] * (q - theta)
-        rotor = rotor_torque(t) - damping * r * omega - dry * np.tanh(omega / 1e-3)
+        rotor = rotor_torque(t) - damping * r * omega - dry * np.tanh(omega / 2e-4)
         return omega, (r * rotor + spring) / (r**2 * TRUE["inertia"]), v, (-spring - 0.05 * v) / TRUE["link"]
 
     time = np.arange(0.0, 12.0, 0.002)

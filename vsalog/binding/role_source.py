@@ -193,6 +193,12 @@ def is_angle(channel: Channel, signal: Signal) -> bool:
     return unit is None or _converts(unit, "rad")
 
 
+def is_current(channel: Channel, signal: Signal) -> bool:
+    """Return whether a channel contains a current, according to it and the rig."""
+    unit = _unit(channel, signal)
+    return unit is not None and _converts(unit, "A")
+
+
 def _converts(unit: str, like: str) -> bool:
     try:
         si_factor(unit, like)
@@ -214,7 +220,7 @@ def _factor(recording: Recording, channel: Channel, role: str, signal: Signal, j
     factor = float(signal.sign)
     if base in ("motor_torque", "secondary_torque"):
         factor *= gear
-        if unit is not None and _converts(unit, "A"):
+        if unit is not None and is_current(channel, signal):
             if motor.torque_constant is None:
                 raise BindingError(
                     f"{recording.path.name}: channel '{channel.name}' ({role}) is a current [{unit}]: give the motor's"

@@ -225,7 +225,7 @@ TEXTS = {
     "signal.sign": Text(
         "{part} has the wrong sign: with it reversed, the squared residual of the joint's equations is {left:.1%} of the"
         " present one.",
-        "Set 'sign = -1' of it in the rig.",
+        "Reverse its sign in the rig: 'sign = -1', or remove that where the rig has it already.",
         FALSE_ALARM,
         SYMPTOMS,
     ),

@@ -24,8 +24,9 @@ from vsalog.core.errors import SimulationError
 from vsalog.core.progress import counted
 from vsalog.core.significance import SIGNIFICANCE
 from vsalog.diagnosis.trajectory import bases_of, projected, weights_of
+from vsalog.identification.beginning import by_equations
 from vsalog.identification.lever import bound_by
-from vsalog.identification.unknowns import Unknown, as_felt, placed
+from vsalog.identification.unknowns import Unknown, as_felt, felt
 from vsalog.residuals.windows import (
     WITHIN,
     Shot,
@@ -92,23 +93,34 @@ class Fit:
     shot: Shot
 
     @property
+    def misfit(self) -> float:
+        """Mean square of its errors over their noise [1]."""
+        return float(np.mean(self.shot.whitened(self.windows) ** 2))
+
+    def above_zero(self, i: int) -> float:
+        """Return the probability that a number whose least value is zero is found as large where it is zero."""
+        least = self.unknowns[i].bounds[0]
+        return float(student.sf((self.values[i] - least) / np.sqrt(self.covariance[i, i]), self.degrees[i]))
+
+    @property
     def half_widths(self) -> Array:
         """Half-widths of 95 % intervals, shape (p,), in prior deviations."""
         return np.asarray(np.sqrt(np.diag(self.covariance)) * student.isf(0.5 * SIGNIFICANCE, self.degrees))
 
 
 def fitted(
-    joint: Any, unknowns: Sequence[Unknown], windows: Windows, start: Array | None = None, lever: Lever | None = None
+    joint: Any, unknowns: Sequence[Unknown], windows: Windows, starts: Sequence[Array] = (), lever: Lever | None = None
 ) -> Fit:
     """Fit numbers of a joint to windows of a log.
+
+    It is searched where the fit begins, and whether recorded inputs are linear in between or held from sample to sample.
 
     Parameters
     ----------
     joint : of the rig, as it is written
     unknowns : p of them
     windows : of the log
-    start : shape (p,), to begin the fit with; when absent it is searched, and so is whether recorded inputs are linear in between
-        or held from sample to sample
+    starts : shape (p,) each, to begin with instead of the rig; the numbers by the joint's equations are tried, too
     lever : that bound the set-point of the windows, see `lever.bound_by`
 
     Raises
@@ -117,19 +129,27 @@ def fitted(
         The joint cannot be simulated as the rig has it.
     """
     search = _Search(joint, tuple(unknowns), windows, lever)
-    if start is not None:
-        return search.all_the_way(start)
-    begin, other = search.begin(np.zeros(len(unknowns))), search.otherwise_held()
+    begin, other = search.begin(starts or [np.zeros(len(unknowns))]), search.otherwise_held()
     if other is not None and other.promises(begin.values, other.few) < search.promises(begin.values, search.few):
         held = other.tried(begin.values, other.few)
-        if held is not None and _left(held) < _left(begin):
+        if held is not None and held.misfit < begin.misfit:
             search, begin, other = other, held, search
     fit = search.all_the_way(search.searched(begin).values)
     # Few windows determine little of it, all of them nearly everything.
     if other is None or other.promises(fit.values, other.windows) >= search.promises(fit.values, search.windows):
         return fit
     there = other.all_the_way(fit.values)
-    return there if _left(there) < _left(fit) else fit
+    return there if there.misfit < fit.misfit else fit
+
+
+def begun_with(joint: Any, unknowns: Sequence[Unknown], windows: Windows, lever: Lever | None = None) -> Fit:
+    """Fit numbers of a joint to a few windows of a log, where a fit to all may begin; parameters and errors as of `fitted`."""
+    return _Search(joint, tuple(unknowns), windows, lever).begin([np.zeros(len(unknowns))])
+
+
+def refitted(joint: Any, fit: Fit, windows: Windows, lever: Lever | None = None) -> Fit:
+    """Fit the numbers of a fit to other windows, from its values; parameters and errors as of `fitted`."""
+    return _Search(joint, fit.unknowns, windows, lever).all_the_way(fit.values)
 
 
 def absence(joint: Any, fit: Fit, others: Sequence[Unknown], lever: Lever | None = None) -> Array:
@@ -161,10 +181,6 @@ def absence(joint: Any, fit: Fit, others: Sequence[Unknown], lever: Lever | None
     return np.array([above_zero(-score) for score in scores.T])
 
 
-def _left(fit: Fit) -> float:
-    return float(np.mean(fit.shot.whitened(fit.windows) ** 2))
-
-
 class _Search:
     """The way to the values that fit best: from the rig, and where that ends far from the log, from draws of the prior."""
 
@@ -184,9 +200,18 @@ class _Search:
             return None
         return _Search(self.joint, self.unknowns, replace(self.windows, hold=not self.windows.hold), self.lever)
 
-    def begin(self, values: Array) -> Fit:
-        """Fit a part of the windows from some values."""
-        return self._from(values, self.few, 1)
+    def begin(self, starts: Sequence[Array]) -> Fit:
+        """Fit a part of the windows from some values and from those by the equations: the fit that is best.
+
+        Where simulations of different friction or inertia are far from the log, each has optima of its own.
+        """
+        first, *others = starts
+        fits = [self._from(first, self.few, 1)]
+        if fits[0].misfit > WITHIN:
+            found = by_equations(self.joint, self.unknowns, self.windows.channels)
+            others += [] if found is None else [found.values]
+            fits += [fit for values in others if (fit := self.tried(values, self.few)) is not None]
+        return min(fits, key=lambda fit: fit.misfit)
 
     def tried(self, values: Array, windows: Windows) -> Fit | None:
         """Fit windows once from some values; none where they cannot be simulated."""
@@ -205,10 +230,10 @@ class _Search:
     def searched(self, begin: Fit) -> Fit:
         """Return a fit to a part of the windows; where one is far from the log, the best of others, from draws of the prior."""
         fits = [begin]
-        if _left(begin) > WITHIN:
+        if begin.misfit > WITHIN:
             for values in self._best_draws():
                 fits += [fit for fit in (self.tried(values, self.few),) if fit is not None]
-        return min(fits, key=_left)
+        return min(fits, key=lambda fit: fit.misfit)
 
     def _from(self, values: Array, windows: Windows, rounds: int) -> Fit:
         values = np.clip(values, self.low, self.high)
@@ -227,7 +252,7 @@ class _Search:
 
         def misfit(values: Array) -> float:
             try:
-                joint = as_felt(placed(self.joint, self.unknowns, values))
+                joint = felt(self.joint, self.unknowns, values)
                 shot = shoot(joint, bound_by(self.lever, self.few, joint), states)
             except SimulationError:
                 return np.inf
@@ -336,7 +361,7 @@ class _Objective:
         )
 
     def _placed(self, values: Array) -> tuple[Any, Windows]:
-        joint = as_felt(placed(self.joint, self.unknowns, values))
+        joint = felt(self.joint, self.unknowns, values)
         return joint, bound_by(self.lever, self.windows, joint)
 
     def _begun(self, values: Array) -> Shot:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog._version import __version__
+from vsalog.checks.fault import RULE
 from vsalog.core.errors import DiagnosisError, SimulationError, VsalogError
 from vsalog.core.finding import Finding, of_log
 from vsalog.core.finding_texts import sentences_of
@@ -21,12 +22,22 @@ from vsalog.diagnosis import run as diagnosis
 from vsalog.diagnosis.gain import floors, weighed
 from vsalog.estimation.job import sha256
 from vsalog.estimation.joint import pick_joints
+from vsalog.identification.beginning import turned_signs
 from vsalog.identification.document import Combination, Identification, IdentifiedNumber
 from vsalog.identification.document import SimulationError as ErrorThere
-from vsalog.identification.fit import Fit, absence, fitted
+from vsalog.identification.fit import Fit, absence, begun_with, fitted, refitted
 from vsalog.identification.identifiability import combinations, correlations, determined
 from vsalog.identification.lever import bound_by, lever_of
-from vsalog.identification.unknowns import Scales, Unknown, as_felt, placed, unknowns_of, unstated_frictions
+from vsalog.identification.unknowns import (
+    Scales,
+    Unknown,
+    as_felt,
+    felt,
+    placed,
+    torque_constants_without_effect,
+    unknowns_of,
+    unstated_frictions,
+)
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.windows import WITHIN, Windows, begun, player_of, windows_of
 from vsalog.rig import Rig
@@ -70,12 +81,14 @@ class JointFit:
     joint : as the rig has it
     fit : of its numbers
     errors : simulations before and after
+    turned : torques with the wrong sign → part of the equations' squared residual that is left with it reversed
     """
 
     name: str
     joint: Any
     fit: Fit
     errors: tuple[ErrorThere, ...]
+    turned: Mapping[str, float]
 
     @property
     def identified(self) -> Any:
@@ -84,7 +97,11 @@ class JointFit:
 
     @property
     def findings(self) -> Iterator[Finding]:
-        """Where the fit leaves more than noise, and where it is further from data that were not fitted than the rig is."""
+        """Wrong signs, where the fit leaves more than noise, and where the rig is nearer to data that were not fitted."""
+        for role, left in self.turned.items():
+            yield Finding(
+                code="signal.sign", joint=self.name, part=role, value=left, limit=RULE.left, evidence={"left": left}
+            )
         worst = max(
             self.errors, key=lambda e: e.identified / e.noise_floor if e.noise_floor > 0.0 else 0.0, default=None
         )
@@ -143,7 +160,9 @@ def identify(
             }
             lever = lever_of(recording, joint, set(signals.roles))
             progress(f"joint {name}: fitting")
-            found.append(identified(name, joint, log.name, signals, held, rig.tolerances[name], options, lever))
+            kept = (*options.fixed, *torque_constants_without_effect(recording, joint))
+            asked_of_it = dataclasses.replace(options, fixed=kept)
+            found.append(identified(name, joint, log.name, signals, held, rig.tolerances[name], asked_of_it, lever))
             findings += [*signals.findings, *found[-1].findings]
         except VsalogError as error:
             if len(wanted) == 1:
@@ -202,9 +221,10 @@ def identified(
     unknowns = unknowns_of(joint, stated, scales, options.free, options.fixed, moving)
     if not unknowns:
         raise DiagnosisError(f"joint '{name}': the rig leaves no number to be fitted; --free KEY adds one")
-    fit = fitted(joint, unknowns, weighed(as_felt(joint), windows), lever=lever)
     frictions = unstated_frictions(joint, stated, scales, (*options.free, *options.fixed), moving)
-    fit = _with_those_there(joint, fit, frictions, lever)
+    # With a wrong sign all numbers are wrong, and friction is not worth a search.
+    turned = dict(turned_signs(joint, (*unknowns, *frictions), windows.channels))
+    fit = _with_frictions(joint, unknowns, [] if turned else frictions, weighed(as_felt(joint), windows), lever)
     there = [
         error
         for path, other in held.items()
@@ -214,11 +234,11 @@ def identified(
         cut = 2 * len(windows.spans) // 3
         first, rest = np.arange(cut), np.arange(cut, len(windows.spans))
         if cut and rest.size:
-            part = fitted(joint, fit.unknowns, fit.windows.part(first), fit.values, lever)
+            part = refitted(joint, fit, fit.windows.part(first), lever)
             there = _errors(name, joint, part, log, "last third", windows.part(rest), lever)
         else:
             there = _errors(name, joint, fit, log, "itself", windows, lever)
-    return JointFit(name, joint, fit, tuple(there))
+    return JointFit(name, joint, fit, tuple(there), turned if fit.misfit > WITHIN else {})
 
 
 def _require_springs(name: str, joint: Any) -> None:
@@ -231,17 +251,33 @@ def _require_springs(name: str, joint: Any) -> None:
             )
 
 
-def _with_those_there(joint: Any, fit: Fit, others: Sequence[Unknown], lever: Lever | None) -> Fit:
-    """Return a fit with those of some effects that the log shows, one after another; of one log in a thousand there is one by
-    chance (`FALSE_ALARM`).
+def _with_frictions(
+    joint: Any, unknowns: Sequence[Unknown], frictions: Sequence[Unknown], windows: Windows, lever: Lever | None
+) -> Fit:
+    """Fit numbers of a joint along with those frictions that the log shows; of one log in a thousand there is one by chance
+    (`FALSE_ALARM`).
+
+    Far from a log that has friction, a fit without it has optima of its own, and takes long to find them.
     """
-    left = list(others)
+    begin = begun_with(joint, unknowns, windows, lever)
+    fit, left = None, list(frictions)
+    if frictions and begin.misfit > WITHIN:
+        starts = [np.append(begin.values, np.zeros(len(frictions)))]
+        fit = fitted(joint, (*unknowns, *frictions), windows, starts, lever)
+        found = [one for one in frictions if fit.above_zero(fit.unknowns.index(one)) * len(frictions) <= FALSE_ALARM]
+        left = [one for one in frictions if one not in found]
+        kept = [one not in left for one in fit.unknowns]
+        if not found:
+            fit = None
+        elif left:
+            fit = fitted(joint, (*unknowns, *found), windows, [fit.values[kept]], lever)
+    fit = fit or fitted(joint, unknowns, windows, [begin.values], lever)
     while left:
         p = absence(joint, fit, left, lever)
-        if np.min(p) * len(others) > FALSE_ALARM:
+        if np.min(p) * len(frictions) > FALSE_ALARM:
             break
         one = left.pop(int(np.argmin(p)))
-        fit = fitted(joint, (*fit.unknowns, one), fit.windows, np.append(fit.values, 0.0), lever)
+        fit = fitted(joint, (*fit.unknowns, one), fit.windows, [np.append(fit.values, 0.0)], lever)
     return fit
 
 
@@ -279,7 +315,7 @@ def _errors(
 ) -> list[ErrorThere]:
     """Return how far the original rig, and with a fit, is from windows that it was not fitted to."""
     windows = dataclasses.replace(windows, scale=fit.windows.scale, hold=fit.windows.hold)
-    after = as_felt(placed(joint, fit.unknowns, fit.values))
+    after = felt(joint, fit.unknowns, fit.values)
     try:
         one = begun(as_felt(joint), windows)
     except SimulationError:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from typing import Any, NamedTuple
@@ -11,9 +11,12 @@ import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
 
+from vsalog.binding.joint import offered_roles
+from vsalog.binding.role_source import is_current
 from vsalog.core.errors import DiagnosisError, did_you_mean
+from vsalog.core.recording import Recording
 from vsalog.core.units import shown
-from vsalog.residuals.sensing import motors_of
+from vsalog.residuals.sensing import motors_of, torque_role
 from vsalog.rig.numbers import Number, numbers_of, with_number
 from vsalog.rig.tolerance import default_deviation
 
@@ -224,6 +227,30 @@ def placed(joint: Any, unknowns: Sequence[Unknown], values: Array) -> Any:
     return joint
 
 
+def torque_constants_without_effect(recording: Recording, joint: Any) -> Iterator[str]:
+    """Yield the keys of torque constants that convert nothing of a recording, as no current is in it."""
+    for name in motors_of(joint):
+        signal = offered_roles(joint).get(torque_role(name))
+        channel = None if signal is None or signal.channel is None else recording.channels.get(signal.channel)
+        current = signal is not None and channel is not None and is_current(channel, signal)
+        if getattr(joint, name).torque_constant is not None and not current:
+            yield f"{name}.torque_constant"
+
+
 def as_felt(joint: Any) -> Any:
     """Return a joint with all that its motors have as the joint feels it; its sensors stay as they are written."""
     return structs.replace(joint, **{name: getattr(joint, name).reflected for name in motors_of(joint)})
+
+
+def felt(joint: Any, unknowns: Sequence[Unknown], values: Array) -> Any:
+    """Return a joint with other numbers as it feels what was recorded; parameters as of `placed`.
+
+    Recorded currents became torques by the rig's own torque constants: another one is a gain of these torques.
+    """
+    out = placed(joint, unknowns, values)
+    for unknown, value in zip(unknowns, values, strict=True):
+        name, key = unknown.number.path[0], unknown.number.path[-1]
+        if key == "torque_constant":
+            motor, ratio = getattr(out, name), unknown.value(float(value)) / unknown.number.value
+            out = structs.replace(out, **{name: structs.replace(motor, torque_gain=motor.torque_gain * ratio)})
+    return as_felt(out)

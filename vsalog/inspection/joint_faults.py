@@ -75,8 +75,10 @@ def _signals(recording: Recording, name: str, joint: Joint) -> JointSignals | No
 
 
 def _as_counted(joint: Joint) -> Joint:
-    """Return a joint without the guessed signs."""
-    plain = {role: replace(signal, sign=1) for role, signal in offered_roles(joint).items()}
+    """Return a joint without the guessed signs, but for that of a motor's torque, which its inertia shows too."""
+    plain = {
+        r: replace(signal, sign=1) for r, signal in offered_roles(joint).items() if not r.startswith("motor_torque")
+    }
     return replace(joint, signals=replace(joint.signals, **plain))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Literal
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -48,14 +49,22 @@ def refuse_toml(path: Path) -> None:
     ReadError
         It is one.
     """
-    if path.suffix != ".toml":
-        return
-    try:
-        keys = parse_toml(path.read_text(encoding="utf-8-sig")).keys()
-    except (OSError, ValueError):
-        return
-    if {"units", "rig", "joint"} <= keys:
+    kind = kind_of_toml(path)
+    if kind == "model":
         judged = command("validate", path, "LOG")
         raise ReadError(f"is a model that 'vsalog estimate' wrote, no log; '{judged}' tests it on a log", path)
-    if keys & {"joint", "preset"}:
+    if kind == "rig":
         raise ReadError("is a rig, no log; name the log, and the rig with --rig", path)
+
+
+def kind_of_toml(path: Path) -> Literal["model", "rig"] | None:
+    """Return whether a TOML file looks like a model or a rig; None for neither."""
+    if path.suffix != ".toml":
+        return None
+    try:
+        keys = parse_toml(path.read_text(encoding="utf-8-sig")).keys()
+    except (OSError, ValueError, RecursionError):
+        return None
+    if {"units", "rig", "joint"} <= keys:
+        return "model"
+    return "rig" if keys & {"joint", "preset"} else None

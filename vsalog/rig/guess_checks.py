@@ -12,6 +12,7 @@ from vsalog.core.finding import Evidence, Finding
 from vsalog.core.recording import Channel
 from vsalog.rig import guess_data
 from vsalog.rig.guess_data import CORRELATED, Line, Ratio
+from vsalog.rig.guess_load import motor_load
 from vsalog.rig.guess_types import Kind, RoleGuess
 
 DEGREES = math.degrees(1.0)
@@ -31,6 +32,11 @@ class Checked:
         wholes = range(0) if self.gear_ratio is None else self.gear_ratio.wholes
         return wholes[0] if len(wholes) == 1 else None
 
+    @property
+    def known_gear_ratio(self) -> int | None:
+        """1 where there is no gear, None where no other estimate of it is good enough for a deflection."""
+        return 1 if self.gear_ratio is None else self.whole_gear_ratio
+
 
 def confirm(roles: Mapping[str, RoleGuess], channels: Mapping[str, Channel], kind: Kind) -> Checked:
     """Return the roles with side and sign as the numbers show them.
@@ -47,6 +53,8 @@ def confirm(roles: Mapping[str, RoleGuess], channels: Mapping[str, Channel], kin
     for suffix in ("", "_1", "_2"):
         if f"torque_sensor{suffix}" in checked.roles:
             _torque(checked, channels, suffix)
+    if "motor_torque" in checked.roles:
+        _motor_torque(checked, channels)
     return checked
 
 
@@ -111,6 +119,28 @@ def _torque(checked: Checked, channels: Mapping[str, Channel], suffix: str) -> N
     checked.roles[role] = guess
 
 
+def _motor_torque(checked: Checked, channels: Mapping[str, Channel]) -> None:
+    """Detect the sign of a motor's torque, and one before the gear, by what it moves."""
+    gear = checked.known_gear_ratio
+    by_angle, by_torque = (motor_load(checked.roles, channels, gear, s) for s in ("deflection", "torque_sensor"))
+    guess = checked.roles["motor_torque"]
+    sign = next((load.sign for load in (by_torque, by_angle) if load is not None and load.sign), 0)
+    if sign < 0:
+        guess = _changed(guess, "it falls with what inertia and spring take of it", sign=-1, has_sign=True)
+    elif sign > 0:
+        guess = msgspec.structs.replace(guess, has_sign=True)
+    if by_torque is not None and by_torque.sign and not guess.is_current:
+        ratio = abs(1.0 / by_torque.spring)
+        # Losses of a gear take a part of its torque.
+        nearest = ratio if checked.gear_ratio is None else checked.gear_ratio.value
+        near = abs(math.log(ratio / nearest)) < abs(math.log(ratio))
+        if near and round(ratio) > 1 and not by_torque.low <= by_torque.sign <= by_torque.high:
+            why = f"the spring's torque is about {ratio:.2g} times as large: before the gear"
+            guess = _changed(guess, why, side="rotor")
+            checked.gear_ratio = checked.gear_ratio or Ratio(ratio)
+    checked.roles["motor_torque"] = guess
+
+
 def _over_deflection(
     torque: Channel, checked: Checked, channels: Mapping[str, Channel], suffix: str
 ) -> tuple[str, Line | None]:
@@ -119,8 +149,7 @@ def _over_deflection(
     if deflection is not None:
         return f"'{deflection.name}'", guess_data.torque_over_deflection(torque, deflection)
     motor, link = channels.get(f"motor_position{suffix}"), channels.get("link_position")
-    ratio = 1 if checked.gear_ratio is None else checked.whole_gear_ratio
-    # Any other estimate of it is too rough for a deflection.
+    ratio = checked.known_gear_ratio
     if motor is None or link is None or ratio is None:
         return "", None
     size = _motor_per_link(checked, channels, suffix)

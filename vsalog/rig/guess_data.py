@@ -219,46 +219,6 @@ def gear_between(motor: Channel, link: Channel) -> Line | None:
     return found if found is not None and abs(found.correlation) > 0.9 else None
 
 
-@dataclass(frozen=True, slots=True)
-class Scale:
-    """The stiffness or the inertia that would take all of a torque, by the sizes of both and the motion's frequency.
-
-    Attributes
-    ----------
-    stiffness : rms torque per rms angle
-    inertia : stiffness over the square of the angle's mean angular frequency
-    """
-
-    stiffness: float
-    inertia: float
-
-
-def scale_of(torque: Channel, factor: float, ends: Sequence[tuple[Channel, float]]) -> Scale | None:
-    """Return the scale of the load of a torque, None where one of them never changes.
-
-    Parameters
-    ----------
-    torque : of the motor
-    factor : from it to SI on the joint's side
-    ends : channels whose sum is the angle, and their factors to rad on the joint's side
-    """
-    values, *angles = together(torque, *(channel for channel, _ in ends))
-    angle = np.zeros(values.size)
-    for one, (_, size) in zip(angles, ends, strict=True):
-        angle += one * size
-    if values.size < 10:
-        return None
-    angle, values = angle - angle.mean(), (values - values.mean()) * factor
-    crossings = int(np.count_nonzero(np.diff(np.signbit(angle))))
-    duration = float(torque.stamps[-1] - torque.stamps[0]) * 1e-9
-    size = float(np.sqrt(np.mean(angle**2)))
-    if not (size > 0.0 and values.any() and crossings and duration > 0.0):
-        return None
-    stiffness = float(np.sqrt(np.mean(values**2))) / size
-    found = Scale(stiffness, stiffness / (np.pi * crossings / duration) ** 2)
-    return found if 0.0 < min(found.stiffness, found.inertia) <= max(found.stiffness, found.inertia) < np.inf else None
-
-
 def torque_over_deflection(torque: Channel, deflection: Channel) -> Line | None:
     """Return torque = slope · deflection + …, None where nothing can be fitted."""
     return line(*together(deflection, torque))

@@ -56,6 +56,8 @@ def gaps_of(joint: JointGuess, answers: Answers) -> Iterator[Gap]:
             yield Gap(side, "", motor.channel, choices=SIDES)
         if motor is not None and (motor.side == "rotor" or (motor.unit == "counts" and answers.get(side) != SIDES[1])):
             yield Gap(f"motor{suffix}.gear_ratio", "", motor.channel, joint.whole_gear_ratio)
+        elif torque is not None and torque.side == "rotor":
+            yield Gap(f"motor{suffix}.gear_ratio", "", torque.channel if motor is None else motor.channel)
         if torque is not None and torque.is_current:
             yield Gap(f"motor{suffix}.torque_constant", "N*m/A", torque.channel)
         if torque is not None and joint.kind != "rigid" and not _has_sensor(joint):

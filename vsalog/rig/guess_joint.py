@@ -10,7 +10,8 @@ from vsalog.core.finding import Finding
 from vsalog.core.recording import Channel
 from vsalog.core.units import is_counts, matching
 from vsalog.rig import guess_data
-from vsalog.rig.guess_checks import Checked, confirm
+from vsalog.rig.guess_checks import confirm
+from vsalog.rig.guess_load import motor_load
 from vsalog.rig.guess_types import Candidate, JointGuess, Kind, RoleGuess
 from vsalog.rig.roles import COMMANDS, VELOCITIES, role_units
 from vsalog.rig.schema import AntagonisticSignals, SerialSignals, SingleSignals
@@ -71,7 +72,7 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
     if kind != "rigid" and not any(role.startswith(("motor_torque", "torque_sensor")) for role in roles):
         findings.append(Finding(code="guess.no_torque"))
     gaps = [role for role in _ROLES[kind] if role not in roles and _base(role) not in EXTRA]
-    stiffness, inertia = _scales(checked, channels)
+    load = motor_load(checked.roles, channels, checked.known_gear_ratio, "deflection")
     whys = {role: _why_missing(role, kind, roles, still) for role in gaps}
     return JointGuess(
         name,
@@ -84,33 +85,8 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
         checked.whole_gear_ratio,
         findings=tuple(findings),
         not_needed=tuple(role for role, (_, needed) in whys.items() if not needed),
-        stiffness=stiffness,
-        inertia=inertia,
+        load=load,
     )
-
-
-def _scales(checked: Checked, channels: dict[str, Channel]) -> tuple[float | None, float | None]:
-    """Return the stiffness and the inertia that a motor's torque moves; None for unknown ones."""
-    torque, gear = checked.roles.get("motor_torque"), 1.0 if checked.gear_ratio is None else checked.gear_ratio.value
-    if torque is None:
-        return None, None
-    sizes: dict[str, float] = {}
-    for role, direction in (("link_position", 1.0), ("motor_position", -1.0), ("deflection", 1.0)):
-        guess = checked.roles.get(role)
-        size = None if guess is None else guess_data.si_of(channels[role], guess.unit)
-        if guess is not None and size is not None:
-            sizes[role] = direction * guess.sign * size / (gear if guess.side == "rotor" else 1.0)
-    factor = guess_data.si_of(channels["motor_torque"], torque.unit, "A" if torque.is_current else "N*m")
-    factor = None if factor is None else factor * (gear if torque.is_current else 1.0)
-
-    def scale(*roles: str) -> guess_data.Scale | None:
-        if factor is None or not set(roles) <= set(sizes):
-            return None
-        return guess_data.scale_of(channels["motor_torque"], factor, [(channels[role], sizes[role]) for role in roles])
-
-    spring = scale("deflection") or scale("link_position", "motor_position")
-    mass = scale("motor_position") or scale("link_position")
-    return None if spring is None else spring.stiffness, None if mass is None else mass.inertia
 
 
 def _without_constants(group: list[Candidate]) -> tuple[list[Candidate], list[Candidate]]:

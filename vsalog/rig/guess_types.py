@@ -29,6 +29,32 @@ class Candidate:
         return replace(self, meaning=replace(self.meaning, part=part), because=because)
 
 
+@dataclass(frozen=True, slots=True)
+class Load:
+    """The load of a motor's torque, by least squares: B θ̈ + D θ̇ + friction + k s, of a spring's angle or torque s.
+
+    Attributes
+    ----------
+    inertia, damping, friction, spring : B [kg·m²], D [N·m·s/rad], Coulomb friction [N·m], k [N·m/rad, or 1 for a torque s]; all
+        negative where the motor's torque counts the other way round
+    low, high : 95 % interval of `spring`
+    """
+
+    inertia: float
+    damping: float
+    friction: float
+    spring: float
+    low: float
+    high: float
+
+    @property
+    def sign(self) -> int:
+        """Sign of the torque: 0 where the log does not show it, or motor and spring contradict each other."""
+        if self.low * self.high <= 0.0 or self.inertia * self.spring <= 0.0:
+            return 0
+        return 1 if self.spring > 0.0 else -1
+
+
 class RoleGuess(Struct, frozen=True):
     """A channel for a role.
 
@@ -73,8 +99,7 @@ class JointGuess(Struct, frozen=True):
     roles : role → channel
     missing : role → why there is none
     not_needed : those of the missing roles that an estimate does not need
-    stiffness, inertia : initial values for an identification, by the sizes of torque and motion; in the torque's unit
-        and per rad; None where there is no torque of a motor, or the joint has two
+    load : what the motor's torque moves, with the deflection as its spring; None where its scale or that of an angle is not known
     gear_ratio : rotor turns per joint turn, estimated from two positions: no datum
     whole_gear_ratio : the only whole number in its interval; None where there is none, or several
     runs : if the log contains several
@@ -92,8 +117,7 @@ class JointGuess(Struct, frozen=True):
     runs: tuple[RunGuess, ...] = ()
     findings: tuple[Finding, ...] = ()
     not_needed: tuple[str, ...] = ()
-    stiffness: float | None = None
-    inertia: float | None = None
+    load: Load | None = None
 
     @property
     def is_driven(self) -> bool:

@@ -7,11 +7,15 @@ from __future__ import annotations
 
 import re
 import textwrap
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
+from vsalog.core.errors import UnitError
 from vsalog.core.finding_texts import sentence
 from vsalog.core.printable import printable
 from vsalog.core.recording import Recording
@@ -19,9 +23,11 @@ from vsalog.core.resolution import noise_of, step_of
 from vsalog.core.units import shown
 from vsalog.rig.checks import RUN
 from vsalog.rig.guess_gaps import SIDES, SIGNS, Answers, Command, command_for, counts_key, gaps_of
+from vsalog.rig.guess_load import motor_load
 from vsalog.rig.guess_types import Guess, JointGuess, RoleGuess
 from vsalog.rig.load import Rig
 from vsalog.rig.schema import Joint, Signal
+from vsalog.rig.uncertain import parse_stated
 
 COLUMN = 48
 """Character at which comments begin, if the line leaves room."""
@@ -57,9 +63,39 @@ def rig_template(
     lines = [*_head(recording, guess), ""]
     for name, joint in named_joints(guess):
         known = answers.get(name, {})
+        joint = _with_load(joint, recording, known) if known else joint
         lines.extend(_joint(name, joint, known, command_for(joint, known) if with_beginnings else "estimate"))
         lines.extend([] if joint.roles else _channels(recording))
     return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def _with_load(joint: JointGuess, recording: Recording, answers: Answers) -> JointGuess:
+    """Return a guessed joint with the load of its motor by the answers, without which a scale may be missing."""
+    said = {key: _number(value) for key, value in answers.items()}
+    roles = {
+        role: replace(
+            guess,
+            side=said.get(f"signals.{role}.side", guess.side),
+            sign=said.get(f"signals.{role}.sign", guess.sign),
+            counts_per_turn=said.get(counts_key(role), guess.counts_per_turn),
+        )
+        for role, guess in joint.roles.items()
+    }
+    channels = {role: recording.channels.get(guess.channel) for role, guess in roles.items()}
+    known = {role: channel for role, channel in channels.items() if channel is not None}
+    gear = said.get("motor.gear_ratio", 1.0 if joint.gear_ratio is None else joint.whole_gear_ratio)
+    there = {role: guess for role, guess in roles.items() if role in known}
+    constant = said.get("motor.torque_constant", 1.0)
+    return replace(joint, load=motor_load(there, known, gear, "deflection", constant))
+
+
+def _number(answer: str) -> Any:
+    """Return an answer's value: a number in SI, or a word."""
+    value = tomllib.loads(f"value = {answer}")["value"]
+    try:
+        return parse_stated(value).to("N*m/A") if isinstance(value, str) else value
+    except UnitError:
+        return value
 
 
 def _channels(recording: Recording) -> Iterator[str]:
@@ -176,9 +212,7 @@ def _joint(name: str, joint: JointGuess, answers: Answers, command: Command) -> 
         yield from _servo(path)
     yield f"[{path}.signals]"
     for role, guess in joint.roles.items():
-        yield _signal(
-            role, guess, bool(joint.runs), answers, lacks_constant=_lacks_constant(role, guess, answers, command)
-        )
+        yield _signal(role, guess, bool(joint.runs), answers, lacks=_lacks(joint, role, answers, command))
         open_keys = [gap.key for gap in gaps_of(joint, answers) if gap.choices and gap.key not in answers]
         yield from _otherwise(role, guess, answers, [key for key in open_keys if key.startswith(f"signals.{role}.")])
     for role, why in joint.missing.items():
@@ -196,10 +230,16 @@ def _joint(name: str, joint: JointGuess, answers: Answers, command: Command) -> 
         yield ""
 
 
-def _lacks_constant(role: str, guess: RoleGuess, answers: Answers, command: Command) -> bool:
-    """Return whether a current would stop a command that does not need it: it is no torque yet."""
-    key = f"motor{role.removeprefix('motor_torque')}.torque_constant"
-    return guess.is_current and command == "estimate" and key not in answers
+def _lacks(joint: JointGuess, role: str, answers: Answers, command: Command) -> str | None:
+    """Return the key of a motor without which a torque would stop a command that does not need it; None for none."""
+    guess, motor = joint.roles[role], f"motor{role.removeprefix('motor_torque')}"
+    key = "torque_constant" if guess.is_current else "gear_ratio"
+    if command != "estimate" or f"{motor}.{key}" in answers or not role.startswith("motor_torque"):
+        return None
+    motors = joint.roles.get(role.replace("torque", "position"))
+    # A position before the gear needs the ratio in any case.
+    before = guess.side == "rotor" and (motors is None or motors.side == "joint")
+    return key if guess.is_current or before else None
 
 
 def _servo(path: str) -> Iterator[str]:
@@ -243,8 +283,9 @@ def _motor(path: str, key: str, joint: JointGuess, answers: Answers, begin: bool
         yield ""
         return
     yield f"[{path}]"
+    inertia = None if joint.load is None or joint.load.inertia <= 0.0 else joint.load.inertia
     if begin and f"{key}.inertia" not in answers:
-        size, why = ("1", "made up") if joint.inertia is None else (f"{joint.inertia:.2g}", "by torque and motion")
+        size, why = ("1", "made up") if inertia is None else (f"{inertia:.3g}", "by torque and motion")
         yield _line(f'inertia = "{size} kg*m^2"', why)
     else:
         why = "not in any log; needed where the torque comes from the motor's side"
@@ -255,7 +296,7 @@ def _motor(path: str, key: str, joint: JointGuess, answers: Answers, begin: bool
     if joint.whole_gear_ratio is not None:
         why = "the only whole number that motor and link allow, no datum: look it up"
     elif joint.gear_ratio is not None:
-        why = "as motor and link roughly move, no datum: look it up"
+        why = "as the log roughly shows, no datum: look it up"
     ratio = joint.whole_gear_ratio or float(f"{joint.gear_ratio or 50.0:.2g}")
     yield _known(answers, f"{key}.gear_ratio", str(ratio), why)
     suffix = key.removeprefix("motor")
@@ -283,15 +324,20 @@ def _transmission(path: str, joint: JointGuess, begin: bool) -> Iterator[str]:
     law = f"{choices} where the spring's law is known; then its parameters go here too"
     if not begin:
         yield _line('type = "unknown"', law)
+        if joint.load is not None and joint.load.spring > 0.0:
+            size = f'"{joint.load.spring:.3g} N*m/rad"'
+            yield _gap(
+                "stiffness", size, "by torque and motion; with type = \"linear\" 'vsalog identify' can begin there"
+            )
     elif joint.kind == "serial":
         yield _line('type = "awas"', law)
         yield 'spring_stiffness = "40 kN/m"'
     else:
         yield _line('type = "linear"', law)
-        if joint.stiffness is None:
+        if joint.load is None or joint.load.spring <= 0.0:
             yield _line('stiffness = "400 N*m/rad"', "made up")
         else:
-            yield _line(f'stiffness = "{joint.stiffness:.2g} N*m/rad"', "by the sizes of torque and deflection")
+            yield _line(f'stiffness = "{joint.load.spring:.3g} N*m/rad"', "by torque and motion")
     yield ""
 
 
@@ -313,15 +359,15 @@ def _signal(
     has_runs: bool,
     answers: Answers = MappingProxyType({}),
     *,
-    lacks_constant: bool = False,
+    lacks: str | None = None,
 ) -> str:
     counts = answers.get(counts_key(role), guess.counts_per_turn)
     value = _value(role, guess, answers)
     why = f"{_percent(guess.confidence)}: {'; '.join(guess.reasons)}"
     if RUN in guess.channel and not has_runs:
         return _gap(role, value, f"{why}; but its name contains {RUN}, which is replaced by a run")
-    if lacks_constant:
-        return _gap(role, value, f"{why}; write the motor's torque_constant, and remove the #")
+    if lacks is not None:
+        return _gap(role, value, f"{why}; write the motor's {lacks}, and remove the #")
     if guess.unit == "counts" and counts is None:
         why = f"write counts_per_turn = 4096, or its number, for the unit; {why}"
     return _line(f"{role} = {value}", why)

@@ -15,7 +15,7 @@ from vsalog.core.precision import ROUNDING
 from vsalog.core.printable import command
 from vsalog.estimators.tuning import LARGEST
 from vsalog.readers import open_reader
-from vsalog.readers.own_files import is_trace, model_beside
+from vsalog.readers.own_files import is_trace, kind_of_toml, model_beside
 from vsalog.rig import Rig
 
 Array = NDArray[np.float64]
@@ -54,7 +54,7 @@ def frozen(path: Path) -> ModelFile:
 
 
 def _name_another(path: Path) -> None:
-    """Refuse a trace or a log in place of a model.
+    """Refuse a trace, a rig or a log in place of a model.
 
     Raises
     ------
@@ -63,6 +63,11 @@ def _name_another(path: Path) -> None:
     """
     if is_trace(path):
         raise ReadError(f"{path}: is a trace, no model; give the model of the same run, {model_beside(path)}")
+    if kind_of_toml(path) == "rig":
+        fitted = command("estimate", "LOG", "--rig", path)
+        raise ReadError(
+            f"{path}: is a rig, no model; '{fitted}' fits a model to a log, and writes LOG.model.toml, to be given in its place"
+        )
     if path.suffix == ".toml":
         return
     try:
