@@ -117,7 +117,7 @@ def test_a_stiffness_that_changes_is_no_fault_of_the_recording(course):
 def test_a_late_channel_is_found_whatever_the_spring_does(course, role):
     roles = slow_joint(course)
     late = np.concatenate((np.full(10, roles[role][0]), roles[role][:-10]))
-    (kind, names), *_ = found_in(roles | {role: late})
+    (kind, _), *_ = found_in(roles | {role: late})
     assert kind == "late"
 
 
