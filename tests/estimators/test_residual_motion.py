@@ -103,6 +103,34 @@ def test_nothing_is_reported_of_a_spring_that_is_one():
     assert followers(look(phi, STIFFNESS * phi + noise(), speed), 0.0, 0.0) == []
 
 
+COURSES = {
+    "ramp": 1.0 - 0.3 * TIME / TIME[-1],
+    "jump": np.where(TIME < 8.9, 1.0, 0.8),
+    "two jumps": np.select([TIME < 6.1, TIME < 13.4], [1.0, 1.3], 0.9),
+}
+
+
+def carried(course):
+    """A spring that carries a link's inertia: its torque follows the motor's acceleration, whatever its stiffness does."""
+    _, speed, acceleration, _ = motion()
+    torque = 0.05 * acceleration
+    return torque / (STIFFNESS * course), torque + noise(), speed
+
+
+@pytest.mark.parametrize("course", COURSES.values(), ids=COURSES)
+def test_a_spring_that_changes_leaves_a_residual_that_follows_no_motion(course):
+    phi, torque, speed = carried(course)
+    assert followers(look(phi, torque, speed), 0.001, 0.0) == []
+
+
+@pytest.mark.parametrize("course", COURSES.values(), ids=COURSES)
+def test_a_damping_is_found_whatever_the_spring_does(course):
+    _, speed, _, phi = motion()
+    found = followers(look(phi, STIFFNESS * course * phi + 0.3 * speed + noise(), speed), 0.001, 0.0)
+    assert [f.suspect for f in found] == [SPEED]
+    assert found[0].coefficient == pytest.approx(0.3, rel=0.1)
+
+
 def test_nothing_is_told_that_is_within_what_is_claimed_or_within_a_step():
     _, speed, _, phi = motion()
     state = look(phi, STIFFNESS * phi + 0.3 * speed + noise(), speed)

@@ -80,6 +80,47 @@ def test_a_stiffness_that_jumps_is_no_fault_of_the_recording(weight, speed, alon
     assert found_in(without(joint(jump=0.25, weight=weight, speed=speed), *alone)) == []
 
 
+def slow_joint(stiffness, seed=0):
+    """Return channels of a joint that is moved so slowly that its link's inertia is all that its spring carries.
+
+    The link's position is given, and what follows from it is exact for a stiffness of any course.
+    """
+    draw, time = np.random.default_rng(seed), np.arange(0.0, 24.0, PERIOD)
+    frequency, phase = 2.0 * np.pi * np.geomspace(0.15, 3.0, 8), draw.uniform(0.0, 2.0 * np.pi, 8)
+    size = 0.18 / (1.0 + frequency / (2.0 * np.pi))
+    wave = np.exp(1j * (np.outer(time, frequency) + phase))
+    q, v, a = (np.imag(wave * (1j * frequency) ** order) @ size for order in range(3))
+    torque = 0.1 * a + 0.05 * v
+    noise = draw.standard_normal((3, time.size))
+    return {
+        "motor_position": q + torque / stiffness(time) + 1e-5 * noise[0],
+        "link_position": q + 1e-5 * noise[1],
+        "torque_sensor": -torque + 5e-3 * np.abs(torque).max() * noise[2],
+    }
+
+
+COURSES = {
+    "ramp": lambda t: 100.0 - 0.8 * t,
+    "two jumps": lambda t: np.select([t < 7.3, t < 16.3], [100.0, 130.0], 90.0),
+    "decay": lambda t: 70.0 + 30.0 * np.exp(-t / 5.0),
+}
+
+
+@pytest.mark.parametrize("course", COURSES.values(), ids=COURSES)
+def test_a_stiffness_that_changes_is_no_fault_of_the_recording(course):
+    """As one jump alone it would be a late encoder: a shifted deflection follows acceleration, whatever the spring does."""
+    assert found_in(slow_joint(course)) == []
+
+
+@pytest.mark.parametrize("course", [lambda t: 100.0 + 0.0 * t, *COURSES.values()], ids=["constant", *COURSES])
+@pytest.mark.parametrize("role", ["motor_position", "torque_sensor"])
+def test_a_late_channel_is_found_whatever_the_spring_does(course, role):
+    roles = slow_joint(course)
+    late = np.concatenate((np.full(10, roles[role][0]), roles[role][:-10]))
+    (kind, _), *_ = found_in(roles | {role: late})
+    assert kind == "late"
+
+
 def test_gravity_taken_out_is_found_along_with_a_gain_or_a_jump(sound):
     for roles in (scaled(sound, "link_position", 1.01), scaled(sound, "motor_torque", 1.1), joint(jump=0.25)):
         # By the recorded angle: what a driver computes.

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-FREE: Mapping[str, int] = {"scale": 1, "gain": 1, "late": 1, "drift": 2, "gravity": 2, "stiffness": 2}
+FREE: Mapping[str, int] = {"scale": 1, "gain": 1, "late": 1, "drift": 2, "gravity": 2, "stiffness": 5}
 """Numbers that are fitted when a fault is undone, of those kinds that have any."""
 
 Kind = Literal["sign", "unit", "scale", "late", "drift", "exchanged", "unsigned", "gravity", "gain", "stiffness"]
@@ -25,6 +25,7 @@ class Rule(NamedTuple):
     blocks : of time, whose likelihoods are compared: the widest filter reaches into the next by a twentieth
     quiet : part of a mean block's squares below which a block is ignored
     gain : of log-likelihood per independent sample below which a delay or a factor is not refined: it would not be reported
+    changes : of a spring's stiffness that are searched, at most: more pieces of a log than these resemble noise of any kind
     most : faults of one joint that are searched, one after another
     longest_delay : that is searched [s]: a few packets of the slowest bus; a later channel is on another clock
     fastest : rate of a clock against another, at most [s/s]: an oscillator without a crystal is right to a hundredth
@@ -41,6 +42,7 @@ class Rule(NamedTuple):
     blocks: int = 24
     quiet: float = 0.01
     gain: float = 0.05
+    changes: int = 5
     most: int = 3
     longest_delay: float = 0.25
     fastest: float = 0.01
@@ -67,7 +69,7 @@ class Fault:
     factor : of recorded over true values
     delay : of the recorded values in the middle of the log [s]
     rate : seconds per second by which they become later
-    since : when a stiffness changes, after the middle of the log [s]
+    changes : when a stiffness may jump, after the middle of the log, ascending [s]; in between it is a line over time
     """
 
     kind: Kind
@@ -75,7 +77,7 @@ class Fault:
     factor: float = 1.0
     delay: float = 0.0
     rate: float = 0.0
-    since: float = 0.0
+    changes: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from itertools import combinations
 
 import numpy as np
 
-from vsalog.checks.changed_spring import changed_stiffness
+from vsalog.checks.changed_spring import changing_stiffness
 from vsalog.checks.fault import FREE, OF_JOINT, RULE, Fault, Found
 from vsalog.checks.late_channels import late
 from vsalog.checks.scaled_channels import scaled
@@ -204,7 +204,7 @@ def _all(channels: Channels, undone: Faults, wrong: set[str]) -> Iterator[Fault]
                 yield Fault("gravity", (role,))
         if channels.touched(Fault("late", (role,)), undone) & wrong:
             yield from late(channels, undone, role)
-    yield from changed_stiffness(channels, undone, wrong)
+    yield from changing_stiffness(channels, undone, wrong)
     for a, b in combinations(channels.roles, 2):
         if _quantity(a) == _quantity(b):
             yield Fault("exchanged", (a, b))

@@ -23,10 +23,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.checks.constrained_fit import residual_of
 from vsalog.core.dependence import hats
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 COMMAND = "commanded_position"
 
@@ -74,12 +74,23 @@ class Equation:
     knots: Array | None = None
     elastic: int = 0
 
-    def changed(self, later: Flags) -> Equation:
-        """Return the equation of a spring that is another one at some instants, shape (R,)."""
-        rest, spring = np.split(self.positive, [self.positive.shape[1] - self.elastic], axis=1)
-        whens = (~later[:, None], later[:, None])
-        free, own = (np.column_stack([columns * when for when in whens]) for columns in (self.free, spring))
-        return replace(self, free=free, positive=np.column_stack((rest, own)), elastic=own.shape[1])
+    def changing(self, whens: Array) -> Equation:
+        """Return the equation of a spring whose stiffness and zero change with time, but not its shape.
+
+        Parameters
+        ----------
+        whens : functions of time, shape (R, p), whose sum with any coefficients that are not negative is the stiffness
+        """
+        left, x = residual_of(self.y, self.free, self.positive)
+        offsets = np.linalg.lstsq(self.free, self.y - left - self.positive @ x, rcond=None)[0]
+        # Without its last column, the damping.
+        spring = slice(self.positive.shape[1] - self.elastic, -1)
+        torque = self.free @ offsets + self.positive[:, spring] @ x[spring]
+        return replace(
+            self,
+            free=np.column_stack((self.free, whens)),
+            positive=np.column_stack((whens * torque[:, None], self.positive)),
+        )
 
 
 Rows = Mapping[str, Array]

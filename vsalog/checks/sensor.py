@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -11,10 +12,11 @@ from numpy.typing import NDArray
 from scipy import special
 
 from vsalog.checks.samples import FEWEST_LEVELS, SAME_MOTION, is_fine, is_noisy, levels, rests, runs, unlikely_run
+from vsalog.core.column import Column
 from vsalog.core.finding import Evidence, Finding, Text
 from vsalog.core.finding_texts import add_texts
 from vsalog.core.precision import ROUNDING
-from vsalog.core.resolution import step_of
+from vsalog.core.resolution import ENOUGH, step_of
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import FALSE_ALARM_OF_MANY
 from vsalog.estimators.equation import NEGLIGIBLE_SHARE
@@ -53,11 +55,44 @@ def passing(signals: JointSignals) -> Iterator[Finding]:
     """Yield temporary faults of a sensor."""
     for role in signals.roles:
         if role.startswith((*MEASURED, "pressure", "motor_torque")) and is_fine(signals, role):
-            yield from list(_saturated(signals, role)) or _clipped(signals, role)
+            yield from _cut(signals, role)
         if role.startswith(MEASURED) and "torque" not in role:
             yield from _frozen(signals, role)
         if role.startswith((*MEASURED, "motor_torque")):
             yield from _repeated(signals, role)
+
+
+def without_clipped(signals: JointSignals) -> JointSignals:
+    """Return signals in which a torque sensor's samples at an end of its range that clips it are missing.
+
+    A position may be at a stop, and a motor's torque at a limit of its drive: there these are what they were recorded as.
+    """
+    limits = {
+        role: found for role in signals.roles if role.startswith("torque_sensor") and (found := _limits(signals, role))
+    }
+    if not limits:
+        return signals
+    columns = {role: Column(np.float64, len(signals), in_file=signals.in_file) for role in limits}
+    for block in signals.blocks(ENOUGH):
+        for role, at in limits.items():
+            values = block.roles[role]
+            columns[role].append(np.where(np.isin(values, at), np.nan, values))
+    return replace(signals, roles={**signals.roles, **{r: own.whole(len(signals)) for r, own in columns.items()}})
+
+
+def _limits(signals: JointSignals, role: str) -> list[float]:
+    """Return the values at which a signal is clipped."""
+    return [
+        float(finding.evidence["at"])
+        for block in (signals.blocks(ENOUGH) if signals.in_file else (signals,))
+        if is_fine(block, role)
+        for finding in _cut(block, role)
+    ]
+
+
+def _cut(signals: JointSignals, role: str) -> list[Finding]:
+    """Return the ends of its range at which a signal is clipped."""
+    return list(_saturated(signals, role)) or list(_clipped(signals, role))
 
 
 def _saturated(signals: JointSignals, role: str) -> Iterator[Finding]:
@@ -222,13 +257,15 @@ TEXTS = {
     "sensor.saturated": Text(
         "{part} rests at its {end} value {at:.6g} for {value:.1%} of the samples (first at {begin:.4g} s) and moves noisily"
         " elsewhere: it is saturated.",
-        "The stiffness is wrong there; choose a larger range, or leave these stretches out (--start, --end).",
+        "Choose a larger range. Of a torque sensor these samples are left out of the estimate; for another sensor leave the"
+        " stretches out (--start, --end).",
         FALSE_ALARM_OF_MANY,
     ),
     "sensor.clipped": Text(
         "{part} reaches its {end} value {at:.6g} at full speed, stays there, and leaves it at full speed (first at"
         " {begin:.4g} s, {value:.1%} of the samples): it was clipped, or the joint ran into a stop.",
-        "Leave these stretches out (--start, --end), or choose a larger range.",
+        "Choose a larger range. Of a torque sensor these samples are left out of the estimate; for another sensor leave the"
+        " stretches out (--start, --end).",
     ),
     "sensor.frozen": Text(
         "{part} does not change from {begin:.4g} s to {end:.4g} s and then jumps by {value:.3g} rad, while no other step is"

@@ -88,7 +88,8 @@ class Channels:
         enough = rows.size > 10 * RULE.blocks
         self.equations = names_of(motion.values) if enough else ()
         self.block = np.arange(rows.size) * RULE.blocks // max(rows.size, 1)
-        self.time = (rows - 0.5 * float(rows[0] + rows[-1])) * signals.period if enough else np.zeros(0)
+        middle = 0.5 * float(rows[0] + rows[-1]) if enough else 0.0
+        self.time: Array = np.asarray((rows - middle) * signals.period, dtype=np.float64)
         self.magnitudes = {
             r for r, x in signals.roles.items() if "torque" in r and r in motion.values and np.nanmin(x) == 0.0
         }
@@ -169,7 +170,7 @@ class Channels:
         eq = equation(name, roles, knots, self.unknown_scale)
         for fault in faults:
             if fault.kind == "stiffness" and eq.elastic and set(fault.roles) & eq.roles:
-                eq = eq.changed(self.time > fault.since)
+                eq = eq.changing(_pieces(self.time, fault.changes))
         if any(f.kind == "gravity" and set(f.roles) & eq.roles for f in faults):
             q = (roles["link_position"] if "link_position" in roles else self.values("link_position", faults))[0]
             eq = replace(eq, free=np.column_stack((eq.free, np.sin(q), np.cos(q))))
@@ -214,6 +215,16 @@ class Channels:
         """Return the squares of a role as recorded, about its mean, in the unit that undoing faults gives it."""
         recorded = self.values(role, [fault for fault in faults if fault.kind != "unsigned"])[0]
         return _above_0(_squares(recorded))
+
+
+def _pieces(time: Array, changes: Sequence[float]) -> Array:
+    """Return functions of time that are lines between changes, where they may jump, shape (R, 2 (number of changes + 1))."""
+    edges = np.array([time[0], *changes, time[-1]])
+    piece = np.searchsorted(edges[1:-1], time, side="left")
+    part, rows = (time - edges[piece]) / np.diff(edges)[piece], np.arange(time.size)
+    out = np.zeros((time.size, 2 * edges.size - 2))
+    out[rows, 2 * piece], out[rows, 2 * piece + 1] = 1.0 - part, part
+    return out
 
 
 def _squares(x: Array) -> float:

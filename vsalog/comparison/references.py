@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vsalog.binding.joint import bind, offered_roles, wanted_channels
 from vsalog.checks.cross_check import Sensed
+from vsalog.checks.sensor import without_clipped
 from vsalog.core.errors import VsalogError
 from vsalog.core.recording import Recording
 from vsalog.core.signals import JointSignals
@@ -80,7 +81,7 @@ def references_of(log: Path, options: Options, joints: Mapping[str, Joint]) -> R
         try:
             if roles:
                 recording = _read(log, options, wanted_channels(joint, log.name, roles))
-                sensors[name] = bind([recording], name, joint, roles)
+                sensors[name] = without_clipped(bind([recording], name, joint, roles))
         except VsalogError:
             continue
     try:

@@ -16,6 +16,7 @@ from vsalog.binding.joint import bind, offered_roles
 from vsalog.binding.neighbours import own_and_others
 from vsalog.checks import Checks
 from vsalog.checks.check import Context, without_superseded
+from vsalog.checks.sensor import without_clipped
 from vsalog.checks.signals import DeadSensorError, refuse_dead_sensors, whole_windows
 from vsalog.core.errors import EstimatorError, VsalogError, did_you_mean
 from vsalog.core.finding import Finding
@@ -322,6 +323,9 @@ def estimate_joint(
         )
         dead_sensor = Finding(code="sensor.dead", joint=name, part=error.role, value=error.value, unit="N*m")
         return dataclasses.replace(living_estimate, findings=(dead_sensor, *living_estimate.findings))
+    recorded, seen = signals, look
+    signals = without_clipped(recorded)
+    look = signals if seen is recorded else of_signals(signals)
     kept: list[Trace] = []
     summarizer = Summarizer(device)
     external = ExternalStiffness.of(recordings, joint, device, signals, stated)
@@ -329,7 +333,7 @@ def estimate_joint(
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         fold = choice.method.build(device, look, choice.tuning)
         fold.conditioner.check_length(signals.longest_run)
-        checks = Checks(Context(recordings, setpoints, device, joint, choice.name, choice.roles, signals, look, fold))
+        checks = Checks(Context(recordings, setpoints, device, joint, choice.name, choice.roles, recorded, seen, fold))
         pass_on = kept.append if sink is None else sink
         subject = Subject(choice.method, device, look, choice.tuning, fold)
         # A short log is estimated once, and its trace kept until the effect of perturbations is known.

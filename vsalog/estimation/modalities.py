@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding.joint import bind
+from vsalog.checks.sensor import without_clipped
 from vsalog.core.errors import VsalogError
 from vsalog.core.recording import Recording, Stamps
 from vsalog.core.trace import Trace
@@ -39,7 +40,7 @@ def stiffness_traces(name: str, joint: Any, recording: Recording) -> Traces:
     for modality in MODALITIES:
         try:
             choice = choose(name, joint, "residual-rls", {"modality": modality})
-            signals = bind([recording], name, joint, choice.roles)[:TRIED_SAMPLES]
+            signals = without_clipped(bind([recording], name, joint, choice.roles)[:TRIED_SAMPLES])
             device = device_of(name, joint, signals.roles)
             fold = choice.method.build(device, signals, choice.tuning)
             fold.conditioner.check_length(signals.longest_run)

@@ -163,11 +163,12 @@ def followers(state: MotionRows, claimed: float, step: float, suspects: tuple[st
     known, y = state.known, state.torque
     whole, long = state.short.blocks.sum(axis=0), state.long.blocks.sum(axis=0)
     plain = least_squares(whole, known, y)
+    moments, changing, unexplained = _changing(state)
     found: list[Follower] = []
     for suspect in suspects:
         place = state.column(suspect)
-        shape = association(state.short.blocks, [place], known, y)
-        if shape is None or shape.p_value * len(suspects) > FALSE_ALARM or shape.share < PREDICTED_SHARE:
+        shape = association(moments, [place], changing, y)
+        if shape is None or shape.p_value * len(suspects) > FALSE_ALARM or unexplained * shape.share < PREDICTED_SHARE:
             continue
         unknowns, lasting = (least_squares(m, [*known, place], y) for m in (whole, long))
         now = _stiffness(unknowns[: state.size], state)
@@ -178,9 +179,44 @@ def followers(state: MotionRows, claimed: float, step: float, suspects: tuple[st
             and torque > ROUNDED * step * now
             and least_change(claimed) < moved < np.inf
         ):
-            found.append(Follower(suspect, shape.share, float(unknowns[-1]), now, moved))
+            found.append(Follower(suspect, unexplained * shape.share, float(unknowns[-1]), now, moved))
     found.sort(key=lambda f: -f.taken)
     return [f for f in found if f.taken >= ALTERNATIVE_SHARE * found[0].taken]
+
+
+def _changing(state: MotionRows) -> tuple[Array, list[int], float]:
+    """Return moments of rows whose regressors have coefficients of their own in parts of the log, and where these are.
+
+    Also returned is the part of the residual's power that these coefficients leave of the one with the same ones all the time.
+    There are as many parts, of equal length, as the Bayesian information criterion has (Schwarz 1978): a spring that changes
+    leaves a residual in a fit of one stiffness, which follows the motion as well.
+    """
+    blocks, known, y, rows = state.short.blocks, state.known, state.torque, state.short.rows
+    best, least, first, parts = (blocks, known, 1.0), np.inf, 0.0, 1
+    while parts <= max(1, len(blocks) // 2):
+        moments, own = _by_part(blocks, known, parts)
+        left = squares_beyond(moments, own, y)
+        if left is None or not left.sum() > 0.0:
+            break
+        power = float(left.sum())
+        first = first or power
+        criterion = rows * np.log(power) + len(own) * np.log(rows)
+        if criterion < least:
+            best, least = (moments, own, power / first), criterion
+        parts *= 2
+    return best
+
+
+def _by_part(blocks: Array, columns: list[int], parts: int) -> tuple[Array, list[int]]:
+    """Return blocks' moments, shape (B, K, K), with columns repeated for each of equal parts of the log, and where these are."""
+    count, size = blocks.shape[:2]
+    own = size + np.arange(parts * len(columns)).reshape(parts, -1)
+    places = np.zeros((count, size + own.size, size))
+    places[:, np.arange(size), np.arange(size)] = 1.0
+    places[:, columns, columns] = 0.0
+    of_block = own[np.arange(count) * parts // count]
+    places[np.arange(count)[:, None], of_block, columns] = 1.0
+    return places @ blocks @ places.transpose(0, 2, 1), own.ravel().tolist()
 
 
 def misfit(state: MotionRows, step: float) -> float | None:

@@ -13,6 +13,7 @@ import msgspec
 from vsalog._version import __version__
 from vsalog.binding.joint import bind, names_of, offered_roles, wanted_channels
 from vsalog.checks.recording_faults import log_findings
+from vsalog.checks.sensor import without_clipped
 from vsalog.checks.signals import implausible
 from vsalog.core.errors import BindingError, EstimatorError, RigError, did_you_mean
 from vsalog.core.finding import Finding, of_log
@@ -157,7 +158,7 @@ def _judge_log(
         recording = _read(log, joint, roles, name, options)
         bound = bind([recording], name, joint, roles)
         doubts = [*bound.findings, *implausible(device, bound), *log_findings([recording], name, joint)]
-        prepared = prepare(device, bound)
+        prepared = prepare(device, without_clipped(bound))
         del bound  # long arrays are not kept twice
         signals = prepared.signals
         short = len(signals) <= MANY_SAMPLES if options.modalities is None else options.modalities
