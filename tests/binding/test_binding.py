@@ -264,9 +264,9 @@ def test_a_gap_splits_the_run_and_nothing_is_bridged():
     assert [(f.code, f.value) for f in signals.findings] == [("recording.gaps", 1.0)]
 
 
-@pytest.mark.parametrize(("missing", "again"), [(2, False), (3, True)])
-def test_a_run_begins_again_after_three_samples_without_a_number(missing, again):
-    values = np.where((np.arange(20) >= 10) & (np.arange(20) < 10 + missing), np.nan, 1.0)
+@pytest.mark.parametrize(("missing", "again"), [(25, False), (26, True)])
+def test_a_run_begins_again_after_half_a_usual_window_without_a_number(missing, again):
+    values = np.where((np.arange(50) >= 10) & (np.arange(50) < 10 + missing), np.nan, 1.0)
     assert after_long_silence({"link_position": values})[0].any() == again
 
 

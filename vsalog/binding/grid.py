@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,21 @@ MOST_JITTER = 0.02
 MOST_RATE_ERROR = 5e-4
 """Part by which a run's rate may differ from the grid's for its samples to be used as they are [1]: a second derivative is then
 wrong by twice that, a part in a thousand, as by a filter. Jitter averages out, a rate does not."""
+
+
+class Silence(NamedTuple):
+    """How long a role may have no number within a run.
+
+    Attributes
+    ----------
+    longest : rows: half the usual window of a filter, which then has as many samples as it lacks; whether these determine what is
+        wanted is the filter's to say (`filters.savitzky_golay.Lacking`)
+    """
+
+    longest: int = 25
+
+
+SILENCE = Silence()
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +92,7 @@ def common_segments(log: str, joint: str, stretches: Iterable[list[tuple[int, in
 
 
 def after_long_silence(roles: Mapping[str, Array], before: int = 0) -> tuple[Flags, int]:
-    """Return where a run begins again because a role had no number for longer than a gap may be, and the length so far.
+    """Return where a run begins again because a role had no number for longer than `Silence.longest`, and the length so far.
 
     Parameters
     ----------
@@ -88,13 +104,13 @@ def after_long_silence(roles: Mapping[str, Array], before: int = 0) -> tuple[Fla
         missing |= np.isnan(values)
     starts = np.zeros(missing.size, dtype=np.bool_)
     if not missing.any():
-        starts[:1] = before >= LONGEST_GAP
+        starts[:1] = before > SILENCE.longest
         return starts, 0
     edges = np.flatnonzero(np.diff(np.concatenate(([before > 0], missing, [False])).astype(np.int8)))
     if before > 0:
         edges = np.concatenate(([-before], edges))
     for first, after in zip(edges[::2], edges[1::2], strict=True):
-        if after - first >= LONGEST_GAP and after < missing.size:
+        if after - first > SILENCE.longest and after < missing.size:
             starts[after] = True
     return starts, int(edges[-1] - edges[-2]) if missing[-1] else 0
 

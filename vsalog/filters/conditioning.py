@@ -22,7 +22,7 @@ from vsalog.core.errors import FilterError
 from vsalog.core.look import LONGEST_RUN
 from vsalog.core.signals import LONGER, JointSignals
 from vsalog.filters.kinematic import KinematicSettings, kinematic_filter
-from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
+from vsalog.filters.savitzky_golay import filter_together, savgol_lag, savgol_polynomials, savgol_weights
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -134,6 +134,7 @@ class Conditioner:
         self.window = 2 * round(0.5 * window / self.period) + 1
         if kind != "kinematic":
             self.weights = savgol_weights(self.window, degree, 2, self.period)
+            self.polynomials = savgol_polynomials(self.window, degree)
 
     def check_length(self, longest_run: int) -> None:
         """Refuse a log in which no run is long enough for the filter.
@@ -214,16 +215,12 @@ class Conditioner:
         return new, self._centred(joined, joined_kalman, smooth, state.seen, seen)
 
     def _smooth(self, joined: JointSignals) -> dict[str, Array]:
+        orders = {role: 2 if role in self.motor_roles else int(role in self.rated) for role in self.roles}
+        channels = {role: joined.roles[role] for role in self.roles}
         smooth: dict[str, Array] = {}
-        for role in self.roles:
-            if role in self.motor_roles:
-                smooth[role], smooth[f"velocity:{role}"], smooth[f"acceleration:{role}"] = savgol_filter(
-                    joined.roles[role], self.weights
-                )
-            elif role in self.rated:
-                smooth[role], smooth[f"velocity:{role}"] = savgol_filter(joined.roles[role], self.weights[:2])
-            else:
-                smooth[role] = savgol_filter(joined.roles[role], self.weights[:1])[0]
+        for role, values in filter_together(channels, orders, self.weights, self.polynomials).items():
+            names = role, f"velocity:{role}", f"acceleration:{role}"
+            smooth |= dict(zip(names, values, strict=False))
         return smooth
 
     def _centred(
