@@ -289,6 +289,22 @@ def test_an_empty_cell_is_what_a_missing_row_is(slower):
     assert ("recording.not_finite", 1.0) in [(f.code, f.value) for f in signals.findings]
 
 
+@pytest.mark.parametrize("empty", [False, True])
+def test_many_single_lost_samples_do_not_bias_a_motion(empty):
+    x = 1.0 + np.sin(40.0 * T)  # a line through neighbours misses (40 T)² / 2 of the amplitude
+    keep = np.arange(1000) % 4 != 2
+    lacking = (T, np.where(keep, x, np.nan)) if empty else (T[keep], x[keep])
+    error = bound(TWO, recording(x=lacking, y=(T, T))).roles["motor_position"] - x
+    assert np.count_nonzero(error) == np.count_nonzero(~keep)
+    # The error of a cubic through −2, −1, 1 and 2 samples is T⁴ / 6 times the fourth derivative.
+    assert np.abs(error[4:-4]).max() == pytest.approx((40.0 * 1e-3) ** 4 / 6.0, rel=0.02)
+
+
+def test_a_constant_stays_one_where_samples_are_lost():
+    x = np.where(np.arange(1000) % 5 == 2, np.nan, 0.1 + 0.2)
+    assert np.ptp(bound(TWO, recording(x=(T, x), y=(T, T))).roles["motor_position"]) == 0.0
+
+
 @pytest.mark.parametrize("empty", [[0], [999], [100, 101], range(100, 130)])
 def test_nothing_is_put_where_nothing_is_known(empty):
     x = T.copy()

@@ -70,5 +70,5 @@ def _bell(window: int, derivatives: int) -> tuple[int, Array, Array, Array]:
     # The bell is zero one sample beyond either end.
     beyond = window // 2 + 1
     x: Array = np.arange(-(window // 2), beyond, dtype=np.float64) / beyond
-    bell = legendre.poly2leg(np.polynomial.polynomial.polypow([1.0, 0.0, -1.0], derivatives + 2))
+    bell: Array = np.asarray(legendre.poly2leg(np.polynomial.polynomial.polypow([1.0, 0.0, -1.0], derivatives + 2)))
     return beyond, x, bell, np.asarray(np.sqrt(legendre.legval(x, bell)))
