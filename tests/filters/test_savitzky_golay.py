@@ -96,7 +96,7 @@ def test_windows_that_lack_samples_are_fitted_to_those_that_are_there():
     rng, window, degree, period = np.random.default_rng(7), 31, 4, 0.01
     x, y = rng.normal(size=(2, 400))
     x[rng.random(400) < 0.1] = np.nan
-    y[100:105] = np.nan
+    y[100:109] = np.nan
     there = np.isfinite(x + y)
     found = together({"x": x, "y": y}, window, degree, 2, period)
     place = (np.arange(window) - window // 2) * period
@@ -106,7 +106,7 @@ def test_windows_that_lack_samples_are_fitted_to_those_that_are_there():
         design = np.vander(place[part], degree + 1, increasing=True)
         gain = [np.sum(row**2) for row in np.linalg.pinv(design)[:3]]
         whole = [np.sum(row**2) for row in np.linalg.pinv(np.vander(place, degree + 1, increasing=True))[:3]]
-        if np.max(np.divide(gain, whole)) > 2.0:
+        if np.max(np.divide(gain, whole)) > 4.0:
             refused += 1
             assert all(np.isnan(values[:, first]).all() for values in found.values())
             continue

@@ -32,11 +32,11 @@ class Lacking(NamedTuple):
 
     Attributes
     ----------
-    noise_gain : power of white noise over that behind a whole window, at most [1]: equations weigh rows alike, and a row that
-        extrapolates has many times as much; one with twice as much would have half the weight
+    noise_gain : power of white noise over that behind a whole window, at most [1]. Equations weigh rows alike: at twice the
+        deviation a row adds to what is known, while one that extrapolates has many times as much
     """
 
-    noise_gain: float = 2.0
+    noise_gain: float = 4.0
 
 
 LACKING = Lacking()
