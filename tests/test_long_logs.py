@@ -206,12 +206,12 @@ def hard_log():
     """Return blocks of a log in which two encoders of different rate turn on and on, with a gap, a silence and wild samples."""
     rng = np.random.default_rng(3)
     t = np.delete(np.arange(6000) * 1e-3, np.s_[2500:2620])
-    slow = np.delete(np.arange(1500) * 4e-3 + 5e-4, np.s_[900:904])
+    slow = np.delete(np.arange(1500) * 4e-3 + 5e-4, np.s_[900:910])
     deflection = 0.05 * np.sin(9.0 * t)
     motor = np.mod(np.rad2deg(6.0 * t + 0.3), 360.0)
     link = np.mod(np.rad2deg(6.0 * slow + 0.05 * np.sin(9.0 * slow)) - 40.0, 360.0)
     motor[[7, 1212, 4000]] = 0.0
-    motor[3000:3010] = np.nan
+    motor[3000:3040] = np.nan
     motor[4999] = np.nan
     torque = 20.0 * deflection + 0.02 * rng.normal(size=t.size)
     blocks = []
@@ -254,7 +254,8 @@ def test_bound_rows_are_those_of_the_whole_bit_for_bit(small, monkeypatch, block
     expected = bind([whole, whole], "j", rig.joints["j"], roles)
     assert_same_signals(expected, bound)
     # What makes this log a hard one is there.
-    assert np.ptp(expected.roles["link_position"]) > 4.0 * np.pi
+    link = expected.roles["link_position"]
+    assert np.nanmax(link) - np.nanmin(link) > 4.0 * np.pi
     assert np.count_nonzero(expected.starts) >= 6
     codes = {finding.code for finding in expected.findings}
     assert codes >= {"recording.gaps", "recording.outliers", "recording.not_finite", "encoder.other_turn"}

@@ -478,3 +478,15 @@ def test_values_that_are_rounded_more_coarsely_than_the_rig_says_have_steps_of_t
 def test_held_levels_are_no_steps_of_a_sensor():
     signals = bound('motor_position = { channel = "x", resolution = 0.001 }', recording(x=(T, np.sign(np.sin(T)))))
     assert signals.resolution["motor_position"] == 0.001
+
+
+@pytest.mark.parametrize(("lost", "phase", "runs"), [(5, 0.0, 1), (25, 0.0, 1), (26, 0.0, 2), (5, 0.0004, 2)])
+def test_a_few_lost_rows_are_missing_ones_and_no_gap(lost, phase, runs):
+    keep = (np.arange(1000) < 400) | (np.arange(1000) >= 400 + lost)
+    moved = T + phase * (np.arange(1000) >= 400)
+    signals = bound(TWO, recording(x=(moved[keep], np.sin(T)[keep]), y=(T, np.cos(T))))
+    assert np.count_nonzero(signals.starts) == runs
+    if runs == 1:
+        np.testing.assert_allclose(signals.time, T, rtol=0.0, atol=1e-12)
+        np.testing.assert_array_equal(signals.roles["motor_position"], np.where(keep, np.sin(T), np.nan))
+        np.testing.assert_array_equal(signals.roles["link_position"], np.cos(T))

@@ -151,11 +151,24 @@ def on_grid(b: Bound, stamps: Stamps) -> Array:
         return b.values[first : first + stamps.size]
     v0, v1, share, apart = _between(b, stamps)
     values = np.where(share == 0.0, v0, np.where(share == 1.0, v1, v0 + share * (v1 - v0)))
-    lost = np.flatnonzero(lacks_samples(apart, b.period) & (share > 0.0) & (share < 1.0))
+    between = (share > 0.0) & (share < 1.0)
+    values[between & (apart > LONGEST_GAP * b.period)] = np.nan
+    lost = np.flatnonzero(between & lacks_samples(apart, b.period))
     if lost.size:
         known = np.isfinite(b.values)
         values[lost] += _bent(b.stamps[known], b.values[known], stamps[lost], b.period)
     return np.asarray(values, dtype=np.float64)
+
+
+def filled(last: int, first: int, period: int) -> Stamps:
+    """Return the stamps of the rows that are lost between two, evenly spaced.
+
+    None where a run ends: there are more than `Silence.longest`, or the rows after them are between the grid's.
+    """
+    steps = round((first - last) / period)
+    if not 1 < steps <= SILENCE.longest + 1 or abs(first - last - steps * period) > 2.0 * MOST_JITTER * period:
+        return np.empty(0, np.int64)
+    return np.asarray(last + (first - last) * np.arange(1, steps, dtype=np.int64) // steps, dtype=np.int64)
 
 
 @dataclass(slots=True)
