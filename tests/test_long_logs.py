@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import lagrange
 
 from vsalog.binding import run
 from vsalog.binding.grid import after_long_silence
@@ -132,14 +133,20 @@ def test_header_stamps_are_judged_over_all_of_a_stream(small):
     assert (reason.code, reason.value, reason.evidence["stamps"]) == ("clock.stamps_zero", 60, 600)
 
 
-@example([True] * 3 + [False] * 3, [3])
-@given(st.lists(st.booleans(), min_size=1, max_size=60), st.lists(st.integers(0, 60), max_size=6))
+@example([True] * 26 + [False] * 3, [3, 26])
+@example([True] * 25 + [False] * 3, [25])
+@given(
+    st.lists(st.tuples(st.booleans(), st.integers(1, 30)), min_size=1, max_size=6).map(
+        lambda pieces: [lacks for lacks, count in pieces for _ in range(count)]
+    ),
+    st.lists(st.integers(0, 60), max_size=6),
+)
 def test_a_silence_ends_where_it_ends_however_it_is_cut(missing, cuts):
     x = np.where(missing, np.nan, 1.0)
     expected = np.zeros(x.size, dtype=bool)
     for i in range(1, x.size):  # by the definition, one sample after the other
         before = next((k for k in range(i, 0, -1) if not np.isnan(x[k - 1])), 0)
-        expected[i] = not np.isnan(x[i]) and i - before >= 3
+        expected[i] = not np.isnan(x[i]) and i - before > 25
     found, silence = [], 0
     for part in np.split(x, sorted(cuts)):
         if part.size:
@@ -161,7 +168,8 @@ def test_samples_that_stand_alone_are_found_at_every_edge(small):
     found = bind([long], "j", signals.joints["j"], ("motor_position",)).roles["motor_position"]
     assert np.flatnonzero(np.isnan(found)).tolist() == [0, 193, 194, 970, 971, 2999]
     for k in (97, 485):
-        assert found[k] == pytest.approx(0.5 * (x[k - 1] + x[k + 1]))
+        around = np.array([-2, -1, 1, 2])
+        assert found[k] == pytest.approx(lagrange(around.astype(float), x[k + around])(0.0))
 
 
 def test_samples_that_are_much_too_late_are_held_in_memory_and_reported(small, monkeypatch):
@@ -198,12 +206,12 @@ def hard_log():
     """Return blocks of a log in which two encoders of different rate turn on and on, with a gap, a silence and wild samples."""
     rng = np.random.default_rng(3)
     t = np.delete(np.arange(6000) * 1e-3, np.s_[2500:2620])
-    slow = np.delete(np.arange(1500) * 4e-3 + 5e-4, np.s_[900:904])
+    slow = np.delete(np.arange(1500) * 4e-3 + 5e-4, np.s_[900:910])
     deflection = 0.05 * np.sin(9.0 * t)
     motor = np.mod(np.rad2deg(6.0 * t + 0.3), 360.0)
     link = np.mod(np.rad2deg(6.0 * slow + 0.05 * np.sin(9.0 * slow)) - 40.0, 360.0)
     motor[[7, 1212, 4000]] = 0.0
-    motor[3000:3010] = np.nan
+    motor[3000:3040] = np.nan
     motor[4999] = np.nan
     torque = 20.0 * deflection + 0.02 * rng.normal(size=t.size)
     blocks = []
@@ -246,7 +254,8 @@ def test_bound_rows_are_those_of_the_whole_bit_for_bit(small, monkeypatch, block
     expected = bind([whole, whole], "j", rig.joints["j"], roles)
     assert_same_signals(expected, bound)
     # What makes this log a hard one is there.
-    assert np.ptp(expected.roles["link_position"]) > 4.0 * np.pi
+    link = expected.roles["link_position"]
+    assert np.nanmax(link) - np.nanmin(link) > 4.0 * np.pi
     assert np.count_nonzero(expected.starts) >= 6
     codes = {finding.code for finding in expected.findings}
     assert codes >= {"recording.gaps", "recording.outliers", "recording.not_finite", "encoder.other_turn"}

@@ -264,9 +264,9 @@ def test_a_gap_splits_the_run_and_nothing_is_bridged():
     assert [(f.code, f.value) for f in signals.findings] == [("recording.gaps", 1.0)]
 
 
-@pytest.mark.parametrize(("missing", "again"), [(2, False), (3, True)])
-def test_a_run_begins_again_after_three_samples_without_a_number(missing, again):
-    values = np.where((np.arange(20) >= 10) & (np.arange(20) < 10 + missing), np.nan, 1.0)
+@pytest.mark.parametrize(("missing", "again"), [(25, False), (26, True)])
+def test_a_run_begins_again_after_half_a_usual_window_without_a_number(missing, again):
+    values = np.where((np.arange(50) >= 10) & (np.arange(50) < 10 + missing), np.nan, 1.0)
     assert after_long_silence({"link_position": values})[0].any() == again
 
 
@@ -287,6 +287,22 @@ def test_an_empty_cell_is_what_a_missing_row_is(slower):
         np.testing.assert_allclose(signals.roles[role], values, rtol=0.0, atol=1e-15)
     assert np.count_nonzero(signals.starts) == 1
     assert ("recording.not_finite", 1.0) in [(f.code, f.value) for f in signals.findings]
+
+
+@pytest.mark.parametrize("empty", [False, True])
+def test_many_single_lost_samples_do_not_bias_a_motion(empty):
+    x = 1.0 + np.sin(40.0 * T)  # a line through neighbours misses (40 T)² / 2 of the amplitude
+    keep = np.arange(1000) % 4 != 2
+    lacking = (T, np.where(keep, x, np.nan)) if empty else (T[keep], x[keep])
+    error = bound(TWO, recording(x=lacking, y=(T, T))).roles["motor_position"] - x
+    assert np.count_nonzero(error) == np.count_nonzero(~keep)
+    # The error of a cubic through −2, −1, 1 and 2 samples is T⁴ / 6 times the fourth derivative.
+    assert np.abs(error[4:-4]).max() == pytest.approx((40.0 * 1e-3) ** 4 / 6.0, rel=0.02)
+
+
+def test_a_constant_stays_one_where_samples_are_lost():
+    x = np.where(np.arange(1000) % 5 == 2, np.nan, 0.1 + 0.2)
+    assert np.ptp(bound(TWO, recording(x=(T, x), y=(T, T))).roles["motor_position"]) == 0.0
 
 
 @pytest.mark.parametrize("empty", [[0], [999], [100, 101], range(100, 130)])
@@ -462,3 +478,15 @@ def test_values_that_are_rounded_more_coarsely_than_the_rig_says_have_steps_of_t
 def test_held_levels_are_no_steps_of_a_sensor():
     signals = bound('motor_position = { channel = "x", resolution = 0.001 }', recording(x=(T, np.sign(np.sin(T)))))
     assert signals.resolution["motor_position"] == 0.001
+
+
+@pytest.mark.parametrize(("lost", "phase", "runs"), [(5, 0.0, 1), (25, 0.0, 1), (26, 0.0, 2), (5, 0.0004, 2)])
+def test_a_few_lost_rows_are_missing_ones_and_no_gap(lost, phase, runs):
+    keep = (np.arange(1000) < 400) | (np.arange(1000) >= 400 + lost)
+    moved = T + phase * (np.arange(1000) >= 400)
+    signals = bound(TWO, recording(x=(moved[keep], np.sin(T)[keep]), y=(T, np.cos(T))))
+    assert np.count_nonzero(signals.starts) == runs
+    if runs == 1:
+        np.testing.assert_allclose(signals.time, T, rtol=0.0, atol=1e-12)
+        np.testing.assert_array_equal(signals.roles["motor_position"], np.where(keep, np.sin(T), np.nan))
+        np.testing.assert_array_equal(signals.roles["link_position"], np.cos(T))

@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from command_line import vsalog_run
@@ -68,6 +69,41 @@ def test_what_has_no_effect_cannot_be_tuned(folder, samples, method, name):
     code, _, err = vsalog("estimate", samples / "sea_exp1.csv", "-e", method, "--tune", f"{name}=1", cwd=folder)
     assert code == 2
     assert f"nothing to tune named '{name}'" in err
+
+
+def test_a_refused_name_of_the_automatic_choice_says_which_estimator_has_it(folder):
+    code, _, err = vsalog("estimate", "loaded.parquet", "--tune", "modality=SENSOR", cwd=folder)
+    assert code == 2
+    assert "--estimator residual-rls --tune modality=SENSOR" in err
+    code, _, err = vsalog("estimate", "loaded.parquet", "--tune", "no_such_name=1", cwd=folder)
+    assert code == 2
+    assert "smoother has nothing to tune named 'no_such_name'" in err
+
+
+@pytest.mark.parametrize("estimator", ["smoother", "direct", "impedance"])
+def test_missing_samples_leave_nearly_all_of_a_log(folder, estimator):
+    rng, table = np.random.default_rng(6), pq.read_table(folder / "loaded.parquet")
+    for i, name in enumerate(table.column_names):
+        if name == "stamp":
+            continue
+        values = table[name].to_numpy(zero_copy_only=False).astype(float)
+        for first in rng.choice(values.size - 5, values.size // 500, replace=False):
+            values[first : first + 5] = np.nan
+        values[rng.random(values.size) < 0.03] = np.nan
+        table = table.set_column(i, table.schema.field(i), pa.array(values, from_pandas=True))
+    pq.write_table(table, folder / "lacking.parquet")
+    found = {}
+    for log in ("loaded", "lacking"):
+        trace = folder / f"{log}_{estimator}.parquet"
+        code, _, err = vsalog("estimate", f"{log}.parquet", "-e", estimator, "-o", trace, cwd=folder)
+        assert code == 0, err
+        rows = pq.read_table(trace).to_pandas()
+        found[log] = rows[rows.transmission != "total"]
+    whole, lacking = found["loaded"], found["lacking"]
+    assert lacking.excited.mean() > 0.9 * whole.excited.mean() > 0.3
+    both = whole.excited.to_numpy() & lacking.excited.to_numpy()
+    error = np.abs(lacking.stiffness.to_numpy() - whole.stiffness.to_numpy())[both]
+    assert np.mean(error < 1.96 * lacking.stiffness_std.to_numpy()[both]) > 0.9
 
 
 @pytest.mark.parametrize("estimator", ["residual-rls", "direct", "algebraic", "grioli-parametric", "qr-rls"])

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.signal import savgol_coeffs
 
 from vsalog.core.errors import FilterError
-from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
+from vsalog.filters.derivative_weights import derivative_polynomials, derivative_weights
+from vsalog.filters.savitzky_golay import filter_together, savgol_filter, savgol_lag, savgol_polynomials, savgol_weights
 
 
 def exact_weights(window, degree, derivative):
@@ -83,6 +84,82 @@ def test_a_missing_sample_is_not_bridged():
     (value,) = savgol_filter(x, savgol_weights(11, 3))
     assert np.isnan(value[10:21]).all()
     assert np.isfinite(np.delete(value, slice(10, 21))).all()
+
+
+def together(channels, window, degree, derivatives, period=1.0):
+    weights = savgol_weights(window, degree, derivatives, period)
+    orders = dict.fromkeys(channels, derivatives)
+    return filter_together(channels, orders, weights, savgol_polynomials(window, degree))
+
+
+def test_windows_that_lack_samples_are_fitted_to_those_that_are_there():
+    rng, window, degree, period = np.random.default_rng(7), 31, 4, 0.01
+    x, y = rng.normal(size=(2, 400))
+    x[rng.random(400) < 0.1] = np.nan
+    y[100:109] = np.nan
+    there = np.isfinite(x + y)
+    found = together({"x": x, "y": y}, window, degree, 2, period)
+    place = (np.arange(window) - window // 2) * period
+    refused = 0
+    for first in range(400 - window + 1):
+        part = there[first : first + window]
+        design = np.vander(place[part], degree + 1, increasing=True)
+        gain = [np.sum(row**2) for row in np.linalg.pinv(design)[:3]]
+        whole = [np.sum(row**2) for row in np.linalg.pinv(np.vander(place, degree + 1, increasing=True))[:3]]
+        if np.max(np.divide(gain, whole)) > 4.0:
+            refused += 1
+            assert all(np.isnan(values[:, first]).all() for values in found.values())
+            continue
+        for name, raw in (("x", x), ("y", y)):
+            fit = np.polynomial.Polynomial.fit(place[part], raw[first : first + window][part], degree)
+            expected = [fit(0.0), fit.deriv(1)(0.0), fit.deriv(2)(0.0)]
+            np.testing.assert_allclose(found[name][:, first], expected, rtol=1e-9, atol=1e-9 / period**2)
+    assert 0 < refused < 40
+
+
+def test_an_equation_between_channels_stays_true_where_one_lacks_samples():
+    rng = np.random.default_rng(3)
+    phi = np.cumsum(rng.normal(size=500))
+    tau = 40.0 * phi
+    phi[rng.random(500) < 0.1] = np.nan
+    found = together({"phi": phi, "tau": tau}, 51, 5, 1)
+    assert np.isfinite(found["phi"]).mean() > 0.9
+    np.testing.assert_allclose(found["tau"], 40.0 * found["phi"], rtol=1e-9, atol=1e-9)
+
+
+def test_whole_windows_keep_their_bits():
+    x = np.random.default_rng(4).normal(size=300)
+    lacking = x.copy()
+    lacking[150] = np.nan
+    whole, found = (together({"x": values}, 31, 4, 2)["x"] for values in (x, lacking))
+    touched = np.zeros(whole.shape[1], dtype=bool)
+    touched[120:151] = True
+    np.testing.assert_array_equal(found[:, ~touched], whole[:, ~touched])
+    assert np.isfinite(found).all()
+    assert np.mean(found[0, touched] != whole[0, touched]) > 0.9  # the value's weights have zeros
+
+
+@pytest.mark.parametrize("degree", [2, 5])
+def test_the_smoothed_derivatives_of_a_polynomial_survive_missing_samples(degree):
+    rng, window, period = np.random.default_rng(degree), 61, 0.02
+    t = np.arange(200) * period
+    polynomial = np.polynomial.Polynomial(rng.normal(size=degree + 1))
+    x = np.where(rng.random(200) < 0.1, np.nan, polynomial(t))
+    weights = derivative_weights(window, degree, 3, period)
+    found = filter_together({"x": x}, {"x": 3}, weights, derivative_polynomials(window, degree, 3))["x"]
+    centre = t[window // 2 :][: found.shape[1]]
+    for order, values in enumerate(found):
+        there = np.isfinite(values)
+        assert there.mean() > 0.8
+        expected = polynomial.deriv(order)(centre) if order <= degree else np.zeros_like(centre)
+        np.testing.assert_allclose(values[there], expected[there], rtol=1e-6, atol=1e-5)
+
+
+def test_a_window_with_too_few_samples_gives_nothing():
+    x = np.full(31, np.nan)
+    x[::8] = 1.0
+    assert np.isnan(together({"x": x}, 31, 4, 0)["x"]).all()
+    assert np.isnan(together({"x": np.full(40, np.nan)}, 31, 4, 1)["x"]).all()
 
 
 def test_lag_is_what_follows_the_centre():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 from vsalog.checks.fault_search import faults_of
 from vsalog.core.signals import JointSignals
@@ -42,13 +43,17 @@ def joint(*, jump=0.0, weight=0.0, seed=0, speed=1.0):
     }
 
 
-def found_in(roles):
+def faults_in(roles):
     count = next(iter(roles.values())).size
     time = np.arange(count) * PERIOD
     signals = JointSignals(
         "j", PERIOD, (time * 1e9).astype(np.int64), time, roles, time == 0.0, np.zeros(count, np.int32)
     )
-    return [(one.fault.kind, one.fault.roles) for one in faults_of(signals)]
+    return [one.fault for one in faults_of(signals)]
+
+
+def found_in(roles):
+    return [(fault.kind, fault.roles) for fault in faults_in(roles)]
 
 
 def scaled(roles, role, gain):
@@ -132,3 +137,11 @@ def test_a_late_torque_is_found_along_with_a_gain_or_a_jump(sound):
     for roles in (scaled(sound, "link_position", 1.01), scaled(sound, "torque_sensor", 1.1), joint(jump=0.25)):
         torque = np.concatenate((np.full(10, roles["motor_torque"][0]), roles["motor_torque"][:-10]))
         assert found_in(roles | {"motor_torque": torque}) == [("late", ("motor_torque",))]
+
+
+@pytest.mark.parametrize(("role", "samples"), [("torque_sensor", 0.4), ("motor_torque", -0.4), ("link_position", 1.4)])
+def test_a_delay_is_found_to_a_part_of_a_sample(sound, role, samples):
+    place = np.arange(sound[role].size)
+    (fault,) = faults_in(sound | {role: CubicSpline(place, sound[role])(place - samples)})
+    assert (fault.kind, fault.roles) == ("late", (role,))
+    assert fault.delay / PERIOD == pytest.approx(samples, abs=1.0 / 16.0)

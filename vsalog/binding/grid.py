@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,8 @@ Flags = NDArray[np.bool_]
 Stamps = NDArray[np.int64]
 
 LONGEST_GAP = 2.5
-"""Longest gap within a run [periods of the channel]: one lost sample and jitter, across which a motion is nearly a line."""
+"""Longest gap within a run [periods of the channel] that is interpolated: one lost sample and jitter, across which a motion is
+nearly a cubic."""
 
 MOST_JITTER = 0.02
 """Largest deviation of stamps from an even spacing to be used as they are [periods]: the jitter of a recorder's clock."""
@@ -25,6 +27,21 @@ MOST_JITTER = 0.02
 MOST_RATE_ERROR = 5e-4
 """Part by which a run's rate may differ from the grid's for its samples to be used as they are [1]: a second derivative is then
 wrong by twice that, a part in a thousand, as by a filter. Jitter averages out, a rate does not."""
+
+
+class Silence(NamedTuple):
+    """How long a role may have no number within a run.
+
+    Attributes
+    ----------
+    longest : rows: half the usual window of a filter, which then has as many samples as it lacks; whether these determine what is
+        wanted is the filter's to say (`filters.savitzky_golay.Lacking`)
+    """
+
+    longest: int = 25
+
+
+SILENCE = Silence()
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +93,7 @@ def common_segments(log: str, joint: str, stretches: Iterable[list[tuple[int, in
 
 
 def after_long_silence(roles: Mapping[str, Array], before: int = 0) -> tuple[Flags, int]:
-    """Return where a run begins again because a role had no number for longer than a gap may be, and the length so far.
+    """Return where a run begins again because a role had no number for longer than `Silence.longest`, and the length so far.
 
     Parameters
     ----------
@@ -88,13 +105,13 @@ def after_long_silence(roles: Mapping[str, Array], before: int = 0) -> tuple[Fla
         missing |= np.isnan(values)
     starts = np.zeros(missing.size, dtype=np.bool_)
     if not missing.any():
-        starts[:1] = before >= LONGEST_GAP
+        starts[:1] = before > SILENCE.longest
         return starts, 0
     edges = np.flatnonzero(np.diff(np.concatenate(([before > 0], missing, [False])).astype(np.int8)))
     if before > 0:
         edges = np.concatenate(([-before], edges))
     for first, after in zip(edges[::2], edges[1::2], strict=True):
-        if after - first >= LONGEST_GAP and after < missing.size:
+        if after - first > SILENCE.longest and after < missing.size:
             starts[after] = True
     return starts, int(edges[-1] - edges[-2]) if missing[-1] else 0
 
@@ -112,7 +129,7 @@ def _overlap(a: list[tuple[int, int]], b: list[tuple[int, int]]) -> list[tuple[i
     return out
 
 
-def lacks_samples(steps: Stamps, period: int) -> Flags:
+def lacks_samples(steps: Stamps | Array, period: int) -> Flags:
     """Return which steps between stamps [ns] lack samples: those that are nearer to two periods than to one."""
     return np.asarray(np.rint(steps / period) > 1)
 
@@ -123,13 +140,35 @@ def is_even(least: int, greatest: int, period: int) -> bool:
 
 
 def on_grid(b: Bound, stamps: Stamps) -> Array:
-    """Values at the grid's stamps: unchanged where they are on it, linearly between neighbours otherwise."""
+    """Values at the grid's stamps: unchanged where they are on it, interpolated otherwise.
+
+    Between neighbours a value is on the line, and where the sample between them was lost on the cubic through two on either
+    side: of a motion that swings with ω a line misses (ω T)² / 2, which many lost samples make a bias of the filtered motion.
+    """
     b = bridged(b)
     first = _first_on(b, stamps)
     if first is not None:
         return b.values[first : first + stamps.size]
-    v0, v1, share, _ = _between(b, stamps)
-    return np.asarray(np.where(share == 0.0, v0, np.where(share == 1.0, v1, v0 + share * (v1 - v0))), dtype=np.float64)
+    v0, v1, share, apart = _between(b, stamps)
+    values = np.where(share == 0.0, v0, np.where(share == 1.0, v1, v0 + share * (v1 - v0)))
+    between = (share > 0.0) & (share < 1.0)
+    values[between & (apart > LONGEST_GAP * b.period)] = np.nan
+    lost = np.flatnonzero(between & lacks_samples(apart, b.period))
+    if lost.size:
+        known = np.isfinite(b.values)
+        values[lost] += _bent(b.stamps[known], b.values[known], stamps[lost], b.period)
+    return np.asarray(values, dtype=np.float64)
+
+
+def filled(last: int, first: int, period: int) -> Stamps:
+    """Return the stamps of the rows that are lost between two, evenly spaced.
+
+    None where a run ends: there are more than `Silence.longest`, or the rows after them are between the grid's.
+    """
+    steps = round((first - last) / period)
+    if not 1 < steps <= SILENCE.longest + 1 or abs(first - last - steps * period) > 2.0 * MOST_JITTER * period:
+        return np.empty(0, np.int64)
+    return np.asarray(last + (first - last) * np.arange(1, steps, dtype=np.int64) // steps, dtype=np.int64)
 
 
 @dataclass(slots=True)
@@ -188,7 +227,10 @@ def _between(b: Bound, stamps: Stamps) -> tuple[Array, Array, Array, Array]:
 
 
 def bridged(b: Bound) -> Bound:
-    """Return a role with missing numbers interpolated between their neighbours, unless these are a gap apart, as rows are."""
+    """Return a role without the rows that lack a number, which are then interpolated as lost rows are.
+
+    Those whose neighbours with numbers are a gap apart stay.
+    """
     known = np.isfinite(b.values)
     if known.all() or known.sum() < 2:
         return b
@@ -197,7 +239,32 @@ def bridged(b: Bound) -> Bound:
     after = np.searchsorted(stamps, b.stamps[missing])
     inside = (after > 0) & (after < stamps.size)
     missing, after = missing[inside], after[inside]
-    near = missing[stamps[after] - stamps[after - 1] <= LONGEST_GAP * b.period]
-    values = b.values.copy()
-    values[near] = np.interp(b.stamps[near] - stamps[0], stamps - stamps[0], b.values[known])
-    return replace(b, values=values)
+    kept = np.ones(known.size, dtype=np.bool_)
+    kept[missing[stamps[after] - stamps[after - 1] <= LONGEST_GAP * b.period]] = False
+    return replace(b, stamps=b.stamps[kept], values=b.values[kept])
+
+
+def _bent(stamps: Stamps, values: Array, at: Stamps, period: int) -> Array:
+    """Return by how much the cubic through two samples on either side differs from the line between the inner ones.
+
+    It is 0 where a sample of the four is missing or beyond a gap, and where the signal is constant exactly.
+
+    Parameters
+    ----------
+    stamps, values : of the samples, without missing ones
+    at : stamps between them, shape (n,)
+    period : of the channel [ns]
+    """
+    first = np.searchsorted(stamps, at) - 2
+    bent = np.zeros(at.size)
+    inside = np.flatnonzero((first >= 0) & (first + 3 < stamps.size))
+    four = first[inside, None] + np.arange(4)
+    near = np.all(np.diff(stamps[four], axis=1) <= LONGEST_GAP * period, axis=1)
+    four, inside = four[near], inside[near]
+    t = ((stamps[four] - at[inside, None]) / period).T
+    # Newton's divided differences, in periods from where the value is wanted.
+    slope = np.diff(values[four], axis=1).T / np.diff(t, axis=0)
+    second = np.diff(slope, axis=0) / (t[2:] - t[:-2])
+    third = (second[1] - second[0]) / (t[3] - t[0])
+    bent[inside] = t[1] * t[2] * (second[0] - t[0] * third)
+    return bent

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding.findings import binding_findings
-from vsalog.binding.grid import MOST_RATE_ERROR, OffGrid, after_long_silence, common_segments, on_grid
+from vsalog.binding.grid import MOST_RATE_ERROR, OffGrid, after_long_silence, common_segments, filled, on_grid
 from vsalog.binding.role import Ahead, Role
 from vsalog.core.column import PART
 from vsalog.core.errors import BindingError
@@ -102,9 +102,10 @@ class BoundRun:
         return resolution, interpolated
 
     def _grid(self) -> Iterator[tuple[Stamps, Flags]]:
-        """Yield the grid's stamps in blocks, and where segments begin.
+        """Yield the grid's stamps in blocks, and where runs begin.
 
-        They are those of the fastest channel in segments where these are even, evenly spaced ones otherwise.
+        They are those of the fastest channel in segments where these are even, evenly spaced ones otherwise, and those of lost
+        rows between segments that a few are lost between.
         """
         block: list[tuple[Stamps, Flags]] = []
         for piece in self._pieces():
@@ -120,6 +121,7 @@ class BoundRun:
         fastest = min(self.moving.values(), key=lambda role: role.period)
         alike = abs(fastest.period - self.period) <= MOST_RATE_ERROR * self.period
         on_it = fastest.even(self.segments, self.period) if alike else [False] * len(self.segments)
+        before: int | None = None
         for segment, even in zip(self.segments, on_it, strict=True):
             first, last = fastest.rows(segment) if even else (0, (segment[1] - segment[0]) // self.period + 1)
             for begin in range(first, last, PART):
@@ -128,7 +130,14 @@ class BoundRun:
                     stamps = fastest.channel.stamps[begin:end] + fastest.shift
                 else:
                     stamps = segment[0] + self.period * np.arange(begin, end, dtype=np.int64)
-                yield stamps, np.arange(begin, end) == first
+                begins = np.arange(begin, end) == first
+                if begin == first and before is not None:
+                    lost = filled(before, int(stamps[0]), self.period)
+                    if lost.size:
+                        yield lost, np.zeros(lost.size, dtype=np.bool_)
+                        begins[0] = False
+                yield stamps, begins
+                before = int(stamps[-1])
 
 
 def _joined(pieces: list[tuple[Stamps, Flags]]) -> tuple[Stamps, Flags]:

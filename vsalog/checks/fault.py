@@ -29,6 +29,7 @@ class Rule(NamedTuple):
     most : faults of one joint that are searched, one after another
     longest_delay : that is searched [s]: a few packets of the slowest bus; a later channel is on another clock
     fastest : rate of a clock against another, at most [s/s]: an oscillator without a crystal is right to a hundredth
+    finest : part of a sample to which delays are found [1]: a tenth, as a power of two that halving the step comes to
     delays : steps of the grid on either side of 0 on which delays are searched
     scale : factor beyond which one torque is out of proportion to another: gears lose less than half of a torque
     drive_delay : of a drive behind its command, at most [s]: two cycles of commands at 20 Hz
@@ -46,6 +47,7 @@ class Rule(NamedTuple):
     most: int = 3
     longest_delay: float = 0.25
     fastest: float = 0.01
+    finest: float = 1.0 / 16.0
     delays: int = 10
     scale: float = 2.0
     drive_delay: float = 0.1

@@ -20,7 +20,7 @@ def late(channels: Channels, undone: Faults, role: str) -> Iterator[Fault]:
     now = channels.trial(undone, touched)
     period = channels.signals.period
     longest, half = (channels.motion.reach - 1) * period, float(channels.time[-1])
-    step, fine = RULE.longest_delay / RULE.delays, period / 4.0
+    step, fine = RULE.longest_delay / RULE.delays, RULE.finest * period
     # A drive may be slow, but never acts before its command.
     earliest = 0.0 if role == COMMAND else -longest
 
@@ -31,7 +31,7 @@ def late(channels: Channels, undone: Faults, role: str) -> Iterator[Fault]:
 
     seed, seed_rate = _apart(channels, undone, role)
     delay = least(lambda d: left(d, 0.0), longest, step, fine, seed)
-    if delay is not None and abs(delay) >= period:
+    if delay is not None:
         yield replace(one, delay=delay)
     if role == COMMAND:
         return

@@ -206,7 +206,7 @@ def _finding(signals: JointSignals, found: Found) -> Finding:
 def _measured(signals: JointSignals, fault: Fault) -> tuple[float | None, float | None, str]:
     """Return a fault's size, its least reported value, and their unit; None for a ratio of squared residuals."""
     if fault.kind == "late":
-        return fault.delay, signals.period, "s"
+        return fault.delay, RULE.finest * signals.period, "s"
     if fault.kind == "drift":
         return 1e6 * fault.rate, 1e6 * signals.period / float(signals.time[-1] - signals.time[0]), "ppm"
     return None, None, ""
@@ -245,9 +245,9 @@ TEXTS = {
         SYMPTOMS,
     ),
     "signal.late": Text(
-        "{part} is {value:.3g} s later than the other channels (below 0: earlier): with it shifted, the squared residual of the"
-        " joint's equations is {left:.1%} of the present one.",
-        "Set 'delay' of the role in the rig, or stamp samples where they are taken.",
+        "{part} is {value:.3g} s (± {limit:.2g} s) later than the other channels (below 0: earlier): with it shifted, the squared"
+        " residual of the joint's equations is {left:.1%} of the present one.",
+        "Set 'delay' of the role in the rig, which may be a part of a sample, or stamp samples where they are taken.",
         FALSE_ALARM,
         SYMPTOMS,
     ),

@@ -202,9 +202,11 @@ class Channels:
         return float(np.sum((more - more.mean()) ** 2)) / self._spread(eq.target, faults)
 
     def _moved(self, role: str, delay: float, rate: float) -> Array:
-        """Return a role shifted by its delay."""
-        shift = np.round((delay + rate * self.time) / self.signals.period).astype(np.int64)
-        return self.motion.values[role][:, self.rows + np.clip(shift, -self.motion.reach, self.motion.reach)]
+        """Return a role shifted by its delay, between two samples on the line: the filter leaves nothing as fast as a sample."""
+        shift = np.clip((delay + rate * self.time) / self.signals.period, -self.motion.reach, self.motion.reach)
+        before = np.minimum(np.floor(shift), self.motion.reach - 1).astype(np.int64)
+        part, values = shift - before, self.motion.values[role]
+        return np.asarray((1.0 - part) * values[:, self.rows + before] + part * values[:, self.rows + before + 1])
 
     def _error(self, role: str, faults: Faults) -> Array:
         """Return a realisation of a role's sensor error, shape (3, R)."""

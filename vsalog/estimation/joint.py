@@ -34,7 +34,7 @@ from vsalog.estimators.fold import Fold, Method
 from vsalog.estimators.folding import BLOCK, fold_over, run
 from vsalog.estimators.methods.grioli_bicchi import told_by_the_link
 from vsalog.estimators.needs import meaning
-from vsalog.estimators.registry import method
+from vsalog.estimators.registry import method, methods
 from vsalog.estimators.tuning import Tuning, read_tuning
 from vsalog.perturbations import PERTURBATIONS
 from vsalog.perturbations.trials import TRIED_SAMPLES, Subject, run_trials
@@ -131,10 +131,34 @@ def choose(name: str, joint: Joint, estimator: str, tuning: Mapping[str, str], r
     """
     offered = offered_roles(joint)
     device = device_of(name, joint, rig=rig)
-    estimator, reason = _automatic(device, offered, tuning) if estimator == "auto" else (estimator, "asked for")
+    automatic = estimator == "auto"
+    estimator, reason = _automatic(device, offered, tuning) if automatic else (estimator, "asked for")
     found = method(estimator)
+    if automatic:
+        _refuse_others_tuning(found, tuning)
     values = read_tuning(found.TUNING, estimator, with_printed(found, device, with_causal(found, tuning)))
     return Choice(estimator, found, values, found.roles(device, offered, values), reason)
+
+
+def _refuse_others_tuning(found: Method, tuning: Mapping[str, str]) -> None:
+    """Refuse a name to tune that only estimators have that were not chosen; raises EstimatorError.
+
+    A name that none has is refused as one of the chosen estimator.
+    """
+    for name in tuning:
+        if name in (PRESET, CAUSAL) or name in tunable(found):
+            continue
+        others = [other for other in methods() if name in tunable(method(other))]
+        if others:
+            raise EstimatorError(
+                f"{found.NAME}, which was chosen for this joint, has nothing to tune named '{name}'; these estimators have:"
+                f" {', '.join(others)} (--estimator {others[0]} --tune {name}={tuning[name]})"
+            )
+
+
+def tunable(found: Method) -> set[str]:
+    """Return the names that a method has to tune."""
+    return set(found.TUNING.__struct_fields__) - set(found.TUNING.unused)
 
 
 def tuning(preset: str | None, tune: Mapping[str, str], causal: bool) -> dict[str, str]:
@@ -156,7 +180,7 @@ def with_causal(found: Method, tuning: Mapping[str, str]) -> dict[str, str]:
     EstimatorError
         The method has no causal filter.
     """
-    names = set(found.TUNING.__struct_fields__) - set(found.TUNING.unused)
+    names = tunable(found)
     if tuning.get(CAUSAL) != "true":
         return dict(tuning)
     if "filter" not in names:

@@ -17,7 +17,7 @@ from vsalog.effects.body_torque import body_torque
 from vsalog.estimators.device import TransmissionView
 from vsalog.filters.conditioning import FilterName
 from vsalog.filters.kinematic import PAPER_TRACKING_INDEX, KinematicSettings, kinematic_filter
-from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
+from vsalog.filters.savitzky_golay import filter_together, savgol_lag, savgol_polynomials, savgol_weights
 from vsalog.mechanics.friction import friction_block, friction_start
 from vsalog.rig.schema import Motor
 
@@ -81,6 +81,7 @@ class FrictionCompensation:
         steps = {v.name: signals.resolution.get(v.motor_position, 0.0) for v in views}
         if self.centred:
             self.weights = savgol_weights(DIRECTION_WINDOW, CUBIC, 1, self.period)[1:]
+            self.polynomials = savgol_polynomials(DIRECTION_WINDOW, CUBIC)
             spread, self.reach = float(np.linalg.norm(self.weights)), REVERSAL_REACH
             self.floors = {name: DETECTED * spread * step / 12.0**0.5 for name, step in steps.items()}
         else:
@@ -129,7 +130,8 @@ class FrictionCompensation:
         first, last = max(state.seen - self.lag, 0), max(seen - self.lag, 0)
         rows, velocities = slice(first - (seen - len(joined)), last - (seen - len(joined))), {}
         for v in self.views:
-            found = savgol_filter(joined.roles[v.motor_position], self.weights)[0]
+            encoder = {v.name: joined.roles[v.motor_position]}
+            found = filter_together(encoder, {v.name: 0}, self.weights, self.polynomials)[v.name][0]
             missing = max(last - first - found.size, 0)  # a run's first half window
             velocities[v.name] = np.concatenate(
                 (np.full(missing, np.nan), found[found.size - (last - first - missing) :])

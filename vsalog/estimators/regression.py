@@ -201,9 +201,11 @@ class RegressionFold:
             state.regions[view.name], seen = state.regions[view.name].block(phi_fit, c_fit, use, phi, c)
             with np.errstate(invalid="ignore"):
                 supported = (std < SUPPORTED_SHARE * sigma) & (view.name not in self.look.blind)
-            length = lengths(supported, state.supported.get(view.name, 0))
-            if length.size:
-                state.supported[view.name] = int(length[-1])
+            # A row whose deflection is not known says neither that the model is known there nor that it is not.
+            length, known = np.zeros(std.size, dtype=np.int64), np.isfinite(std)
+            length[known] = lengths(supported[known], state.supported.get(view.name, 0))
+            if known.any():
+                state.supported[view.name] = int(length[known][-1])
             # Even where a model is hardly known, a standard deviation may pass near zero for a moment.
             excited = seen & (length >= max(self.conditioner.window, Tuning.default_window // 2))
             if excited.any():

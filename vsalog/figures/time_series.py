@@ -26,6 +26,9 @@ MEASURED = {
     "nominal": "nominal model of the rig",
     "model": "nominal model of the rig",
     "integrated": "motor equation",
+    "combined": "torque from sensor, motor or link",
+    "external": "link equation",
+    "states": "estimated states",
     "truth": "simulator's truth",
 }
 

@@ -22,9 +22,15 @@ from numpy.typing import NDArray
 from vsalog.core.errors import FilterError
 from vsalog.core.look import LONGEST_RUN
 from vsalog.core.signals import LONGER, JointSignals
-from vsalog.filters.derivative_weights import derivative_weights
+from vsalog.filters.derivative_weights import derivative_polynomials, derivative_weights
 from vsalog.filters.kinematic import KinematicSettings, kinematic_filter
-from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
+from vsalog.filters.savitzky_golay import (
+    Polynomials,
+    filter_together,
+    savgol_lag,
+    savgol_polynomials,
+    savgol_weights,
+)
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -98,7 +104,7 @@ class Conditioner:
     present : whether values to evaluate at are wanted too; without them `now` is empty, and only ``savitzky-golay`` works
     exact : whether derivatives are those of the filtered signal, so that a linear equation stays true however fast a motion is;
         then all rates come with an acceleration
-    near : window of the Savitzky–Golay filter of values to evaluate at, no longer than `window` [s]; as those to fit without
+    near : window of the Savitzky–Golay filter of values to evaluate at, no longer than `window` [s]; those to fit without
 
     Raises
     ------
@@ -142,11 +148,16 @@ class Conditioner:
             )
         self.window = 2 * round(0.5 * window / self.period) + 1
         if kind != "kinematic":
-            weights = derivative_weights if exact else savgol_weights
-            self.weights = weights(self.window, degree, 2, self.period)
-            self.near = self.weights[0]
-            if near is not None:
-                self.near = savgol_weights(2 * round(0.5 * near / self.period) + 1, degree)[0]
+            if self.exact:
+                self.weights = derivative_weights(self.window, degree, 2, self.period)
+                self.polynomials = derivative_polynomials(self.window, degree, 2)
+            else:
+                self.weights = savgol_weights(self.window, degree, 2, self.period)
+                self.polynomials = savgol_polynomials(self.window, degree)
+        self.near = None
+        if near is not None and kind == "savitzky-golay":
+            samples = 2 * round(0.5 * near / self.period) + 1
+            self.near = savgol_weights(samples, degree), savgol_polynomials(samples, degree)
 
     def _prepare(self, before: Preparation | None) -> None:
         self.before, self.roles = before, self.given if before is None else (*self.given, *before.roles)
@@ -236,16 +247,12 @@ class Conditioner:
         return new, self._centred(joined, joined_kalman, smooth, state.seen, seen)
 
     def _smooth(self, joined: JointSignals) -> dict[str, Array]:
+        orders = {role: 2 if role in self.accelerated else int(role in self.rated) for role in self.roles}
+        channels = {role: joined.roles[role] for role in self.roles}
         smooth: dict[str, Array] = {}
-        for role in self.roles:
-            if role in self.accelerated:
-                smooth[role], smooth[f"velocity:{role}"], smooth[f"acceleration:{role}"] = savgol_filter(
-                    joined.roles[role], self.weights
-                )
-            elif role in self.rated:
-                smooth[role], smooth[f"velocity:{role}"] = savgol_filter(joined.roles[role], self.weights[:2])
-            else:
-                smooth[role] = savgol_filter(joined.roles[role], self.weights[:1])[0]
+        for role, values in filter_together(channels, orders, self.weights, self.polynomials).items():
+            names = role, f"velocity:{role}", f"acceleration:{role}"
+            smooth |= dict(zip(names, values, strict=False))
         return smooth
 
     def _centred(
@@ -258,18 +265,17 @@ class Conditioner:
         rows = slice(first - offset, last - offset)
         fit = {r: _at_end(v, last - first) for r, v in smooth.items()}
         use = _complete(fit)
-        now = {r: v[rows] for r, v in self._now(joined, kalman).items()}
+        near = fit if self.near is None else {r: v[rows] for r, v in self._nearby(joined, *self.near).items()}
+        now = {r: np.where(np.isfinite(near[r]), near[r], kalman[r][rows]) for r in self.moving}
         return Conditioned(joined[rows], fit, now, use)
 
-    def _now(self, joined: JointSignals, kalman: Mapping[str, Array]) -> dict[str, Array]:
-        """Return the values to evaluate at, by the Kalman filter where the others' window is not complete."""
-        now = {}
-        for role in self.moving:
-            found = savgol_filter(joined.roles[role], self.near[None])[0]
-            whole = _at_end(found, found.size + self.near.size // 2)
-            centred = np.concatenate((whole, np.full(len(joined) - whole.size, np.nan)))
-            now[role] = np.where(np.isfinite(centred), centred, kalman[role])
-        return now
+    def _nearby(self, joined: JointSignals, weights: Array, polynomials: Polynomials) -> dict[str, Array]:
+        """Return the values to evaluate at of each sample of `joined`, NaN where their window is not whole."""
+        channels, half = {role: joined.roles[role] for role in self.moving}, weights.shape[1] // 2
+        found = filter_together(channels, dict.fromkeys(channels, 0), weights, polynomials)
+        nothing = np.full(half, np.nan)
+        # A run may be shorter than the window.
+        return {role: _at_end(np.concatenate((nothing, v[0], nothing)), len(joined)) for role, v in found.items()}
 
     def _flush(self, state: ConditionerState) -> list[Conditioned]:
         if self.kind != "savitzky-golay" or state.tail is None:
@@ -278,7 +284,10 @@ class Conditioner:
         rows = state.tail[len(state.tail) - pending :]
         nothing = np.full(pending, np.nan)
         names = [*self.roles, *(f"velocity:{r}" for r in self.rated), *(f"acceleration:{r}" for r in self.accelerated)]
-        now = {r: v[len(state.tail) - pending :] for r, v in self._now(state.tail, state.tail_kalman).items()}
+        now = {r: v[len(state.tail) - pending :] for r, v in state.tail_kalman.items()}
+        if self.near is not None:
+            near = {r: v[len(state.tail) - pending :] for r, v in self._nearby(state.tail, *self.near).items()}
+            now = {r: np.where(np.isfinite(near[r]), near[r], now[r]) for r in self.moving}
         return [Conditioned(rows, dict.fromkeys(names, nothing), now, np.zeros(pending, dtype=np.bool_))]
 
 

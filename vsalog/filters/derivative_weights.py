@@ -15,6 +15,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from vsalog.core.errors import FilterError
+from vsalog.filters.savitzky_golay import Polynomials
 
 Array = NDArray[np.float64]
 
@@ -44,12 +45,7 @@ def derivative_weights(window: int, degree: int, derivatives: int, period: float
         )
     if not period > 0.0:
         raise FilterError(f"Savitzky–Golay: the period must be positive, not {period}")
-    # The bell is zero one sample beyond either end.
-    beyond = window // 2 + 1
-    x = np.arange(-(window // 2), beyond) / beyond
-    smooth = derivatives + 2
-    bell = legendre.poly2leg(np.polynomial.polynomial.polypow([1.0, 0.0, -1.0], smooth))
-    root = legendre.legval(x, bell) ** 0.5
+    beyond, x, bell, root = _bell(window, derivatives)
     q, r = np.linalg.qr(root[:, None] * legendre.legvander(x, degree))
     identity = np.eye(degree + 1)
     kernel = legendre.legmul(bell, np.linalg.solve(r, np.linalg.solve(r.T, legendre.legval(0.0, identity))))
@@ -61,3 +57,18 @@ def derivative_weights(window: int, degree: int, derivatives: int, period: float
         missing = np.linalg.solve(r.T, wanted) - q.T @ (row / root)
         weights[s] = (row + root * (q @ missing)) / (beyond * period) ** s
     return weights
+
+
+def derivative_polynomials(window: int, degree: int, derivatives: int) -> Polynomials:
+    """Return what `derivative_weights` of a window, a degree and so many derivatives fit."""
+    _, x, _, root = _bell(window, derivatives)
+    return Polynomials(np.linalg.qr(root[:, None] * legendre.legvander(x, degree))[0], root)
+
+
+def _bell(window: int, derivatives: int) -> tuple[int, Array, Array, Array]:
+    """Return the bell: samples from its centre to its end, their places, its Legendre coefficients, its root at the samples."""
+    # The bell is zero one sample beyond either end.
+    beyond = window // 2 + 1
+    x: Array = np.arange(-(window // 2), beyond, dtype=np.float64) / beyond
+    bell: Array = np.asarray(legendre.poly2leg(np.polynomial.polynomial.polypow([1.0, 0.0, -1.0], derivatives + 2)))
+    return beyond, x, bell, np.asarray(np.sqrt(legendre.legval(x, bell)))

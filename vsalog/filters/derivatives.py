@@ -18,8 +18,8 @@ from vsalog.core.errors import FilterError
 from vsalog.core.look import LONGEST_RUN
 from vsalog.core.signals import LONGER, JointSignals
 from vsalog.filters.conditioning import Preparation
-from vsalog.filters.derivative_weights import derivative_weights
-from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
+from vsalog.filters.derivative_weights import derivative_polynomials, derivative_weights
+from vsalog.filters.savitzky_golay import filter_together, savgol_lag, savgol_polynomials, savgol_weights
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class Differentiated:
     Attributes
     ----------
     rows : the samples the output belongs to, as they went into the filter
-    of : role → shape (order + 1, N), value and derivatives [SI, per s each]; NaN where the window is not whole
+    of : role → shape (order + 1, N), value and derivatives [SI, per s each]; NaN where the window does not determine it
     """
 
     rows: JointSignals
@@ -75,8 +75,12 @@ class Derivatives:
         self.orders, self.period, self.before = dict(orders), period, before
         self.window = 2 * round(0.5 * window / period) + 1
         highest = max(orders.values(), default=0)
-        weights = savgol_weights if highest <= 1 else derivative_weights
-        self.weights = weights(self.window, degree, highest, period)
+        if highest <= 1:
+            self.weights = savgol_weights(self.window, degree, highest, period)
+            self.polynomials = savgol_polynomials(self.window, degree)
+        else:
+            self.weights = derivative_weights(self.window, degree, highest, period)
+            self.polynomials = derivative_polynomials(self.window, degree, highest)
 
     def check_length(self, longest: int) -> None:
         """Refuse a log in which no run is long enough for the filter.
@@ -144,10 +148,9 @@ class Derivatives:
         seen, lag = state.seen + len(piece), savgol_lag(self.window)
         first, last = max(state.seen - lag, 0), max(seen - lag, 0)
         offset = seen - len(joined)  # index within the run of joined's first sample
-        of = {
-            role: _at_end(savgol_filter(joined.roles[role], self.weights[: order + 1]), last - first)
-            for role, order in self.orders.items()
-        }
+        channels = {role: joined.roles[role] for role in self.orders}
+        filtered = filter_together(channels, self.orders, self.weights, self.polynomials)
+        of = {role: _at_end(values, last - first) for role, values in filtered.items()}
         kept = joined[max(len(joined) - self.window + 1, 0) :]
         return DerivativesState(seen, kept), Differentiated(joined[first - offset : last - offset], of)
 

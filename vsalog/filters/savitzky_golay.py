@@ -3,9 +3,15 @@
 Flacco 2014 §VI uses degree 20 on windows of 1000 samples, where the usual normal equations in powers of the sample
 number lose every digit. Here the fit is done once per setting in Legendre polynomials with a QR decomposition, which
 is well conditioned there.
+
+Where samples are missing the same polynomial is fitted to those that are there. A sample that one channel lacks is left out of
+all channels: their values are the same linear functional of their samples, and an equation between them stays true.
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -15,8 +21,38 @@ from vsalog.core.compiled import compiled
 from vsalog.core.errors import FilterError
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Integers = NDArray[np.int64]
 TILE = 512
 """Outputs that are worked on side by side: a window passes over them while they are in the processor's cache."""
+
+
+class Lacking(NamedTuple):
+    """Which windows are used although they lack samples.
+
+    Attributes
+    ----------
+    noise_gain : power of white noise over that behind a whole window, at most [1]. Equations weigh rows alike: at twice the
+        deviation a row adds to what is known, while one that extrapolates has many times as much
+    """
+
+    noise_gain: float = 4.0
+
+
+LACKING = Lacking()
+
+
+class Polynomials(NamedTuple):
+    """What a filter fits to a window.
+
+    Attributes
+    ----------
+    values : shape (window, degree + 1), polynomials times `root`, orthonormal
+    root : shape (window,), root of each sample's weight in the fit
+    """
+
+    values: Array
+    root: Array
 
 
 def savgol_lag(window: int) -> int:
@@ -50,8 +86,7 @@ def savgol_weights(window: int, degree: int, derivatives: int = 0, period: float
         )
     if not period > 0.0:
         raise FilterError(f"Savitzky–Golay: the period must be positive, not {period}")
-    half = max((window - 1) / 2.0, 1.0)
-    x = (np.arange(window) - (window - 1) / 2.0) / half
+    half, x = _places(window)
     q, r = np.linalg.qr(legendre.legvander(x, degree))
     centre = x[window // 2]
     weights = np.zeros((derivatives + 1, window))
@@ -62,6 +97,18 @@ def savgol_weights(window: int, degree: int, derivatives: int = 0, period: float
         )
         weights[s] = q @ np.linalg.solve(r.T, at_centre) / (half * period) ** s
     return weights
+
+
+def savgol_polynomials(window: int, degree: int) -> Polynomials:
+    """Return what `savgol_weights` of a window and a degree fit."""
+    _, x = _places(window)
+    return Polynomials(np.linalg.qr(legendre.legvander(x, degree))[0], np.ones(window))
+
+
+def _places(window: int) -> tuple[float, Array]:
+    """Return half a window, in samples, and the places of its samples, −1 to 1."""
+    half = max((window - 1) / 2.0, 1.0)
+    return half, np.asarray((np.arange(window) - (window - 1) / 2.0) / half)
 
 
 def savgol_cutoff(window: int, degree: int) -> float:
@@ -95,6 +142,105 @@ def savgol_filter(x: Array, weights: Array) -> Array:
     out = np.empty((weights.shape[0], count))
     _run(x, np.ascontiguousarray(weights), out)
     return out
+
+
+def filter_together(
+    channels: Mapping[str, Array], orders: Mapping[str, int], weights: Array, polynomials: Polynomials
+) -> dict[str, Array]:
+    """Filter channels of the same rows, by a fit to the samples that are there where some are missing.
+
+    Of the weights that give the same derivatives of all polynomials of the degree from these samples alone, those nearest to the
+    whole window's are taken: of the Savitzky–Golay filter they are the least-squares fit's.
+
+    Parameters
+    ----------
+    channels : shape (n,) each; a row counts as missing where any of them is NaN
+    orders : highest derivative wanted of each
+    weights : shape (d, window), of value and derivatives
+    polynomials : that the weights fit
+
+    Returns
+    -------
+    shape (order + 1, n − window + 1) each; NaN where noise would have more than `Lacking.noise_gain` times a whole window's power
+    """
+    out = {name: savgol_filter(x, weights[: orders[name] + 1]) for name, x in channels.items()}
+    missing = np.logical_or.reduce([np.isnan(x) for x in channels.values()])
+    if not missing.any():
+        return out
+    window = weights.shape[1]
+    before = np.concatenate(([0], np.cumsum(missing)))
+    lacking = np.flatnonzero(before[window:] > before[:-window])
+    highest = max(orders[name] for name in channels)
+    fitted = np.full((len(channels), highest + 1, lacking.size), np.nan)
+    rows = np.ascontiguousarray(weights[: highest + 1])
+    _fit(np.stack([*channels.values()]), missing, lacking, rows, *polynomials, LACKING.noise_gain, fitted)
+    for name, found in zip(channels, fitted, strict=True):
+        out[name][:, lacking] = found[: orders[name] + 1]
+    return out
+
+
+@compiled
+def _fit(
+    x: Array, missing: Flags, lacking: Integers, weights: Array, q: Array, root: Array, most: float, out: Array
+) -> None:
+    # With q of the samples that are missing: G = I − qᵀq of all that is left, v = w + root q G⁻¹ Σ q w / root.
+    count, window = weights.shape
+    size = q.shape[1]
+    G, c, v = np.empty((size, size)), np.empty(size), np.empty((count, window))
+    for place in range(lacking.size):
+        first = lacking[place]
+        for a in range(size):
+            for b in range(a + 1):
+                G[a, b] = 1.0 if a == b else 0.0
+        for j in range(window):
+            if missing[first + j]:
+                for a in range(size):
+                    for b in range(a + 1):
+                        G[a, b] -= q[j, a] * q[j, b]
+        determined = True
+        for a in range(size):
+            for b in range(a + 1):
+                for i in range(b):
+                    G[a, b] -= G[a, i] * G[b, i]
+                if a == b:
+                    determined = determined and G[a, a] > 0.0
+                    G[a, a] = np.sqrt(G[a, a])
+                else:
+                    G[a, b] /= G[b, b]
+        if not determined:
+            continue
+        for s in range(count):
+            c[:] = 0.0
+            whole, gain = 0.0, 0.0
+            for j in range(window):
+                whole += weights[s, j] * weights[s, j]
+                if missing[first + j]:
+                    for a in range(size):
+                        c[a] += q[j, a] * weights[s, j] / root[j]
+            for a in range(size):
+                for i in range(a):
+                    c[a] -= G[a, i] * c[i]
+                c[a] /= G[a, a]
+            for a in range(size - 1, -1, -1):
+                for i in range(a + 1, size):
+                    c[a] -= G[i, a] * c[i]
+                c[a] /= G[a, a]
+            for j in range(window):
+                more = 0.0
+                for a in range(size):
+                    more += q[j, a] * c[a]
+                v[s, j] = 0.0 if missing[first + j] else weights[s, j] + root[j] * more
+                gain += v[s, j] * v[s, j]
+            determined = determined and gain <= most * whole
+        if not determined:
+            continue
+        for k in range(x.shape[0]):
+            for s in range(count):
+                total = 0.0
+                for j in range(window):
+                    if not missing[first + j]:
+                        total += v[s, j] * x[k, first + j]
+                out[k, s, place] = total
 
 
 @compiled

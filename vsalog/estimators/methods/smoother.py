@@ -352,10 +352,10 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     # A torque that never changes has no noise that could weigh it against the sensor's: with a gain of zero it fits anything.
     motors = motors and not (sensed and any(_is_constant(signals.roles[view.motor_torque]) for view in views))
     look, asked = screened(device, signals, tuning), tuning
-    near = keeping_window(device, signals, tuning, tuning.default_window).window
+    usual = (tuning.default_window - 1) * signals.period
+    near = keeping_window(device, signals, tuning, tuning.default_window).window or usual
     tuning = exact_window(device, signals, tuning, partial(_driven, device, offered, sensed, motors))
-    if tuning.window is not None and near is not None:
-        near = min(near, tuning.window)
+    near = near if tuning.window is None else min(near, tuning.window)
     rates = ("link_position",) if _has_link(device, offered) else ()
     needed = roles(device, offered, tuning)
     conditioner = conditioner_of(device, signals, tuning, needed, motor=motors, rates=rates, exact=True, near=near)
@@ -384,7 +384,8 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     first, count = equations[0], len(together[0])
     read = 0.0
     if conditioner.kind != "kinematic":
-        read = max(noise_behind_filters(signals, view, conditioner.near).own for view in views)
+        seen = conditioner.weights if conditioner.near is None else conditioner.near[0]
+        read = max(noise_behind_filters(signals, view, seen[0]).own for view in views)
     late = read + max(_causal_noise(signals, view, conditioner, tuning) for view in views)
     box = max(conditioner.window // BOXES.per_window, BOX)
     solver = SmootherSolver(
@@ -463,8 +464,8 @@ def _causal_noise(
     signals: JointSignals, view: TransmissionView, conditioner: Conditioner, tuning: SmootherTuning
 ) -> float:
     """Return the variance of a deflection behind the causal filter [rad²], as it differs from what a centred window shows."""
-    causal = conditioner.kind == "kinematic"
-    weights = savgol_weights(tuning.default_window, tuning.degree)[0] if causal else conditioner.near
+    near = savgol_weights(tuning.default_window, tuning.degree) if conditioner.near is None else conditioner.near[0]
+    weights = near[0]
     off = {}
     for role in view.deflection_roles(signals.roles):
         raw = signals.roles[role][:ENOUGH]
