@@ -17,7 +17,7 @@ from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.windows import PART_OF_RUN, SHORTER, WIDER, WINDOWS, most_moved, rms, with_window
 from vsalog.filters.derivative_weights import derivative_weights
-from vsalog.filters.savitzky_golay import savgol_filter
+from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
 from vsalog.uncertainty.errors_in_variables import MOST_NOISE
 from vsalog.uncertainty.sensor_error import sensor_error
 
@@ -77,6 +77,34 @@ def exact_window(
     # Of a motion that is noise for all of them the longest shows most.
     found = next(w for w in tried if errors[w] <= AS_GOOD * least) if np.isfinite(least) else max(tried)
     return with_window(tuning, signals, found)
+
+
+def reading_window(device: Device, signals: JointSignals, tuning: Tuning) -> float:
+    """Return the window of a Savitzky–Golay filter for the deflection at which a stiffness is read [s], the usual one at most.
+
+    Its mean square error is the least, as the difference between filtered and recorded values shows without knowing the motion
+    (Stein's unbiased risk estimate; Stein, Ann. Statist. 9(6), 1981). Where a window is given it is no longer than that.
+    """
+    part = most_moved(signals, {r for view in device.transmissions for r in view.deflection_roles(signals.roles)})
+    longest = WINDOWS[0] if tuning.window is None else 2 * round(0.5 * tuning.window / signals.period) + 1
+    tried = [w for w in (*SHORTER, WINDOWS[0]) if tuning.degree < w <= longest] or [longest]
+    errors = {
+        window: sum(_risk(view, part, window, tuning.degree) for view in device.transmissions) for window in tried
+    }
+    return (min(tried, key=errors.__getitem__) - 1) * signals.period
+
+
+def _risk(view: TransmissionView, signals: JointSignals, window: int, degree: int) -> float:
+    """Return the mean square error of a deflection behind a filter, over its mean square."""
+    phi, half = deflection_of(signals.roles, view), window // 2
+    both = np.stack((np.zeros(window), savgol_weights(window, degree)[0]))
+    both[0, half] = 1.0
+    recorded, filtered = savgol_filter(phi, both)
+    risk, size = rms(filtered - recorded) ** 2, rms(phi) ** 2
+    for role in view.deflection_roles(signals.roles):
+        products = sensor_error(signals.roles[role], window).products(both)
+        risk += float(2.0 * products[0, 1] - products[0, 0])
+    return risk / size if size else 0.0
 
 
 def _square_error(view: TransmissionView, signals: JointSignals, weights: Array, samples: int, driven: Driven) -> float:

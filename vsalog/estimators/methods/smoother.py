@@ -43,8 +43,8 @@ from vsalog.estimators.screening import Screening, screened
 from vsalog.estimators.smoothing import LIMITS, SHARED, Choice, SmootherSolver, SmootherState, Trajectory
 from vsalog.estimators.transmission_torque import carried_by
 from vsalog.estimators.tuning import Tuning
-from vsalog.estimators.window_error import Driven, exact_window
-from vsalog.estimators.windows import keeping_window, rms
+from vsalog.estimators.window_error import Driven, exact_window, reading_window
+from vsalog.estimators.windows import rms
 from vsalog.filters.conditioning import Conditioned, Conditioner
 from vsalog.filters.kinematic import kinematic_filter
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
@@ -352,10 +352,8 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     # A torque that never changes has no noise that could weigh it against the sensor's: with a gain of zero it fits anything.
     motors = motors and not (sensed and any(_is_constant(signals.roles[view.motor_torque]) for view in views))
     look, asked = screened(device, signals, tuning), tuning
-    usual = (tuning.default_window - 1) * signals.period
-    near = keeping_window(device, signals, tuning, tuning.default_window).window or usual
+    near = reading_window(device, signals, tuning)
     tuning = exact_window(device, signals, tuning, partial(_driven, device, offered, sensed, motors))
-    near = near if tuning.window is None else min(near, tuning.window)
     rates = ("link_position",) if _has_link(device, offered) else ()
     needed = roles(device, offered, tuning)
     conditioner = conditioner_of(device, signals, tuning, needed, motor=motors, rates=rates, exact=True, near=near)
