@@ -189,8 +189,9 @@ TEXTS: dict[str, Text] = {
     "torque.gain_differs": Text(
         "transmission {part}: the gain of {signal} is {value:.3g} times the one that the joint's other equations give; the"
         " estimate is corrected by that.",
-        "Calibrate it, and set its gain in the rig. A motor's inertia, damping or friction that the rig"
-        " lacks may have the same effect.",
+        "Two torques disagree, and only a motor's inertia in the rig tells which is wrong: without it the torque sensor's is"
+        " taken to be right. Calibrate both, and set the wrong one's gain in the rig. Damping or friction that the rig lacks may"
+        " have the same effect.",
         explains=("cross_check.torque_scale",),
     ),
     "link.inertia_not_estimated": Text(
