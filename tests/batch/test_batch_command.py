@@ -135,7 +135,7 @@ def test_diagnose(tmp_path, here, samples):
         (["--start", "noon"], "noon"),
         (["--do", "validate"], "needs --model"),
         (["--do", "validate", "--model", "nowhere.toml"], "nowhere.toml"),
-        (["--do", "validate", "--model", "logs/day0/rig.toml"], "not a model file"),
+        (["--do", "validate", "--model", "logs/day0/rig.toml"], "is a rig, no model"),
         (["--do", "diagnose", "-e", "direct"], "--estimator is for --do estimate"),
         (["--shard", "3/2"], "3/2"),
         (["--shard", "0/2"], "0/2"),

@@ -13,7 +13,7 @@ from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import device_of
 from vsalog.estimators.function_roles import Functions, function_roles
 from vsalog.estimators.methods.smoother import SmootherTuning
-from vsalog.estimators.window_error import AS_GOOD, Driven, _square_error, exact_window
+from vsalog.estimators.window_error import CHOOSING, Driven, _square_error, exact_window
 from vsalog.filters.derivative_weights import derivative_weights
 
 K, B, D = 60.0, 0.04, 0.3
@@ -91,8 +91,8 @@ def test_the_window_is_as_good_as_the_best_and_no_longer_than_need_be():
             w: _square_error(device.transmissions[0], signals, derivative_weights(w, 5, 2, 2e-3), len(signals), MOTOR)
             for w in (11, 21, 39, 77, 153, 303)
         }
-        assert tried[window] <= AS_GOOD * min(tried.values())
-        assert all(tried[w] > AS_GOOD * min(tried.values()) for w in (77, 153, 303) if w < window)
+        assert tried[window] <= CHOOSING.as_good * min(tried.values())
+        assert all(tried[w] > CHOOSING.as_good * min(tried.values()) for w in (77, 153, 303) if w < window)
     slow = played(1, 1e-5, period=2e-2, count=1500)
     tuning = exact_window(view_of(slow), slow, SmootherTuning(), lambda view: [MOTOR])
     assert tuning.window < 76 * 2e-2

@@ -369,6 +369,8 @@ def test_a_noisy_log_binds_to_the_truth_within_noise_and_steps() -> None:
     error = bound.roles["link_position"] - Q[index]
     # Noise and rounding, over a gain less eccentricity of at least 1; jitter adds 2 rad/s · 20 µs.
     allowed = np.hypot(noise, step / 12**0.5) + 4e-5
-    assert np.std(error) < 1.05 * allowed
-    assert abs(np.mean(error)) < 5.0 * allowed / COUNT**0.5
+    assert np.nanstd(error) < 1.05 * allowed
+    assert abs(np.nanmean(error)) < 5.0 * allowed / COUNT**0.5
+    # Of two samples in a row that are lost neither is known.
+    assert np.isnan(error).mean() < 5.0 * 0.01**2
     assert bound.resolution["link_position"] == pytest.approx(step / 1.02)

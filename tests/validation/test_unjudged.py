@@ -34,7 +34,7 @@ def stuck(_, line, sensor):
 
 
 def holes(i, line, _):
-    return [line[0], *("" for _ in line[1:])] if i % 60 < 10 else line
+    return [line[0], *("" for _ in line[1:])] if i % 30 < 24 else line
 
 
 @pytest.mark.parametrize(

@@ -24,8 +24,20 @@ from vsalog.uncertainty.sensor_error import sensor_error
 Array = NDArray[np.float64]
 T = TypeVar("T", bound=Tuning)
 
-# A window is as good as the best one up to this multiple of its square error [1]: its bias is no more than the standard error.
-AS_GOOD = 2.0
+
+class Choosing(NamedTuple):
+    """How windows are chosen.
+
+    Attributes
+    ----------
+    as_good : a window is as good as the best one up to this multiple of its square error [1]: such a bias is no more than the
+        standard error, which a longer window would not lower
+    """
+
+    as_good: float = 2.0
+
+
+CHOOSING = Choosing()
 
 
 class Driven(NamedTuple):
@@ -75,7 +87,7 @@ def exact_window(
     }
     least = min(errors.values())
     # Of a motion that is noise for all of them the longest shows most.
-    found = next(w for w in tried if errors[w] <= AS_GOOD * least) if np.isfinite(least) else max(tried)
+    found = next(w for w in tried if errors[w] <= CHOOSING.as_good * least) if np.isfinite(least) else max(tried)
     return with_window(tuning, signals, found)
 
 
