@@ -6,6 +6,8 @@ import pytest
 from command_line import vsalog_run
 from elastic_drive import DAMPING, INERTIA, elastic_drive, write_log
 
+pytestmark = pytest.mark.share(2)
+
 
 def identified(folder, *options):
     done = vsalog_run("identify", "log.csv", "--rig", "rig.toml", *options, "-o", "found.toml", "--json", cwd=folder)
