@@ -8,6 +8,8 @@ import pyarrow.parquet as pq
 import pytest
 from command_line import vsalog_run
 
+pytestmark = pytest.mark.share(2)
+
 
 def vsalog(*args, cwd):
     done = vsalog_run(*args, cwd=cwd)
