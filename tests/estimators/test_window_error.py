@@ -55,11 +55,11 @@ def fitted(signals, weights, known_inertia):
     (theta, velocity, acceleration), q = behind["motor_position"], behind["link_position"][0]
     phi, tau, sensed = q - theta, behind["motor_torque"][0], behind["torque_sensor"][0]
     size = np.sqrt(np.mean((signals.roles["link_position"] - signals.roles["motor_position"]) ** 2))
-    bent = np.correlate((signals.roles["link_position"] - signals.roles["motor_position"]) ** 3, weights[0])
+    cubed = np.correlate((signals.roles["link_position"] - signals.roles["motor_position"]) ** 3, weights[0])
     one, way = np.ones_like(phi), np.sign(velocity)
     if known_inertia is None:
         return np.linalg.lstsq(np.column_stack((one, acceleration, velocity, way)), tau + sensed, rcond=None)[0][1] / B
-    A = np.column_stack((phi, bent, one, acceleration, velocity, way))
+    A = np.column_stack((phi, cubed, one, acceleration, velocity, way))
     x = np.linalg.lstsq(A, tau, rcond=None)[0]
     return -(x[0] + 3.0 * size**2 * x[1]) / K
 

@@ -256,7 +256,7 @@ def _bent(stamps: Stamps, values: Array, at: Stamps, period: int) -> Array:
     period : of the channel [ns]
     """
     first = np.searchsorted(stamps, at) - 2
-    bent = np.zeros(at.size)
+    curved = np.zeros(at.size)
     inside = np.flatnonzero((first >= 0) & (first + 3 < stamps.size))
     four = first[inside, None] + np.arange(4)
     near = np.all(np.diff(stamps[four], axis=1) <= LONGEST_GAP * period, axis=1)
@@ -266,5 +266,5 @@ def _bent(stamps: Stamps, values: Array, at: Stamps, period: int) -> Array:
     slope = np.diff(values[four], axis=1).T / np.diff(t, axis=0)
     second = np.diff(slope, axis=0) / (t[2:] - t[:-2])
     third = (second[1] - second[0]) / (t[3] - t[0])
-    bent[inside] = t[1] * t[2] * (second[0] - t[0] * third)
-    return bent
+    curved[inside] = t[1] * t[2] * (second[0] - t[0] * third)
+    return curved

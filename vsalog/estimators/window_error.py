@@ -138,7 +138,7 @@ def _square_error(view: TransmissionView, signals: JointSignals, weights: Array,
     columns, passed, moved = [np.ones_like(y)], [np.zeros(3)], [np.zeros(3)]
     asked: tuple[float, ...]
     if driven.transmitted is None:
-        # The torque as a function of the deflection over its size: its slope there, and how it bends. `passed` is what noise of
+        # The torque as a function of the deflection over its size: its slope there, and its curvature. `passed` is what noise of
         # the deflection adds to each column, as multiples of its value and derivatives; `moved`, that of the position that moves.
         columns = [*(savgol_filter((phi / size) ** power, weights[:1])[0] for power in (1, 3)), *columns]
         passed, moved, asked = (
