@@ -72,7 +72,7 @@ def exact_window(
     """
     if tuning.window is not None or tuning.filter == "kinematic":
         return tuning
-    part = most_moved(signals, {r for view in device.transmissions for r in view.deflection_roles(signals.roles)})
+    part = most_moved(signals, [r for view in device.transmissions for r in view.deflection_roles(signals.roles)])
     widened = [round(WIDER * window) | 1 for window in (*WINDOWS, *SHORTER[::-1])]
     # The bell of the weights, and the derivatives of a polynomial, need samples.
     tried = [window for window in widened if window > tuning.degree + 2]
@@ -97,7 +97,7 @@ def reading_window(device: Device, signals: JointSignals, tuning: Tuning) -> flo
     Its mean square error is the least, as the difference between filtered and recorded values shows without knowing the motion
     (Stein's unbiased risk estimate; Stein, Ann. Statist. 9(6), 1981). Where a window is given it is no longer than that.
     """
-    part = most_moved(signals, {r for view in device.transmissions for r in view.deflection_roles(signals.roles)})
+    part = most_moved(signals, [r for view in device.transmissions for r in view.deflection_roles(signals.roles)])
     longest = WINDOWS[0] if tuning.window is None else 2 * round(0.5 * tuning.window / signals.period) + 1
     tried = [w for w in (*SHORTER, WINDOWS[0]) if tuning.degree < w <= longest] or [longest]
     errors = {
@@ -171,7 +171,8 @@ def _square_error(view: TransmissionView, signals: JointSignals, weights: Array,
     # A torque's noise, and what noise adds to AᵀA, Aᵀy and to a row.
     noise = sum(sensor_error(roles[role], weights.shape[1]).rms(weights[0]) ** 2 for role in behind)
     added, right = np.zeros_like(information), product
-    for role in {*view.deflection_roles(roles), *([driven.position] if driven.position else [])}:
+    read = [*view.deflection_roles(roles), *([driven.position] if driven.position else [])]
+    for role in dict.fromkeys(read):
         sign = 0.0 if role not in view.deflection_roles(roles) else -1.0 if role == view.motor_position else 1.0
         moves = role == driven.position
         products, rows = (
