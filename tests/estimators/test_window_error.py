@@ -10,9 +10,12 @@ import pytest
 from tests.estimators.test_smoother import PERIOD, SEA, bound, errors, estimated, machine, without
 from vsalog.core.basis import PolynomialBasis
 from vsalog.core.signals import JointSignals
+from vsalog.core.trace import Trace
 from vsalog.estimators.device import device_of
+from vsalog.estimators.folding import run
 from vsalog.estimators.function_roles import Functions, function_roles
 from vsalog.estimators.methods.smoother import SmootherTuning
+from vsalog.estimators.registry import method
 from vsalog.estimators.window_error import CHOOSING, Driven, _square_error, exact_window
 from vsalog.filters.derivative_weights import derivative_weights
 
@@ -128,14 +131,25 @@ def test_an_unknown_inertia_is_found_by_a_motor_s_torque_and_coarse_encoders(ste
 
 
 def estimated_of(at, joint):
-    from vsalog.core.trace import Trace
-    from vsalog.estimators.folding import run
-    from vsalog.estimators.registry import method
-
     own = method("smoother")
     fold = own.build(device_of("sea", joint, at.roles), at, own.TUNING())
     blocks, state = run(fold, at)
     return Trace.concatenate(blocks)["1"], fold, state
+
+
+@pytest.mark.parametrize("sensor", ["torque_sensor", "external_torque"], ids=["both torques", "motor torque"])
+def test_missing_samples_shorten_no_window(sensor):
+    """A fifth of the samples of each channel is lost: hardly any window has all of its own."""
+    t, signals, truth = machine(seed=2)
+    roles = without(signals, *({"torque_sensor", "external_torque"} - {sensor}))
+    rng = np.random.default_rng(4)
+    lacking = {role: np.where(rng.uniform(size=t.size) < 0.2, np.nan, x) for role, x in roles.items()}
+    columns, fold, _ = estimated(t, lacking)
+    relative, deviations = errors(columns, truth)
+    assert fold.conditioner.near[0].shape[1] <= fold.conditioner.window
+    assert columns["excited"].mean() > 0.9
+    assert np.median(relative[columns["excited"]]) < 0.005
+    assert np.mean(deviations[columns["excited"]] < 1.96) > 0.9
 
 
 def test_a_spring_that_stiffens_is_read_as_well_in_fast_motion():

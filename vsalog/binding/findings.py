@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from vsalog.binding.grid import Bound, lacks_samples
+from vsalog.binding.grid import SILENCE, Bound, lacks_samples
 from vsalog.core.finding import Finding
 
 
@@ -65,7 +65,9 @@ def binding_findings(
     if gaps > 0:
         lost = (segments[-1][1] - segments[0][0] - sum(b - a for a, b in segments)) * 1e-9
         of_log = partial(Finding, joint=joint, severity="info")
-        found.append(of_log(code="recording.gaps", value=float(gaps), evidence={"seconds": lost}))
+        found.append(
+            of_log(code="recording.gaps", value=float(gaps), evidence={"seconds": lost, "bridged": SILENCE.longest})
+        )
     for role, t in tallies.items():
         of_role = partial(Finding, joint=joint, part=role)
         if (places := t.lost - gaps) > 0:

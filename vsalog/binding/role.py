@@ -172,9 +172,8 @@ class Ahead:
 
     def __init__(self, role: Role) -> None:
         self._parts = role.parts()
-        self._bridge = (
-            2 * math.ceil(LONGEST_GAP) + 1
-        )  # samples that reach across what is bridged, and the next on either side
+        # Samples that reach across what is bridged, and the next on either side.
+        self._bridge = 2 * math.ceil(LONGEST_GAP) + 1
         self._held = next(self._parts)
 
     def around(self, first: int, last: int) -> Bound:

@@ -245,8 +245,8 @@ TEXTS = {
         SYMPTOMS,
     ),
     "signal.late": Text(
-        "{part} is {value:.3g} s (± {limit:.2g} s) later than the other channels (below 0: earlier): with it shifted, the squared"
-        " residual of the joint's equations is {left:.1%} of the present one.",
+        "{part} is {value:.3g} s later than the other channels (below 0: earlier; delays are tried in steps of {limit:.2g} s):"
+        " with it shifted, the squared residual of the joint's equations is {left:.1%} of the present one.",
         "Set 'delay' of the role in the rig, which may be a part of a sample, or stamp samples where they are taken.",
         FALSE_ALARM,
         SYMPTOMS,

@@ -8,7 +8,8 @@ from vsalog.core.finding import Text
 
 LOG_TEXTS: Mapping[str, Text] = {
     "recording.gaps": Text(
-        "{value:.0f} gaps, {seconds:.3g} s in all.", "Nothing is estimated across those longer than 25 samples."
+        "{value:.0f} gaps, {seconds:.3g} s in all.",
+        "Nothing is estimated across those of more than {bridged:.0f} samples.",
     ),
     "recording.samples_lost": Text(
         "{part} lacks a sample or two at {value:.0f} places.", "They are bridged between the neighbours."

@@ -249,7 +249,7 @@ class IntegratedMotorEquation(OfOneTransmission):
             fed = np.where(doubted, np.nan, fed)
         fed_to = {view.name: fed}
         seen = np.vstack((state[2], np.where(use[:, None], np.column_stack((velocity, theta, f, tau)), np.nan)))
-        # Else from sample to sample, by the trapezoidal rule: the change of the speed, the mean of all else.
+        # Where rates are not exact, from sample to sample by the trapezoidal rule: the change of the speed, the mean of all else.
         change, mean = np.diff(seen, axis=0) / self.period, 0.5 * (seen[1:] + seen[:-1])
         if self.exact:
             change, mean = np.column_stack((acceleration, velocity)), seen[1:]

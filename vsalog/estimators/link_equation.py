@@ -68,7 +68,7 @@ class LinkEquation:
         weight = np.zeros_like(q) if self.weight is None else self.weight.of(q)
         columns = np.column_stack((velocity, q, np.sign(velocity), weight, rows.y, rows.F))
         seen = np.vstack((state[1], np.where(rows.use[:, None], columns, np.nan)))
-        # Else the change of speed and position, the mean of all else.
+        # Where rates are not exact, the change of speed and position, the mean of all else.
         change, mean = np.diff(seen[:, :2], axis=0) / self.period, 0.5 * (seen[1:] + seen[:-1])[:, 2:]
         if self.exact:
             change, mean = np.column_stack((block.fit["acceleration:link_position"], velocity)), seen[1:, 2:]

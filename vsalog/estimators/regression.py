@@ -188,11 +188,10 @@ class RegressionFold:
             phi, c = where[i]
             fitted, sigma, d1, d2 = (values[:, 4 * i + s] for s in range(4))
             std = deviations[:, 4 * i + 1]
-            # A long window takes a part of a fast motion; what functions were of is nearer to what is read.
             phi_fit, c_fit = deflection_of(block.fit, view), block.fit.get("setpoint")
             if self.conditioner.exact:
+                # Functions were formed before the filter, which may attenuate a deflection; the torque comes out of the filter.
                 phi_fit, c_fit = phi, c
-                # The torque comes out of that window.
                 first = equation.leading + i * self.device.basis.size
                 behind = (
                     regressors(self.device.basis, block, view) * unknowns[:, first : first + self.device.basis.size]

@@ -7,6 +7,7 @@ the regressors, which biases the fit; one that is long for the motion leaves lit
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -19,7 +20,7 @@ from vsalog.estimators.windows import PART_OF_RUN, SHORTER, WIDER, WINDOWS, most
 from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
 from vsalog.uncertainty.errors_in_variables import MOST_NOISE
-from vsalog.uncertainty.sensor_error import sensor_error
+from vsalog.uncertainty.sensor_error import sensor_error, without_missing
 
 Array = NDArray[np.float64]
 T = TypeVar("T", bound=Tuning)
@@ -73,6 +74,8 @@ def exact_window(
     if tuning.window is not None or tuning.filter == "kinematic":
         return tuning
     part = most_moved(signals, [r for view in device.transmissions for r in view.deflection_roles(signals.roles)])
+    # A long window has more missing samples than a short one.
+    part = replace(part, roles={role: without_missing(values) for role, values in part.roles.items()})
     widened = [round(WIDER * window) | 1 for window in (*WINDOWS, *SHORTER[::-1])]
     # The bell of the weights, and the derivatives of a polynomial, need samples.
     tried = [window for window in widened if window > tuning.degree + 2]
@@ -92,10 +95,10 @@ def exact_window(
 
 
 def reading_window(device: Device, signals: JointSignals, tuning: Tuning) -> float:
-    """Return the window of a Savitzky–Golay filter for the deflection at which a stiffness is read [s], the usual one at most.
+    """Return the window of a Savitzky–Golay filter for the deflection at which a stiffness is read [s].
 
-    Its mean square error is the least, as the difference between filtered and recorded values shows without knowing the motion
-    (Stein's unbiased risk estimate; Stein, Ann. Statist. 9(6), 1981). Where a window is given it is no longer than that.
+    It has the least mean square error, which the difference between filtered and recorded values shows without knowing the motion
+    (Stein's unbiased risk estimate; Stein, Ann. Statist. 9(6), 1981). It is no longer than the usual one, or the tuning's.
     """
     part = most_moved(signals, [r for view in device.transmissions for r in view.deflection_roles(signals.roles)])
     longest = WINDOWS[0] if tuning.window is None else 2 * round(0.5 * tuning.window / signals.period) + 1
@@ -111,8 +114,9 @@ def _risk(view: TransmissionView, signals: JointSignals, window: int, degree: in
     phi, half = deflection_of(signals.roles, view), window // 2
     both = np.stack((np.zeros(window), savgol_weights(window, degree)[0]))
     both[0, half] = 1.0
-    recorded, filtered = savgol_filter(phi, both)
-    risk, size = rms(filtered - recorded) ** 2, rms(phi) ** 2
+    filtered = savgol_filter(without_missing(phi), both[1:])[0]
+    # What is missing has no error that would show.
+    risk, size = rms(filtered - phi[half : half + filtered.size]) ** 2, rms(phi) ** 2
     for role in view.deflection_roles(signals.roles):
         products = sensor_error(signals.roles[role], window).products(both)
         risk += float(2.0 * products[0, 1] - products[0, 0])
@@ -141,11 +145,8 @@ def _square_error(view: TransmissionView, signals: JointSignals, weights: Array,
         # The torque as a function of the deflection over its size: its slope there, and its curvature. `passed` is what noise of
         # the deflection adds to each column, as multiples of its value and derivatives; `moved`, that of the position that moves.
         columns = [*(savgol_filter((phi / size) ** power, weights[:1])[0] for power in (1, 3)), *columns]
-        passed, moved, asked = (
-            [np.array([power / size, 0.0, 0.0]) for power in (1.0, 3.0)] + passed,
-            moved * 3,
-            (1.0, 3.0),
-        )
+        passed = [*(np.array([power / size, 0.0, 0.0]) for power in (1.0, 3.0)), *passed]
+        moved, asked = moved * 3, (1.0, 3.0)
     else:
         y, asked = y + savgol_filter(roles[driven.transmitted], weights[:1])[0], (0.0, 1.0)
         behind.append(driven.transmitted)
@@ -171,14 +172,10 @@ def _square_error(view: TransmissionView, signals: JointSignals, weights: Array,
     # A torque's noise, and what noise adds to AᵀA, Aᵀy and to a row.
     noise = sum(sensor_error(roles[role], weights.shape[1]).rms(weights[0]) ** 2 for role in behind)
     added, right = np.zeros_like(information), product
-    read = [*view.deflection_roles(roles), *([driven.position] if driven.position else [])]
-    for role in dict.fromkeys(read):
-        sign = 0.0 if role not in view.deflection_roles(roles) else -1.0 if role == view.motor_position else 1.0
-        moves = role == driven.position
-        products, rows = (
-            sensor_error(roles[role], weights.shape[1]).products(weights),
-            sign * np.array(passed) + moves * np.array(moved),
-        )
+    signs = {role: -1.0 if role == view.motor_position else 1.0 for role in view.deflection_roles(roles)}
+    for role in dict.fromkeys([*signs, *([driven.position] if driven.position else [])]):
+        moves, products = role == driven.position, sensor_error(roles[role], weights.shape[1]).products(weights)
+        rows = signs.get(role, 0.0) * np.array(passed) + moves * np.array(moved)
         added, right = added + rows @ products @ rows.T, right - rows @ products @ (moves * known)
         left = moves * known - x @ rows
         noise += float(left @ products @ left)

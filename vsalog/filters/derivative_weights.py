@@ -60,7 +60,7 @@ def derivative_weights(window: int, degree: int, derivatives: int, period: float
 
 
 def derivative_polynomials(window: int, degree: int, derivatives: int) -> Polynomials:
-    """Return what `derivative_weights` of a window, a degree and so many derivatives fit."""
+    """Return the polynomials that `derivative_weights` fits to a window; parameters as there."""
     _, x, _, root = _bell(window, derivatives)
     return Polynomials(np.linalg.qr(root[:, None] * legendre.legvander(x, degree))[0], root)
 

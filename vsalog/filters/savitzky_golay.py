@@ -100,7 +100,7 @@ def savgol_weights(window: int, degree: int, derivatives: int = 0, period: float
 
 
 def savgol_polynomials(window: int, degree: int) -> Polynomials:
-    """Return what `savgol_weights` of a window and a degree fit."""
+    """Return the polynomials that `savgol_weights` fits to a window; parameters as there."""
     _, x = _places(window)
     return Polynomials(np.linalg.qr(legendre.legvander(x, degree))[0], np.ones(window))
 
@@ -170,10 +170,10 @@ def filter_together(
     window = weights.shape[1]
     before = np.concatenate(([0], np.cumsum(missing)))
     lacking = np.flatnonzero(before[window:] > before[:-window])
-    highest = max(orders[name] for name in channels)
-    fitted = np.full((len(channels), highest + 1, lacking.size), np.nan)
-    rows = np.ascontiguousarray(weights[: highest + 1])
-    _fit(np.stack([*channels.values()]), missing, lacking, rows, *polynomials, LACKING.noise_gain, fitted)
+    counts = np.array([orders[name] + 1 for name in channels])
+    fitted = np.full((len(channels), counts.max(), lacking.size), np.nan)
+    rows = np.ascontiguousarray(weights[: counts.max()])
+    _fit(np.stack([*channels.values()]), counts, missing, lacking, rows, *polynomials, LACKING.noise_gain, fitted)
     for name, found in zip(channels, fitted, strict=True):
         out[name][:, lacking] = found[: orders[name] + 1]
     return out
@@ -181,8 +181,8 @@ def filter_together(
 
 @compiled
 def _fit(
-    x: Array, missing: Flags, lacking: Integers, weights: Array, q: Array, root: Array, most: float, out: Array
-) -> None:
+    x: Array, counts: Integers, missing: Flags, lacking: Integers, weights: Array, q: Array, root: Array, most: float, out: Array
+) -> None:  # fmt: skip
     # With q of the samples that are missing: G = I − qᵀq of all that is left, v = w + root q G⁻¹ Σ q w / root.
     count, window = weights.shape
     size = q.shape[1]
@@ -235,7 +235,7 @@ def _fit(
         if not determined:
             continue
         for k in range(x.shape[0]):
-            for s in range(count):
+            for s in range(counts[k]):
                 total = 0.0
                 for j in range(window):
                     if not missing[first + j]:

@@ -84,7 +84,7 @@ def sensor_error(values: Array, window: int) -> SensorError:
     noise = noise_of(values, step or 0.0) or 0.0
     if step is None or noise > step:
         return SensorError(max(noise, LEAST_NOISE * float(np.abs(values[finite]).max()), LEAST_NOISE))
-    whole = values if finite.all() else np.interp(np.arange(values.size), np.flatnonzero(finite), values[finite])
+    whole = without_missing(values)
     longer = min(MOTION_WINDOWS * (window - 1) + 1, whole.size)
     motion = _smoothed(whole, savgol_weights(longer, min(MOTION_DEGREE, longer - 1))[0])
     shifted = [motion / step + shift for shift in ROUNDING_SHIFTS]
@@ -97,6 +97,14 @@ def sensor_error(values: Array, window: int) -> SensorError:
         added = step * (np.round(moved + noises) - moved)
         series.append(added - added.mean() if added.size else added)
     return SensorError(0.0, tuple(series), step * before)
+
+
+def without_missing(values: Array) -> Array:
+    """Return values with the missing ones on the lines between their neighbours, for what needs a course; all missing stay so."""
+    finite = np.isfinite(values)
+    if finite.all() or not finite.any():
+        return values
+    return np.asarray(np.interp(np.arange(values.size), np.flatnonzero(finite), values[finite]))
 
 
 def _smoothed(x: Array, weights: Array) -> Array:

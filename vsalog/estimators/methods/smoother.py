@@ -352,10 +352,10 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     # A torque that never changes has no noise that could weigh it against the sensor's: with a gain of zero it fits anything.
     motors = motors and not (sensed and any(_is_constant(signals.roles[view.motor_torque]) for view in views))
     look, asked = screened(device, signals, tuning), tuning
-    near = reading_window(device, signals, tuning)
-    tuning = exact_window(device, signals, tuning, partial(_driven, device, offered, sensed, motors))
-    rates = ("link_position",) if _has_link(device, offered) else ()
     needed = roles(device, offered, tuning)
+    tuning = exact_window(device, signals, tuning, partial(_driven, device, offered, sensed, motors))
+    near = reading_window(device, signals, tuning)
+    rates = ("link_position",) if _has_link(device, offered) else ()
     conditioner = conditioner_of(device, signals, tuning, needed, motor=motors, rates=rates, exact=True, near=near)
     if conditioner.kind != "kinematic":
         noises = tuple(_noise_before(signals, view) for view in views)
