@@ -43,7 +43,8 @@ class SteepNoise(NamedTuple):
             found = minimize_scalar(lost, bounds=(0.0, 1.0), method="bounded")
             # The Bayesian information criterion of one parameter more.
             share = float(found.x) if lost(0.0) - found.fun > 0.5 * np.log(size) else 0.0
-        return cls(share, autoregression(residual / _growth(share, steepness), first, least))
+        # Filters make sensors' white noise dependent within a window; a higher order takes motion not explained yet for noise.
+        return cls(share, autoregression(residual / _growth(share, steepness), first, least, BOXES.per_window))
 
     def whitened(self, rows: Array, first: Flags, steepness: Array) -> Array:
         """Return rows, shape (M, c), with independent noise of variance one."""
@@ -75,18 +76,31 @@ class RowNoise(NamedTuple):
     deviation: float
 
     @classmethod
-    def white(cls, part: BoxRows, changing: bool) -> RowNoise:
-        """Return white noise with the residual variance of least squares, of unknowns that may change steadily or do not.
+    def white(cls, part: BoxRows, torques: Array | None, where: Integers) -> RowNoise:
+        """Return white noise with the residual variance of least squares.
 
         Where rows are no more than unknowns it has that of the torque.
+
+        Parameters
+        ----------
+        part : M rows
+        torques : shape (M, transmissions), of each transmission, of which each interval has another part (Frisch and Waugh
+            1933); None for a spring that does not change
+        where : shape (M,), the interval of each row
         """
-        F, y = part.rows[:, :-1], part.rows[:, -1]
-        if changing:
-            F = np.hstack((F, np.linspace(-1.0, 1.0, len(F))[:, None] * F))
-        x, _, rank, _ = np.linalg.lstsq(F, y, rcond=None)
-        freedom = len(y) - int(rank)
-        square = np.sum((y - F @ x) ** 2) / freedom if freedom > 0 else np.sum(y**2) / max(len(y), 1)
-        deviation = float(np.hypot(np.sqrt(square), _rounding(part))) if len(y) else 1.0
+        rows, freedom = part.rows, len(part.rows)
+        if torques is not None:
+            rows = rows.copy()
+            for interval in np.unique(where):
+                own = where == interval
+                parts, _, rank, _ = np.linalg.lstsq(torques[own], rows[own], rcond=None)
+                rows[own] -= torques[own] @ parts
+                freedom -= int(rank)
+        x, _, rank, _ = np.linalg.lstsq(rows[:, :-1], rows[:, -1], rcond=None)
+        freedom -= int(rank)
+        left = rows[:, -1] - rows[:, :-1] @ x if freedom > 0 else part.rows[:, -1]
+        square = np.sum(left**2) / max(freedom if freedom > 0 else len(left), 1)
+        deviation = float(np.hypot(np.sqrt(square), _rounding(part))) if len(left) else 1.0
         own = SteepNoise(0.0, Autoregression(np.zeros((1, 0)), np.array([deviation])))
         return cls(np.zeros((0, 1)), own, own, deviation)
 

@@ -76,8 +76,9 @@ class Limits(NamedTuple):
         more than all of a spring cannot go
     roughest, smoothest : of a power of the deflection what a spring's torque has at its largest deflection, in that of the power
         before [1], eight ratios in between: the one for a spring with a corner, the other for a straight line
-    rounds, most_rounds : iterations of the noise model and the torque's scale, each from the estimate before it [1]: the second
-        changes them by little for a constant spring, the fourth for one that changes
+    rounds : of hypotheses of the change and of the smoothness, each from the other, and of the noise where bases compete [1]
+    most_rounds : of the noise and the torque's scale, each from the estimate before it [1]: one that changes halves its error
+    settled : change of an unknown's average that ends them, in standard deviations [1]: one in ten adds 0.5 % to an error
     jumps : at most [1]: a log that shows more has a spring that the basis cannot follow
     spreads : of a jump [1]: a window of the filters is an interval at most, which touches two, so that three steps contain it
     least_probability : of a hypothesis that is averaged, as a part of the most probable one's [1]
@@ -90,8 +91,9 @@ class Limits(NamedTuple):
     fastest: float = 1.0
     roughest: float = 1.0
     smoothest: float = 0.01
-    rounds: int = 2
-    most_rounds: int = 4
+    rounds: int = 3
+    most_rounds: int = 10
+    settled: float = 0.1
     jumps: int = 4
     spreads: tuple[int, ...] = (1, 2, 3)
     least_probability: float = 1e-3
@@ -463,15 +465,17 @@ class Smoother:
 
     def _chosen(self) -> tuple[Array, Choice, Smoothed]:
         """Choose noise, unknowns and hypotheses; return the triangles, too, and what the best hypothesis estimates."""
-        noise, usual = [RowNoise.white(part, self.changing) for part in self.boxes], None
+        noise, usual = self._white(self.changing), None
         weights: list[Array | None] = [None] * len(noise)
-        for done in range(LIMITS.most_rounds):
+        at = np.full(self.size, np.inf)
+        for _ in range(LIMITS.most_rounds):
             evidence, smoothed = self._explained(self._triangles(noise, weights), usual, False)
-            mean = self._whole(smoothed.mean)
+            mean, before = self._whole(smoothed.mean), at
             noise, weights = self._noise(self._whole(self.roughest.mean), _likeliest(evidence))
-            usual = smoothed.mean.mean(axis=0)
-            self._take(mean[:, : self.nominal.size].mean(axis=0))
-            if done + 1 >= LIMITS.rounds and _likeliest(evidence).constant:
+            usual, at = smoothed.mean.mean(axis=0), mean.mean(axis=0)
+            self._take(at[: self.nominal.size])
+            deviation = self._whole(np.sqrt(np.square(smoothed.root).sum(axis=1))).mean(axis=0)
+            if np.all(np.abs(at - before) <= LIMITS.settled * deviation):
                 break
         triangles = self._triangles(noise, weights)
         evidence, smoothed = self._explained(triangles, usual, True)
@@ -482,10 +486,10 @@ class Smoother:
 
     def evidence(self) -> float:
         """Return the log evidence of the functions, for noise as the residuals show it."""
-        noise, evidence, usual = [RowNoise.white(part, True) for part in self.boxes], -np.inf, None
+        noise, evidence, usual = self._white(True), -np.inf, None
         if sum(len(part.rows) for part in self.boxes) <= self.active.size:
             return evidence
-        for _ in range(LIMITS.rounds + 1):
+        for _ in range(LIMITS.rounds):
             found, smoothed = self._explained(self._triangles(noise, [None] * len(noise)), usual, False)
             # Rows were divided by these deviations.
             sizes = sum(own.left.logarithm(steep) for own, steep in zip(noise, self.steepness, strict=True))
@@ -525,6 +529,18 @@ class Smoother:
             part.rows[:, -1] - np.einsum("ij,ij->i", part.rows[:, :-1], mean[where][:, columns])
             for part, columns, where in zip(self.boxes, self.columns, self.where, strict=True)
         ]
+
+    def _white(self, changing: bool) -> list[RowNoise]:
+        """Return white noise of each equation, as a spring leaves it that does not change, or is another in each interval."""
+        return [
+            RowNoise.white(part, self._torques(part) if changing else None, where)
+            for part, where in zip(self.boxes, self.where, strict=True)
+        ]
+
+    def _torques(self, part: BoxRows) -> Array:
+        """Return each transmission's torque in an equation's rows, shape (M, transmissions)."""
+        n, views = self.solver.coefficients, self.solver.transmissions
+        return np.asarray((part.rows[:, :n] * self.nominal[:n]).reshape(-1, views, n // views).sum(axis=2))
 
     def _noise(self, mean: Array, change: Change) -> tuple[list[RowNoise], list[Array | None]]:
         """Return the noise of each equation, fitted to the residuals of an estimate, and the weights of its rows."""
@@ -670,7 +686,7 @@ class Smoother:
         measurements = self._measurements(triangles)
         best = Change()
         walk = RandomWalk(measurements, np.zeros((0, self.active.size)))
-        for _ in range(LIMITS.most_rounds):
+        for _ in range(LIMITS.rounds):
             # A spring that changes may look like one that is no polynomial, and the other way round.
             self.smoothness = self._smoothnesses(walk.triangle(self._shares(best))[0], best)
             likeliest = max(range(len(self.smoothness)), key=lambda i: self.smoothness[i].evidence)

@@ -48,7 +48,7 @@ class Autoregression(NamedTuple):
         return out
 
 
-def autoregression(residual: Array, first: Flags, least: float) -> Autoregression:
+def autoregression(residual: Array, first: Flags, least: float, most: int) -> Autoregression:
     """Fit an autoregression to residuals.
 
     Parameters
@@ -56,10 +56,11 @@ def autoregression(residual: Array, first: Flags, least: float) -> Autoregressio
     residual : shape (M,)
     first : shape (M,), where the one before is missing
     least : standard deviation of white noise that is there in any case, above zero
+    most : values before that may predict
     """
     count = residual.size
-    # Orders that a criterion is compared at: as in the usual rule for autocovariances, 10 log₁₀ M (Box and Jenkins).
-    most = min(int(10.0 * np.log10(max(count, 1))), count // 10)
+    # An autocovariance is averaged over ten rows of each lag at least.
+    most = min(most, count // 10)
     covariance = np.zeros(most + 1)
     _autocovariance(residual, first, covariance)
     covariance[0] += least**2
