@@ -5,7 +5,7 @@ magnitude taken, gravity taken out. The joint's equations are fitted to the chan
 log(squared residual as recorded / squared residual with the fault undone), summed over the equations, is the fault's profile
 log-likelihood ratio per independent sample. The likeliest fault is reported where
 
-- the residual of some equation exceeds its noise floor, which includes quantisation;
+- the residual of some equation exceeds its noise floor, which includes quantisation, in blocks of time (as below);
 - the ratio is above zero in blocks of time, by Student's t-test or the sign test over the blocks' own ratios, at `FALSE_ALARM`
   for all faults of a joint together (Bonferroni); blocks need not have equal variances (Ibragimov and Müller 2010), and samples
   within a block may depend on one another as they like;
@@ -58,12 +58,6 @@ def faults_of(signals: JointSignals, unknown_scale: Collection[str] = ()) -> lis
     return [one for one in found if one.fault.kind not in OF_JOINT]
 
 
-def equations_hold(signals: JointSignals) -> bool:
-    """Return whether no equation of a joint's channels has a residual beyond its noise floor, also where none can be formed."""
-    channels = _channels(signals)
-    return channels is None or not _wrong(channels, ())
-
-
 def exchanged_between(joints: Joints) -> tuple[tuple[str, str], Found] | None:
     """Return the two joints whose channels of one role were exchanged; None for none.
 
@@ -74,7 +68,7 @@ def exchanged_between(joints: Joints) -> tuple[tuple[str, str], Found] | None:
     joints : of one log, by name
     """
     alone = {name: channels for name, its in joints.items() if (channels := _channels(its)) is not None}
-    wrong = [name for name, channels in alone.items() if _wrong(channels, ())]
+    wrong = [name for name, channels in alone.items() if channels.wrong(())]
     # Exchanged channels must have passed through one filter.
     width = max((alone[name].motion.width for name in wrong), default=None)
     known = {name: its for name in wrong if (its := _channels(joints[name], (), width)) is not None}
@@ -130,12 +124,6 @@ def _channels(
     return channels if channels is not None and channels.equations else None
 
 
-def _wrong(channels: Channels, undone: Faults) -> set[str]:
-    """Return the equations whose residual exceeds their noise floor."""
-    now = channels.trial(undone)
-    return {e for e in channels.equations if now.left(e) > channels.noise(e, undone)}
-
-
 @dataclass(frozen=True)
 class _Tried:
     """A fault that explains channels: how much better, how likely by chance, and what part of the squares is left."""
@@ -149,7 +137,7 @@ class _Tried:
 
 def _likeliest(channels: Channels, undone: Faults) -> Found | None:
     """Return the likeliest fault in addition to those that are undone; None where none is."""
-    now, wrong = channels.trial(undone), _wrong(channels, undone)
+    now, wrong = channels.trial(undone), channels.wrong(undone)
     candidates = list(_candidates(channels, undone, wrong)) if wrong else []
     explaining = [one for fault in candidates if (one := _tried(channels, undone, fault, now, len(candidates)))]
     if not explaining:

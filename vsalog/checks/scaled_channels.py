@@ -86,13 +86,11 @@ def _by_grid(channels: Channels, undone: Faults, role: str) -> float:
     one = Fault("scale", (role,))
     touched, now = channels.touched(one, undone), channels.trial(undone)
     powers = sorted((2.0**k for k in range(-10, 11)), key=lambda s: abs(math.log(s)))
-    trials = {s: channels.trial((*undone, replace(one, factor=s)), touched) for s in powers}
-    for s, trial in trials.items():
-        if abs(math.log(s)) > math.log(RULE.scale) and all(
-            trial.left(e) <= channels.noise(e, (*undone, replace(one, factor=s))) for e in touched
-        ):
+    tried = {s: (*undone, replace(one, factor=s)) for s in powers}
+    for s, faults in tried.items():
+        if abs(math.log(s)) > math.log(RULE.scale) and not channels.wrong(faults, touched):
             return s
-    return max(powers, key=lambda s: trials[s].better(now))
+    return max(powers, key=lambda s: channels.trial(tried[s], touched).better(now))
 
 
 def _most_likely(channels: Channels, undone: Faults, gain: Fault, slope: float) -> float:

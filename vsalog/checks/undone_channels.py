@@ -48,11 +48,7 @@ class Trial:
 
     def block_ratios(self, other: Trial) -> Array:
         """Return the log-likelihood ratio in each block; a block with almost no residual contributes almost nothing."""
-        ratios = np.zeros(RULE.blocks)
-        for e, own in self.squares.items():
-            rest = _above_0(RULE.quiet * float(other.squares[e].mean()))
-            ratios += np.log((other.squares[e] + rest) / (own + rest))
-        return ratios
+        return sum((_log_ratios(other.squares[e], own) for e, own in self.squares.items()), np.zeros(RULE.blocks))
 
     def left(self, name: str) -> float:
         """Return an equation's squared residual, over its target's squares."""
@@ -190,8 +186,15 @@ class Channels:
         values = values / factor
         return values if signs is None else values * signs
 
-    def noise(self, name: str, faults: Faults) -> float:
-        """Return the noise floor of an equation's squared residual, over its target's squares."""
+    def wrong(self, faults: Faults, equations: Collection[str] | None = None) -> set[str]:
+        """Return the equations whose residual exceeds their noise floor by more than chance makes it once in a thousand."""
+        trial = self.trial(faults, equations)
+        return {
+            e for e, own in trial.squares.items() if above_zero(_log_ratios(own, self._noise(e, faults))) <= FALSE_ALARM
+        }
+
+    def _noise(self, name: str, faults: Faults) -> Array:
+        """Return the noise floor of an equation's squared residual, over its target's squares, by blocks of time."""
         faults = self._acting(name, faults)
         eq = self._equation(name, faults)
         left, x = residual_of(eq.y, eq.free, eq.positive)
@@ -199,7 +202,7 @@ class Channels:
         errors = {role: self._error(role, faults) for role in self.read[name]}
         noisy = self._equation(name, faults, errors, eq.knots)
         more = noisy.y - eq.y - (noisy.positive - eq.positive) @ x - (noisy.free - eq.free) @ a
-        return float(np.sum((more - more.mean()) ** 2)) / self._spread(eq.target, faults)
+        return np.bincount(self.block, (more - more.mean()) ** 2, RULE.blocks) / self._spread(eq.target, faults)
 
     def _moved(self, role: str, delay: float, rate: float) -> Array:
         """Return a role shifted by its delay, between two samples on the line: the filter leaves nothing as fast as a sample."""
@@ -227,6 +230,12 @@ def _pieces(time: Array, changes: Sequence[float]) -> Array:
     out = np.zeros((time.size, 2 * edges.size - 2))
     out[rows, 2 * piece], out[rows, 2 * piece + 1] = 1.0 - part, part
     return out
+
+
+def _log_ratios(squares: Array, others: Array) -> Array:
+    """Return the logarithms of squares over others, shape (B,); of almost none, next to those of all blocks, almost zero."""
+    rest = _above_0(RULE.quiet * float(squares.mean()))
+    return np.asarray(np.log((squares + rest) / (others + rest)))
 
 
 def _squares(x: Array) -> float:
