@@ -58,7 +58,7 @@ def test_every_kind_is_named_in_every_channel(sea, kind):
 @pytest.mark.parametrize(
     "factors",
     [{"torque_sensor": -1.0}, {"motor_position": -1.0}, {"motor_position": -60.0, "torque_sensor": -1.0},
-     {"motor_position": np.degrees(1.0)}, {"link_position": -1.0}],
+     {"link_position": -1.0}],
     ids=str,
 )  # fmt: skip
 def test_what_the_guess_says_is_not_reported_again(sea, factors):
@@ -66,6 +66,14 @@ def test_what_the_guess_says_is_not_reported_again(sea, factors):
     for role, factor in factors.items():
         log = with_values(log, names[role], factor * sea.channels[names[role]].values)
     assert list(joint_faults(log, guess_roles(log))) == []
+
+
+def test_a_motor_in_degrees_may_be_one_before_a_gear(sea):
+    name = roles_of(sea)["joint"]["motor_position"]
+    log = with_values(sea, name, np.degrees(sea.channels[name].values))
+    guess = guess_roles(log)
+    assert guess.joints[0].roles["motor_position"].side == "rotor"
+    assert [finding.code for finding in joint_faults(log, guess)] == ["signal.unit"]
 
 
 def test_a_delay_that_looks_like_a_sign_is_named_in_spite_of_the_guess(samples):

@@ -12,7 +12,6 @@ from vsalog.binding.joint import bind, offered_roles, wanted_channels
 from vsalog.checks import sensor, torque
 from vsalog.checks.channel import channel_findings
 from vsalog.checks.check import without_superseded
-from vsalog.checks.fault_search import equations_hold
 from vsalog.checks.recording_faults import RecordingFaults, exchanged_joints, findings_of, read_roles, with_more
 from vsalog.checks.signals import signal_findings
 from vsalog.core.errors import VsalogError
@@ -45,11 +44,12 @@ def joint_faults(recording: Recording, guess: Guess) -> Iterator[Finding]:
         with suppress(VsalogError):
             if (signals := _signals(recording, name, joint)) is None:
                 continue
-            # A delay may look like a sign. Where the equations neither hold with it nor show why, it is left out.
+            # A delay may look like a sign: where something else than signs explains the channels as counted, that is reported.
             guessed = any(signal.sign < 0 for signal in offered_roles(joint).values())
-            if guessed and not equations_hold(signals) and not any(True for _ in findings_of(signals)):
-                joints[name] = _as_counted(joint)
-                signals = _signals(recording, name, joints[name]) or signals
+            if guessed and not any(True for _ in findings_of(signals)):
+                counted = _signals(recording, name, _as_counted(joint))
+                if counted is not None and any(one.code != "signal.sign" for one in findings_of(counted)):
+                    joints[name], signals = _as_counted(joint), counted
             bound[name] = signals
     exchanged, put_right = exchanged_joints(bound) if len(bound) > 1 else (None, bound)
     if exchanged is not None:

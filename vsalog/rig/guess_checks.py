@@ -37,6 +37,13 @@ class Checked:
         """1 where there is no gear, None where no other estimate of it is good enough for a deflection."""
         return 1 if self.gear_ratio is None else self.whole_gear_ratio
 
+    @property
+    def gear_ratios(self) -> tuple[float, ...]:
+        """The known gear ratio, or the ends of its interval."""
+        if self.known_gear_ratio is None and self.gear_ratio is not None:
+            return self.gear_ratio.low, self.gear_ratio.high
+        return (float(self.known_gear_ratio or 1),)
+
 
 def confirm(roles: Mapping[str, RoleGuess], channels: Mapping[str, Channel], kind: Kind) -> Checked:
     """Return the roles with side and sign as the numbers show them.
@@ -149,14 +156,15 @@ def _over_deflection(
     if deflection is not None:
         return f"'{deflection.name}'", guess_data.torque_over_deflection(torque, deflection)
     motor, link = channels.get(f"motor_position{suffix}"), channels.get("link_position")
-    ratio = checked.known_gear_ratio
-    if motor is None or link is None or ratio is None:
+    size = None if motor is None or link is None else _motor_per_link(checked, channels, suffix)
+    if motor is None or link is None or size is None:
         return "", None
-    size = _motor_per_link(checked, channels, suffix)
-    if size is None:
+    size *= checked.roles[f"motor_position{suffix}"].sign
+    lines = [guess_data.torque_over_difference(torque, link, motor, size * ratio) for ratio in checked.gear_ratios]
+    known = [line for line in lines if line is not None]
+    if len(known) < len(lines) or len({line.correlation > 0.0 for line in known}) > 1:
         return "", None
-    sign = checked.roles[f"motor_position{suffix}"].sign
-    return "link − motor position", guess_data.torque_over_difference(torque, link, motor, sign * size * ratio)
+    return "link − motor position", min(known, key=lambda line: abs(line.correlation))
 
 
 def _motor_per_link(checked: Checked, channels: Mapping[str, Channel], suffix: str) -> float | None:

@@ -90,7 +90,8 @@ def load_of(torque: Channel, factor: float, motor: Sum, spring: Sum) -> Load | N
     """Return the load of a motor's torque; None where its equation cannot be formed, or explains little of the torque.
 
     The equation is averaged over a bell, which takes its derivatives (the weak form). Its interval is a jackknife over blocks
-    of time.
+    of time, of least squares in the torque and in the spring's signal: noise of the one makes a coefficient too small, of the
+    other too large (Frisch, "Statistical Confluence Analysis by Means of Complete Regression Systems", 1934).
 
     Parameters
     ----------
@@ -114,7 +115,8 @@ def load_of(torque: Channel, factor: float, motor: Sum, spring: Sum) -> Load | N
     spread = np.std([_solved(whole - one)[-1] for one in moments]) * np.sqrt(LEAST_BLOCKS - 1)
     reach = float(special.stdtrit(LEAST_BLOCKS - 1, 1.0 - 0.5 * SIGNIFICANCE) * spread * size[0] / size[-1])
     inertia, damping, friction, k = (found * size[0] / size[1:]).tolist()
-    return Load(inertia, damping, friction, k, k - reach, k + reach)
+    other = float(size[0] / size[-1] / _solved(whole[::-1, ::-1])[-1])
+    return Load(inertia, damping, friction, k, min(k, other) - reach, max(k, other) + reach)
 
 
 def _solved(moments: Array) -> Array:

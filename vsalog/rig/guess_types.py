@@ -37,7 +37,7 @@ class Load:
     ----------
     inertia, damping, friction, spring : B [kg·m²], D [N·m·s/rad], Coulomb friction [N·m], k [N·m/rad, or 1 for a torque s]; all
         negative where the motor's torque counts the other way round
-    low, high : 95 % interval of `spring`
+    low, high : 95 % interval of `spring`, of any part of the noise that its signal has
     """
 
     inertia: float
