@@ -177,11 +177,25 @@ def followers(state: MotionRows, claimed: float, step: float, suspects: tuple[st
         if (
             lasts(float(lasting[-1] * np.sign(unknowns[-1])), abs(float(unknowns[-1])))
             and torque > ROUNDED * step * now
-            and least_change(claimed) < moved < np.inf
+            and max(least_change(claimed), _rounded(whole, plain, state, place, step)) < moved < np.inf
         ):
             found.append(Follower(suspect, unexplained * shape.share, float(unknowns[-1]), now, moved))
     found.sort(key=lambda f: -f.taken)
     return [f for f in found if f.taken >= ALTERNATIVE_SHARE * found[0].taken]
+
+
+def _rounded(whole: Array, plain: Array, state: MotionRows, place: int, step: float) -> float:
+    """Return the relative change of a stiffness by a suspect that explains the torque as well as the deflection without rounding.
+
+    Noise makes a coefficient smaller by its part of what tells the regressor from the others (Fuller 1987).
+    """
+    torque = np.zeros(len(whole))
+    torque[: state.size] = plain[: state.size]
+    others = [place, state.torque + 1]
+    products = whole[others] @ torque
+    apart = torque @ whole @ torque - products @ np.linalg.lstsq(whole[np.ix_(others, others)], products, rcond=None)[0]
+    noise = state.short.rows * (ROUNDED * step * _stiffness(plain[: state.size], state)) ** 2
+    return float(noise / (apart - noise)) if apart > noise else np.inf
 
 
 def _changing(state: MotionRows) -> tuple[Array, list[int], float]:

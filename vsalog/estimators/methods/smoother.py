@@ -50,6 +50,7 @@ from vsalog.filters.kinematic import kinematic_filter
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
 from vsalog.rig.tolerance import default_deviation
 from vsalog.uncertainty.long_run import BOX
+from vsalog.uncertainty.errors_in_variables import MOST_NOISE
 from vsalog.uncertainty.sensor_error import ENOUGH, sensor_error
 
 Array = NDArray[np.float64]
@@ -361,9 +362,15 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
         noises = tuple(_noise_before(signals, view) for view in views)
         conditioner = conditioner.behind(Functions(views, device.basis, noises, conditioner.before))
     sensors = sensor_equations(device, signals, tuning, conditioner) if sensed else ()
+    known = all(view.motor.reflected_inertia is not None for view in views)
+    box = max(conditioner.window // BOXES.per_window, BOX)
+    # Noise that is most of what a motor's equation has of the spring would bias what the sensor's shows.
+    noisy = (
+        max(_noise_beside_motion(signals, view, conditioner, box) for view in views) if motors and not known else 0.0
+    )
+    motors = motors and not (sensed and noisy > MOST_NOISE)
     driven = integrated_equations(device, signals, tuning, conditioner) if motors else ()
     driven = tuple(replace(own, exact=conditioner.exact) for own in driven)
-    known = all(view.motor.reflected_inertia is not None for view in views)
     pushed = _pushed(device, signals, tuning, conditioner, sensed=sensed and len(sensors) > 1)
     # One sensor for several transmissions ties them together, and so does their link.
     together = [views] if len(sensors) == 1 or pushed else [(view,) for view in views]
@@ -385,14 +392,13 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
         seen = conditioner.weights if conditioner.near is None else conditioner.near[0]
         read = max(noise_behind_filters(signals, view, seen[0]).own for view in views)
     late = read + max(_causal_noise(signals, view, conditioner, tuning) for view in views)
-    box = max(conditioner.window // BOXES.per_window, BOX)
     solver = SmootherSolver(
         device.basis.powers_of_terms * count,
         device.basis.pieces * count,
         count,
         first.unknowns,
         tuple(_required(torque, known, device) for torque, _ in first.parts),
-        tuple(_hidden(torque, first, signals, conditioner, box) for torque, _ in first.parts),
+        tuple(_hidden(torque, first, signals, conditioner, box, noisy) for torque, _ in first.parts),
         tuple(default_deviation(GAINS[torque], 1.0, 1.0) for torque, _ in first.parts),
         box,
         leading=tuple((int(sensed), name) for name in UNKNOWN_MOTOR) if first.leading else (),
@@ -485,9 +491,9 @@ def _required(torque: str, known: bool, device: Device) -> frozenset[str]:
 
 
 def _hidden(
-    torque: str, equation: CombinedEquation, signals: JointSignals, conditioner: Conditioner, box: int
+    torque: str, equation: CombinedEquation, signals: JointSignals, conditioner: Conditioner, box: int, noisy: float
 ) -> frozenset[str]:
-    """Return the unknowns of an equation that cannot be identified."""
+    """Return the unknowns of an equation that cannot be identified; `noisy` as of `_noise_beside_motion`."""
     # A gain is relative to the other equations'. Which of two is wrong only a known inertia tells; else it is the motor's.
     alone = len({torque for torque, _ in equation.parts}) == 1
     if torque == "torque_sensor":
@@ -497,6 +503,8 @@ def _hidden(
     moved = ["link_position"] if torque == PUSH else [view.motor_position for view in equation.transmissions]
     if max(_noise_of_acceleration(signals.roles[role], conditioner, box) for role in moved) > REPORTED_CHANGE:
         hidden |= {"inertia", GAIN}
+    if torque != PUSH and noisy > REPORTED_CHANGE:
+        hidden |= {GAIN}
     return frozenset(hidden)
 
 
@@ -509,6 +517,28 @@ def _noise_of_acceleration(position: Array, conditioner: Conditioner, box: int) 
     weights = np.concatenate((speed, np.zeros(box))) - np.concatenate((np.zeros(box), speed))
     moved = rms(savgol_filter(position, weights[None])[0])
     return min(sensor_error(position, weights.size).rms(weights) ** 2 / moved**2, 1.0) if moved else 1.0
+
+
+def _noise_beside_motion(signals: JointSignals, view: TransmissionView, conditioner: Conditioner, box: int) -> float:
+    """Return which part of a deflection's power that the motor's speed and acceleration do not explain is noise, at most.
+
+    A stiff spring moves the link with the motor: its torque is nearly proportional to the acceleration.
+    """
+    if conditioner.kind == "kinematic":
+        return 0.0
+    roles = {
+        role: signals.roles[role][:ENOUGH] for role in (*view.deflection_roles(signals.roles), view.motor_position)
+    }
+    weights = np.stack([np.convolve(own, np.full(box, 1.0 / box)) for own in conditioner.weights])
+    phi = savgol_filter(deflection_of(roles, view), weights[:1])[0]
+    moved = savgol_filter(roles[view.motor_position], weights)[1:].T
+    known = np.isfinite(phi) & np.isfinite(moved).all(axis=1)
+    columns = np.column_stack((np.ones(np.count_nonzero(known)), moved[known]))
+    left = rms(phi[known] - columns @ np.linalg.lstsq(columns, phi[known], rcond=None)[0])
+    noise = sum(
+        sensor_error(roles[role], weights.shape[1]).rms(weights[0]) ** 2 for role in view.deflection_roles(roles)
+    )
+    return min(noise / left**2, 1.0) if left else 1.0
 
 
 def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
