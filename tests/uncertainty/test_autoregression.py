@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
+from scipy.stats import norm
 from scipy.stats import t as student
 
 from vsalog.uncertainty.autoregression import autoregression
@@ -67,13 +68,15 @@ def test_normal_noise_is_not_weighted():
 def test_heavy_tails_are_weighted_as_student_s_t_has_it():
     residual = student.rvs(4.0, size=20_000, random_state=0)
     found = tail_weights(residual)
-    np.testing.assert_allclose(found, 5.0 / (4.0 + residual**2), rtol=0.05)
+    np.testing.assert_allclose(found.each, 5.0 / (4.0 + residual**2), rtol=0.05)
+    weighted = norm.logpdf(np.sqrt(found.each) * residual).sum()
+    assert weighted + found.logarithm == pytest.approx(student.logpdf(residual, 4.0).sum(), rel=1e-4)
 
 
 def test_outliers_count_for_nothing():
     residual = np.random.default_rng(4).normal(size=2000)
     residual[::100] = 300.0
     found = tail_weights(residual)
-    assert found[::100].max() < 1e-3
-    assert np.median(found) > 0.5
+    assert found.each[::100].max() < 1e-3
+    assert np.median(found.each) > 0.5
     assert tail_weights(np.zeros(10)) is None

@@ -32,7 +32,7 @@ from vsalog.estimators.row_moments import ROWS_OF_LONG, lasts
 from vsalog.estimators.row_noise import RowNoise
 from vsalog.filters.random_walk import RandomWalk, log_likelihood, triangle_of
 from vsalog.filters.square_root_smoother import Smoothed, smooth
-from vsalog.uncertainty.heavy_tails import tail_weights
+from vsalog.uncertainty.heavy_tails import Weights, tail_weights
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -76,7 +76,7 @@ class Limits(NamedTuple):
         more than all of a spring cannot go
     roughest, smoothest : of a power of the deflection what a spring's torque has at its largest deflection, in that of the power
         before [1], eight ratios in between: the one for a spring with a corner, the other for a straight line
-    rounds : of hypotheses of the change and of the smoothness, each from the other, and of the noise where bases compete [1]
+    rounds : of hypotheses of the change and of the smoothness, each from the other [1]
     most_rounds : of the noise and the torque's scale, each from the estimate before it [1]: one that changes halves its error
     settled : change of an unknown's average that ends them, in standard deviations [1]: one in ten adds 0.5 % to an error
     jumps : at most [1]: a log that shows more has a spring that the basis cannot follow
@@ -141,6 +141,26 @@ class Smoothness(NamedTuple):
 
     evidence: float
     prior: Array
+
+
+class Round(NamedTuple):
+    """Noise, and what is estimated with it.
+
+    Attributes
+    ----------
+    evidence : logarithm of its probability, but for a constant
+    noise, weights : of each equation
+    active, nominal, usual : as of `Choice`, before the estimate; None to take as usual what a spring has that does not change
+    smoothed : by the most probable hypothesis
+    """
+
+    evidence: float
+    noise: tuple[RowNoise, ...]
+    weights: tuple[Weights | None, ...]
+    active: NDArray[np.intp]
+    nominal: Array
+    usual: Array | None
+    smoothed: Smoothed
 
 
 class Choice(NamedTuple):
@@ -465,41 +485,60 @@ class Smoother:
 
     def _chosen(self) -> tuple[Array, Choice, Smoothed]:
         """Choose noise, unknowns and hypotheses; return the triangles, too, and what the best hypothesis estimates."""
-        noise, usual = self._white(self.changing), None
-        weights: list[Array | None] = [None] * len(noise)
-        at = np.full(self.size, np.inf)
+        best = self._likeliest_round(self.changing)
+        self.active = best.active
+        self._take(best.nominal)
+        triangles = self._triangles(best.noise, best.weights)
+        evidence, smoothed = self._explained(triangles, best.usual, True)
+        choice = Choice(
+            self.count, best.noise, self.active, self.smoothness, self.nominal, self.direction, self.usual, evidence
+        )
+        return triangles, choice, smoothed
+
+    def _likeliest_round(self, changing: bool) -> Round:
+        """Fit noise and unknowns to each other as long as the evidence rises; noise that takes up motion lowers it.
+
+        Parameters
+        ----------
+        changing : whether the noise at first is that of a spring which is another in each interval
+        """
+        noise, usual, at = self._white(changing), None, np.full(self.size, np.inf)
+        weights: tuple[Weights | None, ...] = (None,) * len(noise)
+        best: Round | None = None
         for _ in range(LIMITS.most_rounds):
-            evidence, smoothed = self._explained(self._triangles(noise, weights), usual, False)
+            nominal, active = self.nominal, self.active
+            found, smoothed = self._explained(self._triangles(noise, weights), usual, False)
+            evidence = self._evidence(found, noise, weights)
+            if best is not None and evidence < best.evidence:
+                break
+            best = Round(evidence, noise, weights, active, nominal, usual, smoothed)
             mean, before = self._whole(smoothed.mean), at
-            noise, weights = self._noise(self._whole(self.roughest.mean), _likeliest(evidence))
+            noise, weights = self._noise(self._whole(self.roughest.mean), _likeliest(found))
             usual, at = smoothed.mean.mean(axis=0), mean.mean(axis=0)
             self._take(at[: self.nominal.size])
             deviation = self._whole(np.sqrt(np.square(smoothed.root).sum(axis=1))).mean(axis=0)
             if np.all(np.abs(at - before) <= LIMITS.settled * deviation):
                 break
-        triangles = self._triangles(noise, weights)
-        evidence, smoothed = self._explained(triangles, usual, True)
-        choice = Choice(
-            self.count, tuple(noise), self.active, self.smoothness, self.nominal, self.direction, self.usual, evidence
-        )
-        return triangles, choice, smoothed
+        assert best is not None
+        return best
+
+    def _evidence(
+        self, found: Mapping[Change, float], noise: Sequence[RowNoise], weights: Sequence[Weights | None]
+    ) -> float:
+        """Return the log evidence of the noise and the functions, by that of each change for the most probable prior."""
+        # Rows were divided by these deviations.
+        sizes = sum(own.left.logarithm(steep) for own, steep in zip(noise, self.steepness, strict=True))
+        smoothness = np.array([own.evidence for own in self.smoothness])
+        evidence = float(np.logaddexp.reduce(list(found.values()))) - float(sizes) - 0.5 * self.left
+        evidence += float(np.logaddexp.reduce(smoothness) - smoothness.max())
+        return evidence + sum(own.logarithm for own in weights if own is not None)
 
     def evidence(self) -> float:
         """Return the log evidence of the functions, for noise as the residuals show it."""
-        noise, evidence, usual = self._white(True), -np.inf, None
         if sum(len(part.rows) for part in self.boxes) <= self.active.size:
-            return evidence
-        for _ in range(LIMITS.rounds):
-            found, smoothed = self._explained(self._triangles(noise, [None] * len(noise)), usual, False)
-            # Rows were divided by these deviations.
-            sizes = sum(own.left.logarithm(steep) for own, steep in zip(noise, self.steepness, strict=True))
-            smoothness = np.array([own.evidence for own in self.smoothness])
-            evidence = float(np.logaddexp.reduce(list(found.values()))) - float(sizes) - 0.5 * self.left
-            # The changes' is that of the most probable prior.
-            evidence += float(np.logaddexp.reduce(smoothness) - smoothness.max())
-            noise, _ = self._noise(self._whole(self.roughest.mean), _likeliest(found))
-            usual = smoothed.mean.mean(axis=0)
-        return evidence if self._resists(smoothed) else -np.inf
+            return -np.inf
+        best = self._likeliest_round(True)
+        return best.evidence if self._resists(best.smoothed) else -np.inf
 
     def _resists(self, smoothed: Smoothed) -> bool:
         """Tell whether all friction elements together have a significant positive torque; true where there are none."""
@@ -530,19 +569,19 @@ class Smoother:
             for part, columns, where in zip(self.boxes, self.columns, self.where, strict=True)
         ]
 
-    def _white(self, changing: bool) -> list[RowNoise]:
+    def _white(self, changing: bool) -> tuple[RowNoise, ...]:
         """Return white noise of each equation, as a spring leaves it that does not change, or is another in each interval."""
-        return [
+        return tuple(
             RowNoise.white(part, self._torques(part) if changing else None, where)
             for part, where in zip(self.boxes, self.where, strict=True)
-        ]
+        )
 
     def _torques(self, part: BoxRows) -> Array:
         """Return each transmission's torque in an equation's rows, shape (M, transmissions)."""
         n, views = self.solver.coefficients, self.solver.transmissions
         return np.asarray((part.rows[:, :n] * self.nominal[:n]).reshape(-1, views, n // views).sum(axis=2))
 
-    def _noise(self, mean: Array, change: Change) -> tuple[list[RowNoise], list[Array | None]]:
+    def _noise(self, mean: Array, change: Change) -> tuple[tuple[RowNoise, ...], tuple[Weights | None, ...]]:
         """Return the noise of each equation, fitted to the residuals of an estimate, and the weights of its rows."""
         count = sum(len(part.rows) for part in self.boxes)
         # What is fitted leaves less than the noise: by its effective number of unknowns (Hastie and Tibshirani).
@@ -552,15 +591,15 @@ class Smoother:
         smeared = {at + after for at in self._broken(change) for after in (0, 1)}
         clear = [~np.isin(where, list(smeared)) for where in self.where]
         sound = [(own[keep], part.only(keep)) for own, part, keep in zip(residuals, self.boxes, clear, strict=True)]
-        noise, weights = [], []
+        noise, weights = list[RowNoise](), list[Weights | None]()
         for i, (residual, part) in enumerate(zip(residuals, self.boxes, strict=True)):
             before = list(zip(residuals[:i], self.boxes[:i], strict=True))
             steep, columns = self.steepness[i], [(own[:, None], boxes) for own, boxes in before]
             noise.append(RowNoise.fitted(*sound[i], steep[clear[i]], sound[:i]))
             weights.append(tail_weights(noise[-1].whitened(residual[:, None], part, steep, columns)[:, 0]))
-        return noise, weights
+        return tuple(noise), tuple(weights)
 
-    def _triangles(self, noise: Sequence[RowNoise], weights: Sequence[Array | None]) -> Array:
+    def _triangles(self, noise: Sequence[RowNoise], weights: Sequence[Weights | None]) -> Array:
         """Return the whitened and weighted rows of each interval as a triangle over all unknowns, shape (K, size, size + 1)."""
         out = np.zeros((self.count, self.size, self.size + 1))
         self.left = 0.0
@@ -571,7 +610,7 @@ class Smoother:
             whole.append(rows)
             white = own.whitened(rows, part, self.steepness[i], list(zip(whole[:i], self.boxes[:i], strict=True)))
             weight = weights[i]
-            self.left += _rotate(white if weight is None else np.sqrt(weight)[:, None] * white, self.where[i], out)
+            self.left += _rotate(white if weight is None else np.sqrt(weight.each)[:, None] * white, self.where[i], out)
         return out
 
     def _measurements(self, triangles: Array) -> Array:

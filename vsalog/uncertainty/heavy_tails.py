@@ -32,8 +32,21 @@ class Tails(NamedTuple):
 TAILS = Tails()
 
 
-def tail_weights(residual: Array) -> Array | None:
-    """Return the weight of each row, over its variance, from residuals, shape (M,); None where all are alike."""
+class Weights(NamedTuple):
+    """Weights of rows.
+
+    Attributes
+    ----------
+    each : shape (M,), over a row's variance
+    logarithm : of the residuals' density, over that of normal ones of variance 1 of the weighted residuals
+    """
+
+    each: Array
+    logarithm: float
+
+
+def tail_weights(residual: Array) -> Weights | None:
+    """Return the weights of rows from residuals, shape (M,); None where all are alike."""
     count = residual.size
     squares = residual**2
     if count == 0 or not squares.any():
@@ -49,5 +62,7 @@ def tail_weights(residual: Array) -> Array | None:
             math.lgamma(0.5 * (degrees + 1.0)) - math.lgamma(0.5 * degrees) - 0.5 * np.log(np.pi * degrees * scale)
         ) - 0.5 * (degrees + 1.0) * float(np.log1p(squares / (degrees * scale)).sum())
         if likelihood > best:
-            best, found = likelihood, (degrees + 1.0) / (degrees + squares / scale) / scale
+            each = (degrees + 1.0) / (degrees + squares / scale) / scale
+            normal = -0.5 * (count * np.log(2.0 * np.pi) + float(each @ squares))
+            best, found = likelihood, Weights(each, float(likelihood - normal))
     return found

@@ -49,8 +49,8 @@ from vsalog.filters.conditioning import Conditioned, Conditioner
 from vsalog.filters.kinematic import kinematic_filter
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
 from vsalog.rig.tolerance import default_deviation
-from vsalog.uncertainty.long_run import BOX
 from vsalog.uncertainty.errors_in_variables import MOST_NOISE
+from vsalog.uncertainty.long_run import BOX
 from vsalog.uncertainty.sensor_error import ENOUGH, sensor_error
 
 Array = NDArray[np.float64]
