@@ -8,10 +8,10 @@ ENCODER = 2.0 * np.pi / 16384.0
 NOISE = 0.02
 
 
-def elastic_drive(stiffness=100.0, friction=0.0, seconds=10.0, seed=0):
+def elastic_drive(stiffness=100.0, friction=0.0, seconds=10.0, seed=0, part=lambda time: 1.0):
     """Return time, positions of motor and link, and the torques of the motor and of the spring on the link; SI, at 500 Hz.
 
-    A position loop follows a sum of sines up to 3 Hz. Friction is blurred over 2 mrad/s.
+    A position loop follows a sum of sines up to 3 Hz. Friction is blurred over 2 mrad/s. `part` of the stiffness acts at a time.
     """
     rng = np.random.default_rng(seed)
     rates, phases = 2.0 * np.pi * np.exp(rng.uniform(np.log(0.2), np.log(3.0), 8)), rng.uniform(0.0, 2.0 * np.pi, 8)
@@ -23,7 +23,7 @@ def elastic_drive(stiffness=100.0, friction=0.0, seconds=10.0, seed=0):
         return kp * (np.sum(sizes * np.sin(rates * t + phases)) - x[0]) - kd * x[1]
 
     def slopes(t, x):
-        spring = stiffness * (x[0] - x[2])
+        spring = part(t) * stiffness * (x[0] - x[2])
         motor = drive(t, x) - spring - DAMPING * x[1] - friction * np.tanh(x[1] / 2e-3)
         return x[1], motor / INERTIA, x[3], (spring - LINK_DAMPING * x[3]) / LINK
 
@@ -35,7 +35,7 @@ def elastic_drive(stiffness=100.0, friction=0.0, seconds=10.0, seed=0):
     noise = NOISE * rng.standard_normal((2, time.size))
     return {
         "time": time, "motor_position": motor, "link_position": link, "motor_torque": torque + noise[0],
-        "torque_sensor": stiffness * (x[2] - x[0]) + noise[1],
+        "torque_sensor": part(time) * stiffness * (x[2] - x[0]) + noise[1],
     }  # fmt: skip
 
 
