@@ -56,8 +56,8 @@ lint: $(VENV)/.test
 	$(BIN)/check-jsonschema --builtin-schema vendor.github-actions action.yml
 
 docs: $(VENV)/.docs
-	$(BIN)/python -m sphinx --fail-on-warning --keep-going -q -b html docs site
-	$(BIN)/python -m sphinx --fail-on-warning --keep-going -q -b doctest docs site/.doctest
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going -q -b html -d site/.doctrees docs site
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going -q -b doctest -d site/.doctrees docs site/.doctest
 	$(if $(LINKS),$(BIN)/python -m sphinx -q -b linkcheck docs site/.links)
 	@echo "The site begins at site/index.html."
 
