@@ -5,7 +5,7 @@ magnitude taken, gravity taken out. The joint's equations are fitted to the chan
 log(squared residual as recorded / squared residual with the fault undone), summed over the equations, is the fault's profile
 log-likelihood ratio per independent sample. The likeliest fault is reported where
 
-- the residual of some equation exceeds its noise floor, which includes quantisation, in blocks of time (as below);
+- the residual of some equation exceeds its noise floor, which includes quantisation, by an F-test at `FALSE_ALARM`;
 - the ratio is above zero in blocks of time, by Student's t-test or the sign test over the blocks' own ratios, at `FALSE_ALARM`
   for all faults of a joint together (Bonferroni); blocks need not have equal variances (Ibragimov and Müller 2010), and samples
   within a block may depend on one another as they like;
@@ -13,7 +13,8 @@ log-likelihood ratio per independent sample. The likeliest fault is reported whe
 
 Of faults that the blocks do not separate from the likeliest the simplest is named. It is undone, and the search starts again,
 for a second fault. What the joint may do instead is compared in the same way, and undone where it is likeliest, or not separated
-from a fault, but is none of the recording: a channel's gain, and a stiffness that changes (`fault.OF_JOINT`).
+from a fault, but is none of the recording: a channel's gain, and a stiffness that changes (`fault.OF_JOINT`). Where it leaves
+more than noise, it does not excuse a fault that does not.
 
 Ibragimov, Müller, "t-statistic based correlation and heterogeneity robust inference", J. Bus. Econ. Stat. 28, 2010.
 """
@@ -146,8 +147,10 @@ def _likeliest(channels: Channels, undone: Faults) -> Found | None:
     magnitudes = [one for one in explaining if one.fault.kind == "unsigned"]
     best = max(magnitudes or explaining, key=lambda one: one.ratio)
     alike = [one for one in explaining if one is best or not _is_better(channels, undone, best.fault, one.fault)]
-    # Of equally likely faults, the one with the fewest equations and fitted numbers; no fault that the joint itself may explain.
-    of_joint = [one for one in alike if one.fault.kind in OF_JOINT]
+    # Of equally likely faults, the one with the fewest equations and fitted numbers; no fault that the joint itself may explain,
+    # unless that leaves more than noise, and the fault does not.
+    whole = {one.fault for one in alike if not channels.wrong((*undone, one.fault), one.trial.squares)}
+    of_joint = [one for one in alike if one.fault.kind in OF_JOINT and (one.fault in whole or best.fault not in whole)]
     chosen = min(of_joint or alike, key=lambda one: (len(one.trial.squares), FREE.get(one.fault.kind, 0), -one.ratio))
     same = (one.fault for one in alike if one is not chosen and one.trial.squares.keys() == chosen.trial.squares.keys())
     return Found(chosen.fault, tuple(dict.fromkeys(same)), chosen.p, chosen.left)

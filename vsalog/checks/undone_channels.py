@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from vsalog.checks.constrained_fit import residual_of
 from vsalog.checks.fault import RULE, Fault
@@ -48,7 +49,11 @@ class Trial:
 
     def block_ratios(self, other: Trial) -> Array:
         """Return the log-likelihood ratio in each block; a block with almost no residual contributes almost nothing."""
-        return sum((_log_ratios(other.squares[e], own) for e, own in self.squares.items()), np.zeros(RULE.blocks))
+        ratios = np.zeros(RULE.blocks)
+        for e, own in self.squares.items():
+            rest = _above_0(RULE.quiet * float(other.squares[e].mean()))
+            ratios += np.log((other.squares[e] + rest) / (own + rest))
+        return ratios
 
     def left(self, name: str) -> float:
         """Return an equation's squared residual, over its target's squares."""
@@ -95,6 +100,12 @@ class Channels:
         plain = {e: equation(e, self._plain, None, self.unknown_scale) for e in self.equations}
         self.read = {e: one.roles for e, one in plain.items()}
         self.elastic = {e for e, one in plain.items() if one.elastic}
+
+    @property
+    def independent(self) -> float:
+        """Number of independent squares: behind a Gaussian filter their correlations add up to √(2π) of its deviation."""
+        span = float(self.rows[-1] - self.rows[0]) / (math.sqrt(2.0 * math.pi) * self.motion.width)
+        return min(float(self.rows.size), span)
 
     @property
     def roles(self) -> list[str]:
@@ -188,10 +199,15 @@ class Channels:
 
     def wrong(self, faults: Faults, equations: Collection[str] | None = None) -> set[str]:
         """Return the equations whose residual exceeds their noise floor by more than chance makes it once in a thousand."""
-        trial = self.trial(faults, equations)
-        return {
-            e for e, own in trial.squares.items() if above_zero(_log_ratios(own, self._noise(e, faults))) <= FALSE_ALARM
-        }
+        found = set()
+        for e, squares in self.trial(faults, equations).squares.items():
+            floor = self._noise(e, faults)
+            # Both are squares of as many independent values; of fewer, where noise is larger in a part of the log.
+            even = float(floor.sum() ** 2 / (floor.size * floor @ floor)) if floor.any() else 1.0
+            count = even * self.independent
+            if special.fdtrc(count, count, float(squares.sum()) / _above_0(float(floor.sum()))) <= FALSE_ALARM:
+                found.add(e)
+        return found
 
     def _noise(self, name: str, faults: Faults) -> Array:
         """Return the noise floor of an equation's squared residual, over its target's squares, by blocks of time."""
@@ -230,12 +246,6 @@ def _pieces(time: Array, changes: Sequence[float]) -> Array:
     out = np.zeros((time.size, 2 * edges.size - 2))
     out[rows, 2 * piece], out[rows, 2 * piece + 1] = 1.0 - part, part
     return out
-
-
-def _log_ratios(squares: Array, others: Array) -> Array:
-    """Return the logarithms of squares over others, shape (B,); of almost none, next to those of all blocks, almost zero."""
-    rest = _above_0(RULE.quiet * float(squares.mean()))
-    return np.asarray(np.log((squares + rest) / (others + rest)))
 
 
 def _squares(x: Array) -> float:
