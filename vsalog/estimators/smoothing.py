@@ -79,6 +79,7 @@ class Limits(NamedTuple):
     rounds : of hypotheses of the change and of the smoothness, each from the other [1]
     most_rounds : of the noise and the torque's scale, each from the estimate before it [1]: one that changes halves its error
     settled : change of an unknown's average that ends them, in standard deviations [1]: one in ten adds 0.5 % to an error
+    lost : log evidence of a row that ends them [1]: its noise is larger by a twentieth then; less comes of other rows near a jump
     jumps : at most [1]: a log that shows more has a spring that the basis cannot follow
     spreads : of a jump [1]: a window of the filters is an interval at most, which touches two, so that three steps contain it
     least_probability : of a hypothesis that is averaged, as a part of the most probable one's [1]
@@ -94,6 +95,7 @@ class Limits(NamedTuple):
     rounds: int = 3
     most_rounds: int = 10
     settled: float = 0.1
+    lost: float = 0.05
     jumps: int = 4
     spreads: tuple[int, ...] = (1, 2, 3)
     least_probability: float = 1e-3
@@ -485,7 +487,7 @@ class Smoother:
 
     def _chosen(self) -> tuple[Array, Choice, Smoothed]:
         """Choose noise, unknowns and hypotheses; return the triangles, too, and what the best hypothesis estimates."""
-        best = self._likeliest_round(self.changing)
+        best = self._settled_round(self.changing)
         self.active = best.active
         self._take(best.nominal)
         triangles = self._triangles(best.noise, best.weights)
@@ -495,8 +497,10 @@ class Smoother:
         )
         return triangles, choice, smoothed
 
-    def _likeliest_round(self, changing: bool) -> Round:
-        """Fit noise and unknowns to each other as long as the evidence rises; noise that takes up motion lowers it.
+    def _settled_round(self, changing: bool) -> Round:
+        """Fit noise and unknowns to each other until they settle, or up to the round before the evidence falls.
+
+        It falls where noise takes up motion, which moves ever farther away.
 
         Parameters
         ----------
@@ -504,14 +508,14 @@ class Smoother:
         """
         noise, usual, at = self._white(changing), None, np.full(self.size, np.inf)
         weights: tuple[Weights | None, ...] = (None,) * len(noise)
-        best: Round | None = None
+        rounds, count = list[Round](), sum(len(part.rows) for part in self.boxes)
         for _ in range(LIMITS.most_rounds):
             nominal, active = self.nominal, self.active
             found, smoothed = self._explained(self._triangles(noise, weights), usual, False)
             evidence = self._evidence(found, noise, weights)
-            if best is not None and evidence < best.evidence:
+            if rounds and evidence < rounds[-1].evidence - LIMITS.lost * count:
                 break
-            best = Round(evidence, noise, weights, active, nominal, usual, smoothed)
+            rounds.append(Round(evidence, noise, weights, active, nominal, usual, smoothed))
             mean, before = self._whole(smoothed.mean), at
             noise, weights = self._noise(self._whole(self.roughest.mean), _likeliest(found))
             usual, at = smoothed.mean.mean(axis=0), mean.mean(axis=0)
@@ -519,8 +523,7 @@ class Smoother:
             deviation = self._whole(np.sqrt(np.square(smoothed.root).sum(axis=1))).mean(axis=0)
             if np.all(np.abs(at - before) <= LIMITS.settled * deviation):
                 break
-        assert best is not None
-        return best
+        return rounds[-1]
 
     def _evidence(
         self, found: Mapping[Change, float], noise: Sequence[RowNoise], weights: Sequence[Weights | None]
@@ -537,7 +540,7 @@ class Smoother:
         """Return the log evidence of the functions, for noise as the residuals show it."""
         if sum(len(part.rows) for part in self.boxes) <= self.active.size:
             return -np.inf
-        best = self._likeliest_round(True)
+        best = self._settled_round(True)
         return best.evidence if self._resists(best.smoothed) else -np.inf
 
     def _resists(self, smoothed: Smoothed) -> bool:
