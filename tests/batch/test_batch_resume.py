@@ -12,6 +12,8 @@ from vsalog.batch import run as whole_run
 from vsalog.batch.records import Settings
 from vsalog.core.errors import BatchError
 
+pytestmark = pytest.mark.share(2)
+
 
 def test_killed_again_and_again_it_ends_as_if_it_never_was(tmp_path, here):
     """As a user does it, with `kill -9` on the whole of it; `python -m tests.batch.kills` does more of this."""

@@ -12,6 +12,8 @@ from mcap.reader import make_reader
 from vsalog.core.model import ModelFile
 from vsalog.simulation.experiments import awas_experiment, elastic_experiment, vsa2_experiment
 
+pytestmark = pytest.mark.share(2)
+
 
 def columns(path, transmission):
     table = pq.read_table(path).to_pandas()

@@ -10,6 +10,8 @@ from scipy.integrate import solve_ivp
 
 from vsalog.rig import Rig
 
+pytestmark = pytest.mark.share(2)
+
 SEA = """
 [joint.a]
 kind = "elastic"
