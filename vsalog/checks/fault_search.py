@@ -147,10 +147,13 @@ def _likeliest(channels: Channels, undone: Faults) -> Found | None:
     magnitudes = [one for one in explaining if one.fault.kind == "unsigned"]
     best = max(magnitudes or explaining, key=lambda one: one.ratio)
     alike = [one for one in explaining if one is best or not _is_better(channels, undone, best.fault, one.fault)]
-    # Of equally likely faults, the one with the fewest equations and fitted numbers; no fault that the joint itself may explain,
-    # unless that leaves more than noise, and the fault does not.
-    whole = {one.fault for one in alike if not channels.wrong((*undone, one.fault), one.trial.squares)}
-    of_joint = [one for one in alike if one.fault.kind in OF_JOINT and (one.fault in whole or best.fault not in whole)]
+    # Of equally likely faults, the one with the fewest equations and fitted numbers; no fault that the joint itself may explain.
+    if not channels.wrong((*undone, best.fault), best.trial.squares):
+        # What leaves more than noise does not excuse it.
+        joints = (one for one in alike if one.fault.kind in OF_JOINT)
+        unlike = {one.fault for one in joints if channels.wrong((*undone, one.fault), one.trial.squares)}
+        alike = [one for one in alike if one.fault not in unlike]
+    of_joint = [one for one in alike if one.fault.kind in OF_JOINT]
     chosen = min(of_joint or alike, key=lambda one: (len(one.trial.squares), FREE.get(one.fault.kind, 0), -one.ratio))
     same = (one.fault for one in alike if one is not chosen and one.trial.squares.keys() == chosen.trial.squares.keys())
     return Found(chosen.fault, tuple(dict.fromkeys(same)), chosen.p, chosen.left)
