@@ -183,7 +183,7 @@ def test_a_joint_that_stands_still(run, bench):
     ("options", "said"),
     [
         (["-e", "residual-rsl"], "did you mean 'residual-rls'"),
-        (["--tune", "bandwith=3"], "did you mean 'bandwidth'"),
+        (["-e", "residual-rls", "--tune", "bandwith=3"], "did you mean 'bandwidth'"),
         (["--tune", "bandwidth=fast"], "bandwidth"),
         (["--tune", "bandwidth=-1"], "bandwidth"),
         (["--tune", "bandwidth"], "NAME=VALUE"),

@@ -154,7 +154,6 @@ def test_equations_that_close_while_the_simulation_does_not_are_doubted(tmp_path
     assert found.verdict == "unexplained"
     assert not found.causes
     assert found.unexplained.where is None
-    assert "The equations close" in found.sentences[1]
     (doubt,) = (f for f in found.findings if f.code == "diagnosis.simulation_off")
     assert doubt.part == "motor_position"
     assert doubt.value > doubt.limit
