@@ -167,9 +167,9 @@ def test_every_estimator_on_an_elastic_joint(run, samples, tmp_path, name, numbe
     assert np.mean(np.abs(error) < 3.0 * std) > 0.8
 
 
-@pytest.mark.parametrize(("estimator", "off"), [("direct", 0.2), ("smoother", 0.25)])
+@pytest.mark.parametrize(("estimator", "off"), [("direct", 0.2), ("smoother", 0.1)])
 def test_several_settings_in_one_file_make_one_model(run, samples, tmp_path, estimator, off):
-    """A real device: the loading stiffness rises with the slider, as a plain line fit through the raw data has it too."""
+    """A real device: the stiffness rises with the slider, as that of a line through both branches of the raw loop does."""
     log = samples / "desr_foot" / "desr_foot.mat"
     assert run("estimate", log, "-e", estimator).returncode == 0
     model = ModelFile.load(tmp_path / "desr_foot.model.toml").joint["ankle"]
@@ -178,8 +178,8 @@ def test_several_settings_in_one_file_make_one_model(run, samples, tmp_path, est
     fitted, line = [], []
     for _, rows in table.groupby("run", observed=True, sort=True):
         sigma, _ = model.stiffness("1", phi, np.full(51, rows.setpoint.iloc[0]))
-        loading = rows.deflection.between(0.10, 0.15) & (np.gradient(rows.deflection) > 0)
-        line.append(np.polyfit(rows.deflection[loading], rows.flexibility_torque[loading], 1)[0])
+        within = rows.deflection.between(0.10, 0.15)
+        line.append(np.polyfit(rows.deflection[within], rows.flexibility_torque[within], 1)[0])
         fitted.append(sigma.mean())
     assert len(fitted) == 9
     assert (np.diff(fitted) > 0).all()
