@@ -48,7 +48,7 @@ def _divided(channels: Channels, undone: Faults, one: Fault) -> Fault:
         return -channels.trial((*undone, replace(one, changes=changes)), touched).better(now)
 
     best: Changes = ()
-    while len(best) < RULE.changes and channels.wrong((*undone, replace(one, changes=best)), touched):
+    while len(best) < RULE.changes and not _explained(channels, (*undone, replace(one, changes=best)), touched):
         tried = min((tuple(sorted((*best, edge))) for edge in edges if edge not in best), key=left)
         for k in range(len(tried)):
             tried = _moved(left, tried, k, apart, finest)
@@ -57,6 +57,12 @@ def _divided(channels: Channels, undone: Faults, one: Fault) -> Fault:
             break
         best = tried
     return replace(one, changes=best)
+
+
+def _explained(channels: Channels, undone: Faults, equations: set[str]) -> bool:
+    """Return whether no equation has a residual beyond its noise floor; by little, more pieces still explain more."""
+    trial = channels.trial(undone, equations)
+    return all(trial.left(e) <= float(channels.noise(e, undone).sum()) for e in equations)
 
 
 def _moved(left: Callable[[Changes], float], changes: Changes, k: int, step: float, finest: float) -> Changes:

@@ -201,7 +201,7 @@ class Channels:
         """Return the equations whose residual exceeds their noise floor by more than chance makes it once in a thousand."""
         found = set()
         for e, squares in self.trial(faults, equations).squares.items():
-            floor = self._noise(e, faults)
+            floor = self.noise(e, faults)
             # Both are squares of as many independent values; of fewer, where noise is larger in a part of the log.
             even = float(floor.sum() ** 2 / (floor.size * floor @ floor)) if floor.any() else 1.0
             count = even * self.independent
@@ -209,7 +209,7 @@ class Channels:
                 found.add(e)
         return found
 
-    def _noise(self, name: str, faults: Faults) -> Array:
+    def noise(self, name: str, faults: Faults) -> Array:
         """Return the noise floor of an equation's squared residual, over its target's squares, by blocks of time."""
         faults = self._acting(name, faults)
         eq = self._equation(name, faults)
