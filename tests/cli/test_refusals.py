@@ -184,8 +184,8 @@ def test_a_joint_that_stands_still(run, bench):
     [
         (["-e", "residual-rsl"], "did you mean 'residual-rls'"),
         (["-e", "residual-rls", "--tune", "bandwith=3"], "did you mean 'bandwidth'"),
-        (["--tune", "bandwidth=fast"], "bandwidth"),
-        (["--tune", "bandwidth=-1"], "bandwidth"),
+        (["-e", "residual-rls", "--tune", "bandwidth=fast"], "--tune bandwidth=fast"),
+        (["-e", "residual-rls", "--tune", "bandwidth=-1"], "--tune bandwidth=-1"),
         (["--tune", "bandwidth"], "NAME=VALUE"),
         (["--tune", "window=1e300"], "window"),
         (["--tune", "window=1e9"], "window"),

@@ -117,6 +117,18 @@ def test_noise_that_remembers_a_sixth_of_the_log_accuses_nothing():
     assert accused <= stats.binom.isf(1e-3, 100, 0.01)
 
 
+def test_blocks_of_a_shape_of_many_columns_are_not_joined_without_a_memory():
+    """The fits for neighbours share what they err by; chance exceeds one standard error in 16 of 100 logs."""
+    joined, logs = 0, 200
+    for seed in range(logs):
+        rng = np.random.default_rng(seed)
+        x = motion(rng)
+        moments = block_moments(np.column_stack((hats(x, binned(x)[0]), white(rng, x))), block_index(ROWS))
+        each, some = (association(moments, range(moments.shape[1] - 1), join=join) for join in (False, True))
+        joined += each.share != some.share
+    assert joined <= stats.binom.isf(1e-3, logs, stats.norm.sf(1.0))
+
+
 def test_what_never_returns_is_not_predicted():
     """A step that each block has for itself: learnt from others it is none."""
     z = np.column_stack(

@@ -130,7 +130,9 @@ def test_no_effect_is_the_rig_as_it_stands(preset):
     joint = played(preset)[1]
     plain = measured(preset, joint)
     for site in sites(preset):
-        same = measured(preset, placed(joint, [(site, np.array(site.start))]))
+        # Of friction that the rig has, bristles begin soft: without an effect are those that hardly give way [ln rad].
+        nothing = [-19.0 if p.name == "way" else p.start for p in site.parameters]
+        same = measured(preset, placed(joint, [(site, np.array(nothing))]))
         # A payload begins at a millionth of the link.
         assert far(plain, same) < 1e-5, site.key
 

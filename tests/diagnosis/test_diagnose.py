@@ -118,7 +118,7 @@ def test_the_extended_rig_is_the_rig_with_the_cause_in_it_and_nothing_else(wrong
 def test_with_the_extended_rig_nothing_is_wrong(wrong, call):
     """On the log it was learnt from, and on the other."""
     for name in ("exp1.csv", "exp2.csv"):
-        code, out, err = call(name, "--rig", "out/extended.rig.toml", "-o", "again", "--json", "--force", cwd=wrong)
+        code, out, err = call(name, "--rig", "out/extended.rig.toml", "-o", "again", "--force", "--json", cwd=wrong)
         assert code == 0, err
         found = json.loads(out)
         assert (found["verdict"], found["causes"]) == ("consistent", [])

@@ -153,7 +153,9 @@ def test_equations_that_close_while_the_simulation_does_not_are_doubted(tmp_path
     found = worded(diagnose(lay(tmp_path, pull, loud, rig=rig), None, Options()))
     assert found.verdict == "unexplained"
     assert not found.causes
+    # No equation stands out of its noise, and the report names no side after the verdict.
     assert found.unexplained.where is None
+    assert len(found.sentences) == 2
     (doubt,) = (f for f in found.findings if f.code == "diagnosis.simulation_off")
     assert doubt.part == "motor_position"
     assert doubt.value > doubt.limit

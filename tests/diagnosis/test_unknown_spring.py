@@ -102,8 +102,8 @@ def test_a_sensor_that_an_unknown_spring_was_fitted_to_is_judged_by_motor_and_li
 
 @pytest.mark.every(3)
 @pytest.mark.parametrize("zero", ["motor_position", "link_position", "torque_sensor"])
-def test_an_offset_next_to_an_unknown_spring_is_no_cause(tmp_path, zero):
-    """A spring that is fitted takes up 0.02 rad of an encoder, or 0.24 N·m of the sensor: it is not written as a cause's rig."""
+def test_motor_and_link_tell_whose_the_torque_at_rest_is(tmp_path, zero):
+    """What is 0.02 rad of an encoder, or 0.24 N·m of the sensor, for a spring, is that of no other for motor and link."""
     off = 0.24 if zero == "torque_sensor" else 0.02
     names = ("motor_position", "link_position", "motor_torque", "torque_sensor")
     time, roles = log(Truth(), duration=10.0, roles=names)
@@ -111,7 +111,8 @@ def test_an_offset_next_to_an_unknown_spring_is_no_cause(tmp_path, zero):
     recorded(tmp_path, time, roles | {zero: roles[zero] + off}, rig)
     outcome = diagnose(tmp_path / "log.csv", None, Options())
     assert (outcome.diagnosis.verdict, outcome.diagnosis.causes) == ("consistent as far as checked", ())
-    assert outcome.extended is None
+    offsets = [(f.part, f.value) for f in outcome.diagnosis.findings if f.code == "diagnosis.spring_fitted"]
+    assert offsets == [(zero, pytest.approx(off, rel=0.02))]
 
 
 def test_next_to_an_unknown_spring_a_late_encoder_is_reported_exactly(tmp_path):

@@ -158,7 +158,7 @@ torque_sensor = "torque"
 
 def estimated(log, folder, *options):
     result = CliRunner().invoke(
-        cli, ["estimate", str(log), "--estimator", "impedance", "-o", str(folder) + "/", "--json", "--force", *options]
+        cli, ["estimate", str(log), "--estimator", "impedance", "--force", "-o", str(folder) + "/", "--json", *options]
     )
     assert result.exit_code == 0, result.output
     table = pq.read_table(folder / f"{log.stem}.stiffness.parquet").to_pydict()

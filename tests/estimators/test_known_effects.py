@@ -308,9 +308,9 @@ def test_the_commands(tmp_path, monkeypatch, estimator):
     off = {}
     for option in ("--set", "--actual"):
         given = [a for e in effects for a in (option, f"joint.sea.{e}")]
-        done = runner.invoke(cli, ["simulate", "sea", *given, "-o", "log.mcap", "--force"])
+        done = runner.invoke(cli, ["simulate", "sea", *given, "--force", "-o", "log.mcap"])
         assert done.exit_code == 0, done.output
-        done = runner.invoke(cli, ["estimate", "log.mcap", "-e", estimator, "--json", "--force"])
+        done = runner.invoke(cli, ["estimate", "log.mcap", "-e", estimator, "--force", "--json"])
         assert done.exit_code == 0, done.output
         table = pq.read_table("log.stiffness.parquet").to_pandas()
         rows = table[(table.transmission == "1") & (table.time > 0.5 * table.time.max())]

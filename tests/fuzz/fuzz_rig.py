@@ -35,7 +35,9 @@ def seeds():
     for name in presets():
         yield preset_text(name).encode()
         yield f'preset = "{name}"\n'.encode()
-    for page in sorted((SCHEMA.parent / "reference" / "rig").glob("*.md")):
+    pages = sorted((SCHEMA.parent / "reference" / "rig").glob("*.md"))
+    assert pages, "the examples of the documentation are elsewhere"
+    for page in pages:
         for example in page.read_text(encoding="utf-8").split("```toml\n")[1:]:
             yield example.partition("```")[0].encode()
     yield b'preset = "vsa2"\n\0joint.elbow.motor_1.inertia=7.3 kg*m*mm\0joint.elbow.signals.link_position.offset=1 deg'

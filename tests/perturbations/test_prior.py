@@ -60,11 +60,11 @@ def awas(tmp_path):
     """Simulate a machine; return supported estimates of it, how far they are off, and the findings by code."""
 
     def estimated(estimator, *actual, change=None, tuned=()):
-        log = ("simulate", "awas", *actual, "--truth", "-o", "log.parquet", "--force")
+        log = ("simulate", "awas", *actual, "--truth", "--force", "-o", "log.parquet")
         assert vsalog_run(*log, cwd=tmp_path).returncode == 0
         if change is not None:
             change(tmp_path / "log.parquet")
-        asked = ("-e", estimator, *tuned, "-o", "trace.parquet", "--json", "--force")
+        asked = ("-e", estimator, *tuned, "--force", "-o", "trace.parquet", "--json")
         done = vsalog_run("estimate", "log.parquet", *asked, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         truth = pq.read_table(tmp_path / "log.parquet").to_pandas().set_index("stamp")["/truth/stiffness.data"]
