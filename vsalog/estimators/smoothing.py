@@ -76,10 +76,10 @@ class Limits(NamedTuple):
         more than all of a spring cannot go
     roughest, smoothest : of a power of the deflection what a spring's torque has at its largest deflection, in that of the power
         before [1], eight ratios in between: the one for a spring with a corner, the other for a straight line
-    rounds : of hypotheses of the change and of the smoothness, each from the other [1]
+    rounds : of hypotheses of the change and of the smoothness, each from the other, and of the noise where bases compete [1]
     most_rounds : of the noise and the torque's scale, each from the estimate before it [1]: one that changes halves its error
     settled : change of an unknown's average that ends them, in standard deviations [1]: one in ten adds 0.5 % to an error
-    lost : log evidence of a row that ends them [1]: its noise is larger by a twentieth then; less comes of other rows near a jump
+    evidence_loss : of log evidence a row, that ends them [1]: its noise is a twentieth larger; less comes of rows beside a jump
     jumps : at most [1]: a log that shows more has a spring that the basis cannot follow
     spreads : of a jump [1]: a window of the filters is an interval at most, which touches two, so that three steps contain it
     least_probability : of a hypothesis that is averaged, as a part of the most probable one's [1]
@@ -95,7 +95,7 @@ class Limits(NamedTuple):
     rounds: int = 3
     most_rounds: int = 10
     settled: float = 0.1
-    lost: float = 0.05
+    evidence_loss: float = 0.05
     jumps: int = 4
     spreads: tuple[int, ...] = (1, 2, 3)
     least_probability: float = 1e-3
@@ -487,7 +487,7 @@ class Smoother:
 
     def _chosen(self) -> tuple[Array, Choice, Smoothed]:
         """Choose noise, unknowns and hypotheses; return the triangles, too, and what the best hypothesis estimates."""
-        best = self._settled_round(self.changing)
+        best = self._settled_round(self.changing, LIMITS.most_rounds)
         self.active = best.active
         self._take(best.nominal)
         triangles = self._triangles(best.noise, best.weights)
@@ -497,7 +497,7 @@ class Smoother:
         )
         return triangles, choice, smoothed
 
-    def _settled_round(self, changing: bool) -> Round:
+    def _settled_round(self, changing: bool, most: int) -> Round:
         """Fit noise and unknowns to each other until they settle, or up to the round before the evidence falls.
 
         It falls where noise takes up motion, which moves ever farther away.
@@ -505,15 +505,16 @@ class Smoother:
         Parameters
         ----------
         changing : whether the noise at first is that of a spring which is another in each interval
+        most : rounds
         """
         noise, usual, at = self._white(changing), None, np.full(self.size, np.inf)
         weights: tuple[Weights | None, ...] = (None,) * len(noise)
         rounds, count = list[Round](), sum(len(part.rows) for part in self.boxes)
-        for _ in range(LIMITS.most_rounds):
+        for _ in range(most):
             nominal, active = self.nominal, self.active
             found, smoothed = self._explained(self._triangles(noise, weights), usual, False)
             evidence = self._evidence(found, noise, weights)
-            if rounds and evidence < rounds[-1].evidence - LIMITS.lost * count:
+            if rounds and evidence < rounds[-1].evidence - LIMITS.evidence_loss * count:
                 break
             rounds.append(Round(evidence, noise, weights, active, nominal, usual, smoothed))
             mean, before = self._whole(smoothed.mean), at
@@ -540,7 +541,7 @@ class Smoother:
         """Return the log evidence of the functions, for noise as the residuals show it."""
         if sum(len(part.rows) for part in self.boxes) <= self.active.size:
             return -np.inf
-        best = self._settled_round(True)
+        best = self._settled_round(True, LIMITS.rounds)
         return best.evidence if self._resists(best.smoothed) else -np.inf
 
     def _resists(self, smoothed: Smoothed) -> bool:

@@ -39,9 +39,10 @@ class Checked:
 
     @property
     def gear_ratios(self) -> tuple[float, ...]:
-        """The known gear ratio, or the ends of its interval."""
+        """The known gear ratio, or the ends of its interval; none where it has none."""
         if self.known_gear_ratio is None and self.gear_ratio is not None:
-            return self.gear_ratio.low, self.gear_ratio.high
+            ends = (self.gear_ratio.low, self.gear_ratio.high)
+            return ends if all(map(math.isfinite, ends)) else ()
         return (float(self.known_gear_ratio or 1),)
 
 
@@ -162,7 +163,7 @@ def _over_deflection(
     size *= checked.roles[f"motor_position{suffix}"].sign
     lines = [guess_data.torque_over_difference(torque, link, motor, size * ratio) for ratio in checked.gear_ratios]
     known = [line for line in lines if line is not None]
-    if len(known) < len(lines) or len({line.correlation > 0.0 for line in known}) > 1:
+    if not known or len(known) < len(lines) or len({line.correlation > 0.0 for line in known}) > 1:
         return "", None
     return "link − motor position", min(known, key=lambda line: abs(line.correlation))
 

@@ -365,10 +365,10 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     known = all(view.motor.reflected_inertia is not None for view in views)
     box = max(conditioner.window // BOXES.per_window, BOX)
     # Noise that is most of what a motor's equation has of the spring would bias what the sensor's shows.
-    noisy = (
+    noise_share = (
         max(_noise_beside_motion(signals, view, conditioner, box) for view in views) if motors and not known else 0.0
     )
-    motors = motors and not (sensed and noisy > MOST_NOISE)
+    motors = motors and not (sensed and noise_share > MOST_NOISE)
     driven = integrated_equations(device, signals, tuning, conditioner) if motors else ()
     driven = tuple(replace(own, exact=conditioner.exact) for own in driven)
     pushed = _pushed(device, signals, tuning, conditioner, sensed=sensed and len(sensors) > 1)
@@ -398,7 +398,7 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
         count,
         first.unknowns,
         tuple(_required(torque, known, device) for torque, _ in first.parts),
-        tuple(_hidden(torque, first, signals, conditioner, box, noisy) for torque, _ in first.parts),
+        tuple(_hidden(torque, first, signals, conditioner, box, noise_share) for torque, _ in first.parts),
         tuple(default_deviation(GAINS[torque], 1.0, 1.0) for torque, _ in first.parts),
         box,
         leading=tuple((int(sensed), name) for name in UNKNOWN_MOTOR) if first.leading else (),
@@ -491,9 +491,14 @@ def _required(torque: str, known: bool, device: Device) -> frozenset[str]:
 
 
 def _hidden(
-    torque: str, equation: CombinedEquation, signals: JointSignals, conditioner: Conditioner, box: int, noisy: float
+    torque: str,
+    equation: CombinedEquation,
+    signals: JointSignals,
+    conditioner: Conditioner,
+    box: int,
+    noise_share: float,
 ) -> frozenset[str]:
-    """Return the unknowns of an equation that cannot be identified; `noisy` as of `_noise_beside_motion`."""
+    """Return the unknowns of an equation that cannot be identified; `noise_share` as of `_noise_beside_motion`."""
     # A gain is relative to the other equations'. Which of two is wrong only a known inertia tells; else it is the motor's.
     alone = len({torque for torque, _ in equation.parts}) == 1
     if torque == "torque_sensor":
@@ -503,7 +508,7 @@ def _hidden(
     moved = ["link_position"] if torque == PUSH else [view.motor_position for view in equation.transmissions]
     if max(_noise_of_acceleration(signals.roles[role], conditioner, box) for role in moved) > REPORTED_CHANGE:
         hidden |= {"inertia", GAIN}
-    if torque != PUSH and noisy > REPORTED_CHANGE:
+    if torque != PUSH and noise_share > REPORTED_CHANGE:
         hidden |= {GAIN}
     return frozenset(hidden)
 
