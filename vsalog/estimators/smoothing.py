@@ -79,7 +79,7 @@ class Limits(NamedTuple):
     rounds : of hypotheses of the change and of the smoothness, each from the other, and of the noise where bases compete [1]
     most_rounds : of the noise and the torque's scale, each from the estimate before it [1]: one that changes halves its error
     settled : change of an unknown's average that ends them, in standard deviations [1]: one in ten adds 0.5 % to an error
-    evidence_loss : of log evidence a row, that ends them [1]: its noise is a twentieth larger; less comes of rows beside a jump
+    evidence_loss : of log evidence a row, that ends them [1]: its noise is a twentieth larger; less comes of rows near a jump
     jumps : at most [1]: a log that shows more has a spring that the basis cannot follow
     spreads : of a jump [1]: a window of the filters is an interval at most, which touches two, so that three steps contain it
     least_probability : of a hypothesis that is averaged, as a part of the most probable one's [1]
