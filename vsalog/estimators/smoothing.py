@@ -151,17 +151,21 @@ class Round(NamedTuple):
     Attributes
     ----------
     evidence : logarithm of its probability, but for a constant
+    no_change : probability that the spring does not change
     noise, weights : of each equation
     active, nominal, usual : as of `Choice`, before the estimate; None to take as usual what a spring has that does not change
+    smoothness : as of `Choice`
     smoothed : by the most probable hypothesis
     """
 
     evidence: float
+    no_change: float
     noise: tuple[RowNoise, ...]
     weights: tuple[Weights | None, ...]
     active: NDArray[np.intp]
     nominal: Array
     usual: Array | None
+    smoothness: tuple[Smoothness, ...]
     smoothed: Smoothed
 
 
@@ -197,17 +201,32 @@ class Choice(NamedTuple):
     @property
     def probabilities(self) -> dict[Change, float]:
         """The probability of each hypothesis."""
-        return dict(zip(self.evidence, _normalised(list(self.evidence.values())).tolist(), strict=True))
+        return _probabilities(self.evidence)
 
     @property
     def probability_of_no_change(self) -> float:
         """Probability that the spring does not change."""
-        return sum(p for change, p in self.probabilities.items() if change.constant)
+        return _probability_of_no_change(self.evidence)
 
     @property
     def probability_of_polynomial(self) -> float:
         """Probability that the pieces of the deflection's range are not needed."""
-        return float(_normalised([own.evidence for own in self.smoothness])[0])
+        return _probability_of_first(self.smoothness)
+
+
+class BasisEvidence(NamedTuple):
+    """How probable a basis is in the rows of a log.
+
+    Attributes
+    ----------
+    logarithm : of its probability, but for a constant; −∞ for fewer rows than unknowns
+    polynomial : probability that the pieces of the deflection's range are not needed
+    shown : whether the log shows unknowns that are not always estimated
+    """
+
+    logarithm: float
+    polynomial: float
+    shown: bool
 
 
 class Trajectory(NamedTuple):
@@ -339,13 +358,8 @@ class SmootherSolver:
         trajectory = Smoother(self, boxes, state.samples, state.choice).trajectory()
         return SmootherState(None, 0, None, trajectory)
 
-    def probability_of_polynomial(self, state: SmootherState) -> float:
-        """Return the probability of the collected rows' spring having no pieces of the deflection's range."""
-        assert state.boxes is not None
-        return Smoother(self, [own.whole for own in state.boxes], state.samples).probability_of_polynomial()
-
-    def evidence(self, state: SmootherState) -> float:
-        """Return the log evidence of the basis in the collected rows, of a spring that may change.
+    def evidence(self, state: SmootherState) -> BasisEvidence:
+        """Return how probable the basis is in the collected rows, of a spring that may change.
 
         Only the first equation counts, the torque sensor's if there is one: what equations disagree on is no shape of the spring.
         """
@@ -358,7 +372,10 @@ class SmootherSolver:
             gains=self.gains[:1],
         )
         boxes = [state.boxes[0].whole]
-        return max(Smoother(alone, boxes, state.samples, shown=shown).evidence() for shown in (False, True))
+        found = Smoother(alone, boxes, state.samples).evidence()
+        if not found.shown:
+            return found
+        return max(found, Smoother(alone, boxes, state.samples, shown=False).evidence(), key=lambda own: own.logarithm)
 
     def solution(self, state: SmootherState) -> tuple[Array, Array, float]:
         """Return ξ̂ (n,), its covariance (n, n), both averages over the log, and the noise seen in y (standard deviation)."""
@@ -471,23 +488,18 @@ class Smoother:
             return Smoother(self.solver, self.collected, self.samples, loops=self.loops, shown=False).trajectory()
         return found._external(*found._averaged(triangles, choice), choice)
 
-    def probability_of_polynomial(self) -> float:
-        """Return the probability that the pieces of the deflection's range are not needed; 1 for fewer rows than unknowns."""
-        if sum(len(part.rows) for part in self.boxes) <= self.active.size:
-            return 1.0
-        return self._settled()[2].probability_of_polynomial
-
     def _settled(self) -> tuple[Smoother, Array, Choice, Smoothed]:
         """Return a smoother and what it has chosen; if the spring changes, one whose first noise has no steady change in it."""
-        found = self._chosen()
-        if self.changing or found[1].change.constant:
-            return self, *found
-        again = Smoother(self.solver, self.collected, self.samples, loops=self.loops, shown=self.shown, changing=True)
-        return again, *again._chosen()
-
-    def _chosen(self) -> tuple[Array, Choice, Smoothed]:
-        """Choose noise, unknowns and hypotheses; return the triangles, too, and what the best hypothesis estimates."""
         best = self._settled_round(self.changing, LIMITS.most_rounds)
+        if self.changing or best.no_change > FALSE_ALARM:
+            found = self._chosen(best)
+            if self.changing or found[1].change.constant:
+                return self, *found
+        again = Smoother(self.solver, self.collected, self.samples, loops=self.loops, shown=self.shown, changing=True)
+        return again, *again._chosen(again._settled_round(True, LIMITS.most_rounds))
+
+    def _chosen(self, best: Round) -> tuple[Array, Choice, Smoothed]:
+        """Choose noise, unknowns and hypotheses; return the triangles, too, and what the best hypothesis estimates."""
         self.active = best.active
         self._take(best.nominal)
         triangles = self._triangles(best.noise, best.weights)
@@ -516,7 +528,11 @@ class Smoother:
             evidence = self._evidence(found, noise, weights)
             if rounds and evidence < rounds[-1].evidence - LIMITS.evidence_loss * count:
                 break
-            rounds.append(Round(evidence, noise, weights, active, nominal, usual, smoothed))
+            no_change = _probability_of_no_change(found)
+            rounds.append(Round(evidence, no_change, noise, weights, active, nominal, usual, self.smoothness, smoothed))
+            # Its noise is another at first: `_settled` begins again.
+            if not changing and len(rounds) == LIMITS.rounds and no_change < FALSE_ALARM:
+                break
             mean, before = self._whole(smoothed.mean), at
             noise, weights = self._noise(self._whole(self.roughest.mean), _likeliest(found))
             usual, at = smoothed.mean.mean(axis=0), mean.mean(axis=0)
@@ -537,12 +553,16 @@ class Smoother:
         evidence += float(np.logaddexp.reduce(smoothness) - smoothness.max())
         return evidence + sum(own.logarithm for own in weights if own is not None)
 
-    def evidence(self) -> float:
-        """Return the log evidence of the functions, for noise as the residuals show it."""
-        if sum(len(part.rows) for part in self.boxes) <= self.active.size:
-            return -np.inf
+    def evidence(self) -> BasisEvidence:
+        """Return how probable the functions are, for noise as the residuals show it."""
+        always = self.active.size
+        if sum(len(part.rows) for part in self.boxes) <= always:
+            return BasisEvidence(-np.inf, 1.0, False)
         best = self._settled_round(True, LIMITS.rounds)
-        return best.evidence if self._resists(best.smoothed) else -np.inf
+        polynomial = _probability_of_first(best.smoothness)
+        return BasisEvidence(
+            best.evidence if self._resists(best.smoothed) else -np.inf, polynomial, self.active.size > always
+        )
 
     def _resists(self, smoothed: Smoothed) -> bool:
         """Tell whether all friction elements together have a significant positive torque; true where there are none."""
@@ -870,7 +890,7 @@ class Smoother:
 
     def _weighed(self, measurements: Array, walk: RandomWalk, changes: Sequence[Change]) -> dict[Change, float]:
         """Return the log evidence of hypotheses: either the whole walks or not, and so for its shape and trend, each alike."""
-        absent, walks, steady = np.log(0.5), np.log(0.5 / LIMITS.changes.size), np.log(0.5 / LIMITS.trends.size)
+        absent, walks, steady = (math.log(0.5 / count) for count in (1, LIMITS.changes.size, LIMITS.trends.size))
         return {
             change: self._log_likelihood(measurements, walk, change)
             + sum(walks if size else absent for size in (change.whole, change.shape))
@@ -966,6 +986,18 @@ def _least_squares(part: BoxRows) -> Array:
 
 def _likeliest(evidence: Mapping[Change, float]) -> Change:
     return max(evidence, key=lambda change: evidence[change])
+
+
+def _probabilities(evidence: Mapping[Change, float]) -> dict[Change, float]:
+    return dict(zip(evidence, _normalised(list(evidence.values())).tolist(), strict=True))
+
+
+def _probability_of_no_change(evidence: Mapping[Change, float]) -> float:
+    return sum(p for change, p in _probabilities(evidence).items() if change.constant)
+
+
+def _probability_of_first(smoothness: Sequence[Smoothness]) -> float:
+    return float(_normalised([own.evidence for own in smoothness])[0])
 
 
 def _normalised(evidence: Sequence[float] | Array) -> Array:

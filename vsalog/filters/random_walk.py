@@ -33,6 +33,7 @@ class RandomWalk:
         rows = triangle_of(np.concatenate((measurements[:, :, :-1] @ directions.T, measurements), axis=2))
         self._fronts = np.ascontiguousarray(rows[:, :r])
         self._rest = triangle_of(rows[:, r:, r:].reshape(-1, width))
+        self._found: dict[bytes, tuple[Array, float]] = {}
 
     def triangle(self, shares: Array) -> tuple[Array, float]:
         """Return the information of the measurements about c, with the walk marginalised.
@@ -46,6 +47,13 @@ class RandomWalk:
         triangle : shape (at most n + 1, n + 1), rows [R z] with independent noise of variance one
         logarithm : to add to the log likelihood
         """
+        # Hypotheses that differ in what is known of c have the same steps.
+        key = shares.tobytes()
+        if key not in self._found:
+            self._found[key] = self._eliminated(shares)
+        return self._found[key]
+
+    def _eliminated(self, shares: Array) -> tuple[Array, float]:
         fronts = self._fronts
         rows, logarithm = np.zeros((len(fronts), fronts.shape[1], fronts.shape[2] - fronts.shape[1])), 0.0
         if fronts.shape[1]:
@@ -61,18 +69,30 @@ def log_likelihood(triangle: Array, deviations: Array) -> float:
     ----------
     deviations : shape (n,), of x, independent
     """
-    n = deviations.size
-    # In units of the deviations, so that none is divided by.
-    stack = np.zeros((len(triangle) + n, n + 1))
-    stack[: len(triangle), :n], stack[: len(triangle), n] = triangle[:, :n] * deviations, triangle[:, n]
-    stack[len(triangle) :, :n] = np.eye(n)
-    diagonal = np.diagonal(triangle_of(stack))
-    return -float(np.log(np.abs(diagonal[:n])).sum()) - 0.5 * float(diagonal[n]) ** 2
+    return float(_log_likelihood(triangle, deviations))
 
 
 def triangle_of(rows: Array) -> Array:
     """Return the triangular factor R of rows, Rᵀ R = rowsᵀ rows, over the last two dimensions."""
     return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+@compiled
+def _log_likelihood(triangle: Array, deviations: Array) -> float:
+    m, n = triangle.shape[0], deviations.size
+    # In units of the deviations, so that none is divided by.
+    stack = np.zeros((m + n, n + 1))
+    for i in range(m):
+        for j in range(n):
+            stack[n + i, j] = triangle[i, j] * deviations[j]
+        stack[n + i, n] = triangle[i, n]
+    for i in range(n):
+        stack[i, i] = 1.0
+    triangularise(stack, n + 1, np.empty(n + 1))
+    logarithm = -0.5 * stack[n, n] ** 2
+    for i in range(n):
+        logarithm -= math.log(abs(stack[i, i]))
+    return logarithm
 
 
 @compiled

@@ -40,7 +40,7 @@ from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_behind_filters
 from vsalog.estimators.residual_motion import POSITION, SUSPECTS, MotionRows, followers, following
 from vsalog.estimators.screening import Screening, screened
-from vsalog.estimators.smoothing import LIMITS, SHARED, Choice, SmootherSolver, SmootherState, Trajectory
+from vsalog.estimators.smoothing import LIMITS, SHARED, BasisEvidence, Choice, SmootherSolver, SmootherState, Trajectory
 from vsalog.estimators.transmission_torque import carried_by
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.window_error import Driven, exact_window, reading_window
@@ -557,8 +557,11 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
     states: dict[SmootherFold, list[SmootherState]] = {}
 
     @cache
+    def found(fold: SmootherFold) -> list[BasisEvidence]:
+        return [fold.solver.evidence(own) for own in states[fold]]
+
     def evidence(fold: SmootherFold) -> float:
-        return sum(fold.solver.evidence(own) for own in states[fold])
+        return sum(own.logarithm for own in found(fold))
 
     def needed(fold: SmootherFold, other: SmootherFold) -> bool:
         return evidence(fold) - evidence(other) > SURE
@@ -589,7 +592,7 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
         best = smooth if evidence(smooth) > evidence(fold) else fold
     basis = best.device.basis
     knots = basis.knots > plain.device.basis.knots
-    if knots and all(best.solver.probability_of_polynomial(own) > 0.5 for own in states[best]):
+    if knots and all(own.polynomial > 0.5 for own in found(best)):
         basis = replace(basis, knots=plain.device.basis.knots)
     own = best.equations[0]
     return plain.with_shape(basis, own.slips, own.smooth, own.wait if own.slips else 0.0)
