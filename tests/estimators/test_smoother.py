@@ -242,14 +242,14 @@ def test_runs_under_set_points_of_their_own_say_nothing_of_time():
 
 def test_a_polynomial_without_a_loop_is_not_reported_as_another_spring():
     splines = 0
-    for seed in range(4):
+    for seed in range(8):
         t, signals, truth = machine(seed=20 + seed)
         columns, fold, state = estimated(t, signals)
         splines += fold.device.basis.knots > 0
         assert not fold.equations[0].slips
         assert "spring.not_polynomial" not in {one.code for one in fold.findings(state)}
         assert np.median(errors(columns, truth)[0]) < 0.001
-    assert splines <= 1
+    assert splines <= 2
 
 
 def test_few_rows_are_not_explained_by_as_many_unknowns():

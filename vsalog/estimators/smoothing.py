@@ -175,7 +175,7 @@ class Choice(NamedTuple):
     Attributes
     ----------
     intervals : K, of the log
-    noise : of each equation
+    noise : of each equation; none where it is to be fitted to other rows
     active : numbers of the unknowns that are estimated
     smoothness : hypotheses of how smooth a spring is; of the first it is a polynomial
     nominal : coefficients, and other unknowns that equations share, on average
@@ -478,8 +478,11 @@ class Smoother:
             return None
         if self.choice is not None:
             self.active, self.direction, self.usual = self.choice.active, self.choice.direction, self.choice.usual
-            triangles = self._triangles(self.choice.noise, [None] * len(self.boxes))
-            return self._external(*self._averaged(triangles, self.choice), self.choice)
+            noise, weights = (
+                (self.choice.noise, [None] * len(self.boxes)) if self.choice.noise else self._refitted(self.choice)
+            )
+            choice = self.choice._replace(noise=noise)
+            return self._external(*self._averaged(self._triangles(noise, weights), choice), choice)
         found, triangles, choice, smoothed = self._settled()
         if not found._resists(smoothed):
             return Smoother(self.solver, self.collected, self.samples, loops=False).trajectory()
@@ -497,6 +500,16 @@ class Smoother:
                 return self, *found
         again = Smoother(self.solver, self.collected, self.samples, loops=self.loops, shown=self.shown, changing=True)
         return again, *again._chosen(again._settled_round(True, LIMITS.most_rounds))
+
+    def _refitted(self, choice: Choice) -> tuple[tuple[RowNoise, ...], Sequence[Weights | None]]:
+        """Return the noise of these rows and the weights of each, for hypotheses that are chosen."""
+        noise = self._white(not choice.change.constant)
+        weights: tuple[Weights | None, ...] = (None,) * len(noise)
+        self.smoothness = choice.smoothness
+        for _ in range(LIMITS.rounds):
+            self._roughen(self._measurements(self._triangles(noise, weights)), choice.change)
+            noise, weights = self._noise(self._whole(self.roughest.mean), choice.change)
+        return noise, weights
 
     def _chosen(self, best: Round) -> tuple[Array, Choice, Smoothed]:
         """Choose noise, unknowns and hypotheses; return the triangles, too, and what the best hypothesis estimates."""
@@ -761,15 +774,20 @@ class Smoother:
                 break
         if best != explained:
             self.smoothness = self._smoothnesses(walk.triangle(self._shares(best))[0], best)
-        # Noise is what even the least smooth spring leaves: that of a smoother one would contain the misfit that shows it.
-        prior, self.prior = self.prior, self.smoothness[-1].prior
-        self.roughest = self._smooth(measurements, best, self.direction, True)
-        known = 1.0 - np.square(self.roughest.root).sum(axis=1).mean(axis=0) / np.square(self.prior)
-        self.fitted, self.prior = float(np.clip(known, 0.0, 1.0).sum()), prior
+        prior = self.prior
+        self._roughen(measurements, best)
+        self.prior = prior
         # A causal filter's acceleration lags and is noisy, which another inertia would explain.
         if self.shown and not self.solver.causal and self._shown(triangles, best):
             return self._explained(triangles, None, shapes)
         return evidence, smoothed
+
+    def _roughen(self, measurements: Array, change: Change) -> None:
+        """Estimate the least smooth spring: its residual is noise; that of a smoother one has the misfit in it that shows it."""
+        self.prior = self.smoothness[-1].prior
+        self.roughest = self._smooth(measurements, change, self.direction, True)
+        known = 1.0 - np.square(self.roughest.root).sum(axis=1).mean(axis=0) / np.square(self.prior)
+        self.fitted = float(np.clip(known, 0.0, 1.0).sum())
 
     def _smoothnesses(self, triangle: Array, change: Change) -> tuple[Smoothness, ...]:
         """Return the hypotheses of how smooth a spring is, of rows of the scaled unknowns and a change's trends.

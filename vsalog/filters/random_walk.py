@@ -69,7 +69,8 @@ def log_likelihood(triangle: Array, deviations: Array) -> float:
     ----------
     deviations : shape (n,), of x, independent
     """
-    return float(_log_likelihood(triangle, deviations))
+    logarithm: float = _log_likelihood(triangle, deviations)
+    return logarithm
 
 
 def triangle_of(rows: Array) -> Array:
@@ -92,7 +93,7 @@ def _log_likelihood(triangle: Array, deviations: Array) -> float:
     logarithm = -0.5 * stack[n, n] ** 2
     for i in range(n):
         logarithm -= math.log(abs(stack[i, i]))
-    return logarithm
+    return float(logarithm)
 
 
 @compiled

@@ -159,10 +159,13 @@ class SmootherFold(RegressionFold):
         return {name: value for name, value in super().derived.items() if name != "p0"}
 
     def rebuilt(self, signals: JointSignals) -> SmootherFold:
-        """Return the fold for other signals of the same joint, with the functions of this one."""
+        """Return the fold for other signals of the same joint, with the functions and what was chosen of this one."""
         fold = build(self.device, signals, msgspec.structs.replace(self.tuning, basis="rig"))
         own = self.equations[0]
-        return fold.with_shape(own.basis, own.slips, own.smooth, own.wait)
+        fold = fold.with_shape(own.basis, own.slips, own.smooth, own.wait)
+        if fold.solver.unknowns == self.solver.unknowns:
+            fold.choices = tuple(None if choice is None else choice._replace(noise=()) for choice in self.choices)
+        return fold
 
     def settled(self, state: FoldState) -> SmootherFold:
         """Return the same fold, which takes what was chosen from the log."""
