@@ -163,3 +163,17 @@ def test_pieces_that_begin_at_knots_are_parabolas_beyond_them():
     assert basis.terms == ["phi^1", "knot(+0)", "knot(+0.5)", "knot(-0)", "knot(-0.5)"]
     assert basis.powers_of_terms == (1, -1, -1, -1, -1)
     assert np.isnan(basis.rows(np.array([np.nan]))).all()
+
+
+def test_corners_are_ramps_away_from_zero():
+    basis = PolynomialBasis.make(1, deflection_scale=0.2, setpoint_order=2, corners=(-0.1, 0.0, 0.05))
+    phi, c = np.array([-0.2, -0.05, 0.03, 0.2]), np.array([1.0, 2.0, 3.0, 4.0])
+    ramps = [phi, np.minimum(phi + 0.1, 0.0), np.maximum(phi, 0.0), np.maximum(phi - 0.05, 0.0)]
+    steps = [np.ones(4), phi < -0.1, phi > 0.0, phi > 0.05]
+    rows = basis.rows(phi, c, derivatives=2)
+    np.testing.assert_allclose(rows[:, 0, ::2], np.column_stack(ramps) / 0.2, atol=1e-15)
+    np.testing.assert_allclose(rows[:, 1, 1::2], np.column_stack(steps) / 0.2 * c[:, None])
+    assert not rows[:, 2].any()
+    assert rows.shape[2] == basis.size == len(basis.terms) == len(basis.pieces) == len(basis.powers_of_terms)
+    assert basis.terms[2::2] == ["corner(-0.1)", "corner(0)", "corner(0.05)"]
+    assert np.isnan(basis.rows(np.array([np.nan]), np.array([1.0]))).all()

@@ -3,8 +3,8 @@
 Flacco 2012 eq. 25–29 and 35–37: products of powers of the deflection φ and of the set-point (θ_c or r). Powers are taken of
 φ / deflection_scale and set-point / setpoint_scale; with both 1 the coefficients are the papers'. A spring with a corner or a
 knee is no polynomial: knots add pieces of parabolas, a quadratic spline in the form of truncated powers (Ruppert, Wand, Carroll,
-*Semiparametric Regression*, 2003, §3.6), whose stiffness is a line from knot to knot. A torque that is no polynomial of the
-set-point gets quadratic B-splines of it.
+*Semiparametric Regression*, 2003, §3.6), whose stiffness is a line from knot to knot; corners, at which the stiffness jumps,
+add ramps. A torque that is no polynomial of the set-point gets quadratic B-splines of it.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ class PolynomialBasis:
     """Products of powers of deflection and set-point, in the order φ-term by φ-term, set-point powers rising within.
 
     After the powers come the pieces that begin at knots u₀ = 0, 1/K … (K − 1)/K of the deflection scale: (u − u₀)² beyond each
-    knot on the positive side, then −(−u − u₀)² on the negative one. Last are the powers of the deflection, each times the
-    uniform quadratic B-splines of the set-point (de Boor, *A Practical Guide to Splines*, 2001, ch. IX).
+    knot on the positive side, then −(−u − u₀)² on the negative one; after them the ramps that begin at corners, away from zero.
+    Last are the powers of the deflection, each times the uniform quadratic B-splines of the set-point (de Boor, *A Practical
+    Guide to Splines*, 2001, ch. IX).
 
     Attributes
     ----------
@@ -38,6 +39,7 @@ class PolynomialBasis:
     branches : the functions exist twice, first for loading, then for unloading
     knots : K, on either side of zero
     setpoint_knots : evenly ascending borders of the B-splines' pieces, two at least [rad or m]; none for no B-splines
+    corners : deflections at which the stiffness jumps [rad]
     """
 
     powers: tuple[int, ...]
@@ -47,6 +49,7 @@ class PolynomialBasis:
     branches: bool = False
     knots: int = 0
     setpoint_knots: tuple[float, ...] = ()
+    corners: tuple[float, ...] = ()
 
     @classmethod
     def make(
@@ -60,14 +63,15 @@ class PolynomialBasis:
         branches: bool = False,
         knots: int = 0,
         setpoint_knots: tuple[float, ...] = (),
+        corners: tuple[float, ...] = (),
     ) -> PolynomialBasis:
         """Build the odd basis φ, φ³, …, φ^(2n−1) (eq. 26, 35) or the full one φ⁰, …, φ^(n−1) (eq. 29)."""
         powers = tuple(2 * h + 1 if odd else h for h in range(order))
-        return cls(powers, setpoint_order, deflection_scale, setpoint_scale, branches, knots, setpoint_knots)
+        return cls(powers, setpoint_order, deflection_scale, setpoint_scale, branches, knots, setpoint_knots, corners)
 
     @property
     def size(self) -> int:
-        """Number of functions: (n + 2 K)·m and n times the B-splines, twice that with branches."""
+        """Number of functions: `shapes`·m and n times the B-splines, twice that with branches."""
         return (self.shapes * self.setpoint_order + len(self.powers) * self.bumps) * (2 if self.branches else 1)
 
     @property
@@ -82,13 +86,13 @@ class PolynomialBasis:
 
     @property
     def shapes(self) -> int:
-        """Number of functions of the deflection alone, of one branch: n + 2 K."""
-        return len(self.powers) + 2 * self.knots
+        """Number of functions of the deflection alone, of one branch: n + 2 K, and one for each corner."""
+        return len(self.powers) + 2 * self.knots + len(self.corners)
 
     @property
     def powers_of_terms(self) -> tuple[int, ...]:
         """The power of the deflection in each function; −1 of a piece that begins at a knot."""
-        own = (*self.powers, *[-1] * (2 * self.knots))
+        own = (*self.powers, *[-1] * (2 * self.knots), *[1] * len(self.corners))
         bumps = (i for i in self.powers for _ in range(self.bumps))
         return (*(i for i in own for _ in range(self.setpoint_order)), *bumps) * (2 if self.branches else 1)
 
@@ -96,7 +100,7 @@ class PolynomialBasis:
     def pieces(self) -> tuple[bool, ...]:
         """Which functions cover only a part of the deflection's or the set-point's range."""
         powers, bumps = len(self.powers), len(self.powers) * self.bumps
-        own = [False] * powers + [True] * (2 * self.knots)
+        own = [False] * powers + [True] * (self.shapes - powers)
         return (*(i for i in own for _ in range(self.setpoint_order)), *[True] * bumps) * (2 if self.branches else 1)
 
     @property
@@ -104,6 +108,7 @@ class PolynomialBasis:
         """Names of the functions, e.g. ``phi^3*c^2``, with ``loading:`` or ``unloading:`` in front where there are branches."""
         at = [f"{side}{i / self.knots:.4g}" for side in "+-" for i in range(self.knots)]
         shapes = [*(f"phi^{i}" if i else "" for i in self.powers), *(f"knot({place})" for place in at)]
+        shapes += [f"corner({place:.4g})" for place in self.corners]
         plain = [
             "*".join(part for part in (shape, f"c^{j}" if j else "") if part) or "1"
             for shape in shapes
@@ -135,6 +140,7 @@ class PolynomialBasis:
             np.ascontiguousarray(c),
             np.array(self.powers, dtype=np.int64),
             self.knots,
+            np.array(self.corners, dtype=np.float64),
             self.setpoint_order,
             self.deflection_scale,
             self.setpoint_scale,
@@ -185,7 +191,7 @@ def linear(rows: Array, coefficients: Array, covariance: Array) -> tuple[Array, 
 
 @compiled
 def _rows(
-    phi: Array, c: Array, powers: NDArray[np.int64], knots: int, m: int, phi_0: float, c_0: float, out: Array
+    phi: Array, c: Array, powers: NDArray[np.int64], knots: int, corners: Array, m: int, phi_0: float, c_0: float, out: Array
 ) -> None:  # fmt: skip
     for k in range(out.shape[0]):
         x, y = phi[k] / phi_0, c[k] / c_0
@@ -218,3 +224,15 @@ def _rows(
                     out[k, s, (powers.shape[0] + h) * m + j] = value
                     value *= y
                 scale *= side / phi_0
+        for h in range(corners.shape[0]):
+            side = 1.0 if corners[h] >= 0.0 else -1.0
+            beyond = (phi[k] - corners[h]) / phi_0
+            for s in range(out.shape[1]):
+                value = 0.0
+                if side * beyond > 0.0 and s < 2:
+                    value = beyond if s == 0 else 1.0 / phi_0
+                if math.isnan(x):
+                    value = x
+                for j in range(m):
+                    out[k, s, (powers.shape[0] + 2 * knots + h) * m + j] = value
+                    value *= y

@@ -118,6 +118,12 @@ TEXTS: dict[str, Text] = {
         "Set knots = {knots} under [joint.{joint}.basis] for other estimators.",
         false_alarm=FALSE_ALARM,
     ),
+    "spring.corner": Text(
+        "transmission {part}: the stiffness jumps by {value:+.3g} N·m/rad at a deflection of {deflection:.4g} rad"
+        " (± {deflection_std:.1g} rad, 1 std), as at a stop, at the end of a backlash or where a second spring begins to act.",
+        "List such deflections as corners = [{deflection:.4g}, …] under [joint.{joint}.basis] for other estimators.",
+        false_alarm=FALSE_ALARM,
+    ),
     "spring.setpoint_not_polynomial": Text(
         "the torque is no polynomial of the set-point of the rig's order: the estimate follows the set-point by a spline.",
         "Set setpoint_knots = {pieces} under [joint.{joint}.basis] for other estimators.",

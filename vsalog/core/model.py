@@ -32,7 +32,7 @@ class _Base(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 class BasisSpec(_Base, frozen=True):
     """The functions: products of (φ / deflection_scale)^power and (set-point / setpoint_scale)^0…(setpoint_order − 1).
 
-    With `knots` and `setpoint_knots`, and pieces between these: see `PolynomialBasis`.
+    With `knots` and `setpoint_knots`, and pieces between these, and `corners` [rad]: see `PolynomialBasis`.
     """
 
     powers: tuple[int, ...]
@@ -42,6 +42,7 @@ class BasisSpec(_Base, frozen=True):
     branches: bool = False
     knots: int = 0
     setpoint_knots: tuple[float, ...] = ()
+    corners: tuple[float, ...] = ()
     terms: tuple[str, ...] = ()
 
     @property
@@ -53,7 +54,7 @@ class BasisSpec(_Base, frozen=True):
         """Return the basis these values describe."""
         return PolynomialBasis(
             self.powers, self.setpoint_order, self.deflection_scale, self.setpoint_scale, self.branches, self.knots,
-            self.setpoint_knots,
+            self.setpoint_knots, self.corners,
         )  # fmt: skip
 
 
@@ -228,6 +229,7 @@ def basis_spec(basis: PolynomialBasis) -> BasisSpec:
         branches=basis.branches,
         knots=basis.knots,
         setpoint_knots=basis.setpoint_knots,
+        corners=basis.corners,
         terms=tuple(basis.terms),
     )
 

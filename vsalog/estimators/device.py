@@ -115,6 +115,7 @@ def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None,
         branches=joint.basis.branches,
         knots=joint.basis.knots,
         setpoint_knots=setpoint_borders(setpoints[0], joint.basis.setpoint_knots) if setpoints else (),
+        corners=joint.basis.corners,
     )
     return Device(name, views, basis, serial, link=joint.link, rig=rig)
 

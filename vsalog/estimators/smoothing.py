@@ -160,6 +160,7 @@ class Round(NamedTuple):
 
     evidence: float
     no_change: float
+    change: Change
     noise: tuple[RowNoise, ...]
     weights: tuple[Weights | None, ...]
     active: NDArray[np.intp]
@@ -227,6 +228,24 @@ class BasisEvidence(NamedTuple):
     logarithm: float
     polynomial: float
     shown: bool
+
+
+class Information(NamedTuple):
+    """What rows say of coefficients that a spring has on average.
+
+    Attributes
+    ----------
+    triangle : shape (n + 1, n + 1), rows [R z] with noise of variance one; the coefficients are the last unknowns
+    others : numbers of the other unknowns, after the coefficients
+    noise, weights : of the rows
+    change : of the spring, which is averaged over
+    """
+
+    triangle: Array
+    others: NDArray[np.intp]
+    noise: tuple[RowNoise, ...]
+    weights: tuple[Weights | None, ...]
+    change: Change
 
 
 class Trajectory(NamedTuple):
@@ -359,10 +378,18 @@ class SmootherSolver:
         return SmootherState(None, 0, None, trajectory)
 
     def evidence(self, state: SmootherState) -> BasisEvidence:
-        """Return how probable the basis is in the collected rows, of a spring that may change.
+        """Return how probable the basis is in the collected rows, of a spring that may change."""
+        found = self._shape(state).evidence()
+        if not found.shown:
+            return found
+        return max(found, self._shape(state, shown=False).evidence(), key=lambda own: own.logarithm)
 
-        Only the first equation counts, the torque sensor's if there is one: what equations disagree on is no shape of the spring.
-        """
+    def information(self, state: SmootherState, like: Information | None = None) -> Information:
+        """Return what the collected rows say of the coefficients, with the noise of an information of the same rows."""
+        return self._shape(state).information(like)
+
+    def _shape(self, state: SmootherState, shown: bool = True) -> Smoother:
+        """Return a smoother of the first equation, a torque sensor's if there is one: what equations disagree on is no shape."""
         assert state.boxes is not None
         alone = replace(
             self,
@@ -371,11 +398,7 @@ class SmootherSolver:
             hidden=(self.hidden[0] | {GAIN},),
             gains=self.gains[:1],
         )
-        boxes = [state.boxes[0].whole]
-        found = Smoother(alone, boxes, state.samples).evidence()
-        if not found.shown:
-            return found
-        return max(found, Smoother(alone, boxes, state.samples, shown=False).evidence(), key=lambda own: own.logarithm)
+        return Smoother(alone, [state.boxes[0].whole], state.samples, shown=shown)
 
     def solution(self, state: SmootherState) -> tuple[Array, Array, float]:
         """Return ξ̂ (n,), its covariance (n, n), both averages over the log, and the noise seen in y (standard deviation)."""
@@ -478,11 +501,11 @@ class Smoother:
             return None
         if self.choice is not None:
             self.active, self.direction, self.usual = self.choice.active, self.choice.direction, self.choice.usual
-            noise, weights = (
-                (self.choice.noise, [None] * len(self.boxes)) if self.choice.noise else self._refitted(self.choice)
-            )
-            choice = self.choice._replace(noise=noise)
-            return self._external(*self._averaged(self._triangles(noise, weights), choice), choice)
+            choice, weights = self.choice, list[Weights | None]([None] * len(self.boxes))
+            if not choice.noise:
+                noise, weights = self._refitted(choice)
+                choice = choice._replace(noise=noise)
+            return self._external(*self._averaged(self._triangles(choice.noise, weights), choice), choice)
         found, triangles, choice, smoothed = self._settled()
         if not found._resists(smoothed):
             return Smoother(self.solver, self.collected, self.samples, loops=False).trajectory()
@@ -501,7 +524,7 @@ class Smoother:
         again = Smoother(self.solver, self.collected, self.samples, loops=self.loops, shown=self.shown, changing=True)
         return again, *again._chosen(again._settled_round(True, LIMITS.most_rounds))
 
-    def _refitted(self, choice: Choice) -> tuple[tuple[RowNoise, ...], Sequence[Weights | None]]:
+    def _refitted(self, choice: Choice) -> tuple[tuple[RowNoise, ...], list[Weights | None]]:
         """Return the noise of these rows and the weights of each, for hypotheses that are chosen."""
         noise = self._white(not choice.change.constant)
         weights: tuple[Weights | None, ...] = (None,) * len(noise)
@@ -509,7 +532,7 @@ class Smoother:
         for _ in range(LIMITS.rounds):
             self._roughen(self._measurements(self._triangles(noise, weights)), choice.change)
             noise, weights = self._noise(self._whole(self.roughest.mean), choice.change)
-        return noise, weights
+        return noise, list(weights)
 
     def _chosen(self, best: Round) -> tuple[Array, Choice, Smoothed]:
         """Choose noise, unknowns and hypotheses; return the triangles, too, and what the best hypothesis estimates."""
@@ -542,7 +565,20 @@ class Smoother:
             if rounds and evidence < rounds[-1].evidence - LIMITS.evidence_loss * count:
                 break
             no_change = _probability_of_no_change(found)
-            rounds.append(Round(evidence, no_change, noise, weights, active, nominal, usual, self.smoothness, smoothed))
+            rounds.append(
+                Round(
+                    evidence,
+                    no_change,
+                    _likeliest(found),
+                    noise,
+                    weights,
+                    active,
+                    nominal,
+                    usual,
+                    self.smoothness,
+                    smoothed,
+                )
+            )
             # Its noise is another at first: `_settled` begins again.
             if not changing and len(rounds) == LIMITS.rounds and no_change < FALSE_ALARM:
                 break
@@ -576,6 +612,33 @@ class Smoother:
         return BasisEvidence(
             best.evidence if self._resists(best.smoothed) else -np.inf, polynomial, self.active.size > always
         )
+
+    def information(self, like: Information | None) -> Information:
+        """Return what the rows say of the coefficients; `like` as of `SmootherSolver.information`."""
+        n = self.solver.coefficients
+        if like is None:
+            best = self._settled_round(True, LIMITS.rounds)
+            self._take(best.nominal)
+            others, noise, weights, change = best.active[best.active >= n] - n, best.noise, best.weights, best.change
+        else:
+            _, others, noise, weights, change = like
+        self.active, self.prior = np.r_[n + others, :n], np.ones(n + others.size)
+        measurements = self._measurements(self._triangles(noise, weights))
+        still = self._smooth(measurements, Change(), np.zeros((0, self.active.size)), False)
+        usual = np.zeros(self.size)
+        usual[:n] = still.filtered_mean[-1][others.size :]
+        self.direction = self._direction(usual)[:, self.active]
+        rows, _ = self._walk(measurements).triangle(self._shares(change))
+        # A trend is one more unknown of each transmission, which is eliminated.
+        views = len(self.direction) if change.trend else 0
+        trends = np.zeros((views, rows.shape[1] - len(self.direction) + views))
+        trends[:, :views] = np.eye(views) / (change.trend or 1.0)
+        size = self.active.size
+        rows = np.hstack((rows[:, size : size + views], rows[:, :size] / self.scale[self.active], rows[:, -1:]))
+        rows = triangle_of(np.vstack((trends, rows)))[views:, views:]
+        triangle = np.zeros((size + 1, size + 1))
+        triangle[: len(rows)] = rows[: size + 1]
+        return Information(triangle, others, noise, weights, change)
 
     def _resists(self, smoothed: Smoothed) -> bool:
         """Tell whether all friction elements together have a significant positive torque; true where there are none."""
@@ -744,7 +807,7 @@ class Smoother:
 
     def _direction(self, usual: Array) -> Array:
         views, n = self.solver.transmissions, self.solver.coefficients
-        out = np.zeros((views, self.active.size))
+        out = np.zeros((views, usual.size))
         for i in range(views):
             part = slice(i * n // views, (i + 1) * n // views)
             out[i, part] = usual[part]

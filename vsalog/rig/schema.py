@@ -10,7 +10,7 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
-from vsalog.core.quantities import Base, DeflectionScale, SetpointScale
+from vsalog.core.quantities import Base, CornerDeflection, DeflectionScale, SetpointScale
 from vsalog.effects.drive import PositionServo
 from vsalog.effects.friction import Friction
 from vsalog.effects.gravity import Payload
@@ -127,6 +127,7 @@ class Basis(Base, frozen=True):
     knots : of a quadratic spline on either side of zero, for a spring with a corner or a knee; none when 0
     setpoint_knots : pieces of a quadratic spline along the log's range of the set-point, for a torque that is no polynomial of
         it; none when 0
+    corners : deflections at which the stiffness jumps [rad]
     """
 
     order: Annotated[int, Meta(description="number of terms in the deflection", ge=1, le=20)] = 4
@@ -137,6 +138,7 @@ class Basis(Base, frozen=True):
     branches: bool = False
     knots: Annotated[int, Meta(description="knots on either side of zero", ge=0, le=20)] = 0
     setpoint_knots: Annotated[int, Meta(description="pieces of a spline along the set-point", ge=0, le=20)] = 0
+    corners: tuple[CornerDeflection, ...] = ()
 
 
 class RigidJoint(Base, frozen=True, tag="rigid", tag_field="kind"):

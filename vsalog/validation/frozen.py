@@ -88,6 +88,8 @@ def _basis_fault(joint: JointModel) -> str | None:
         return f"knots has to be between 0 and {HIGHEST_POWER}, not {basis.knots}"
     if not 1 <= basis.setpoint_order <= HIGHEST_POWER:
         return f"setpoint_order has to be between 1 and {HIGHEST_POWER}, not {basis.setpoint_order}"
+    if len(basis.corners) > HIGHEST_POWER or not _usable(basis.corners):
+        return f"corners have to be at most {HIGHEST_POWER} numbers"
     borders = np.array(basis.setpoint_knots)
     if borders.size and not (
         1 < borders.size <= HIGHEST_POWER + 1 and _usable(borders) and (np.diff(borders) > 0.0).all()

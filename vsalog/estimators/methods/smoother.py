@@ -16,6 +16,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from vsalog.core.basis import PolynomialBasis
 from vsalog.core.errors import EstimatorError
@@ -25,6 +26,7 @@ from vsalog.core.signals import JointSignals
 from vsalog.core.significance import DETECTED, FALSE_ALARM, two_sided
 from vsalog.estimators.box_rows import BOXES
 from vsalog.estimators.combined_equation import UNKNOWN_MOTOR, CombinedEquation
+from vsalog.estimators.corners import Corner, corners_of
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, setpoint_borders
 from vsalog.estimators.equation import GAIN, REPORTED_CHANGE, REPORTED_MISFIT, Equation, EquationRows
 from vsalog.estimators.equations import TorqueEquation
@@ -40,7 +42,16 @@ from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_behind_filters
 from vsalog.estimators.residual_motion import POSITION, SUSPECTS, MotionRows, followers, following
 from vsalog.estimators.screening import Screening, screened
-from vsalog.estimators.smoothing import LIMITS, SHARED, BasisEvidence, Choice, SmootherSolver, SmootherState, Trajectory
+from vsalog.estimators.smoothing import (
+    LIMITS,
+    SHARED,
+    BasisEvidence,
+    Choice,
+    Information,
+    SmootherSolver,
+    SmootherState,
+    Trajectory,
+)
 from vsalog.estimators.transmission_torque import carried_by
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.window_error import Driven, exact_window, reading_window
@@ -90,11 +101,13 @@ class Shape(NamedTuple):
     ----------
     knots : on either side of zero [1]: corners in between cost half a percent
     setpoint_knots : pieces of the range of the set-point [1]: a change within half of one looks sudden
+    beyond : part of the samples beyond the first and the last place of a corner [1]: fewer show none
     slips : friction elements [1], which slip after a half of the largest deflection … a thirty-second: shorter ones noise hides
     """
 
     knots: int = 16
     setpoint_knots: int = 8
+    beyond: float = 1e-3
     slips: int = 9
 
     @property
@@ -136,6 +149,8 @@ class SmootherFold(RegressionFold):
             more = np.square(own["stiffness_derivative"]) * noise
             if self.device.basis.knots:
                 more = more + self._between_knots(own)
+            if solver_state.trajectory is not None:
+                more = more + self._near_corners(own, noise, solver_state.trajectory)
             own["stiffness_std"] = np.hypot(own["stiffness_std"], np.sqrt(more))
             variance = variance + more
         return solver_state, columns, variance
@@ -152,6 +167,32 @@ class SmootherFold(RegressionFold):
         p = place - np.floor(place)
         change = columns["stiffness_derivative"] * apart
         return np.asarray(np.where(place < basis.knots, p * (1.0 - p), 0.0) * change**2)
+
+    def _near_corners(self, columns: Mapping[str, Any], noise: Array, trajectory: Trajectory) -> Array:
+        """Return the variance of the stiffness due to the unknown side of a corner on which a deflection is, shape (N,).
+
+        If that is the other one, with probability p, the stiffness is off by the jump Δ at the corner: on average by p Δ².
+        """
+        variance = np.zeros(len(columns["deflection"]))
+        for corner in self._corners(trajectory):
+            away = np.abs(columns["deflection"] - corner.place)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                other: Array = np.asarray(ndtr(-away / np.hypot(corner.std, np.sqrt(noise))))
+            variance += np.where(away >= 0.0, other, 0.0) * corner.jump**2
+        return variance
+
+    def _corners(self, trajectory: Trajectory) -> list[Corner]:
+        """Return the corners that were found, as a spring has them on average."""
+        basis, scale = self.device.basis, self.device.basis.deflection_scale
+        own = basis.corners[len(self.rig_basis.corners) :]
+        first = trajectory.mean.shape[1] - basis.size + basis.shapes - len(own)
+        mean, roots = trajectory.mean.mean(axis=0) / scale, trajectory.root / scale
+        found = []
+        for i in range(0, len(own), 2):
+            pair = slice(first + i, first + i + 2)
+            covariance = np.einsum("kij,kil->jl", roots[:, :, pair], roots[:, :, pair]) / len(roots)
+            found.append(Corner.between(own[i], own[i + 1], mean[pair], covariance))
+        return found
 
     @property
     def derived(self) -> dict[str, float]:
@@ -237,6 +278,14 @@ class SmootherFold(RegressionFold):
                     evidence={"knots": basis.knots},
                 )
             )
+        part = self.device.transmissions[0].name
+        found += [
+            Finding(
+                code="spring.corner", joint=self.device.joint, part=part, severity="info", value=corner.jump,
+                unit="N*m/rad", evidence={"deflection": corner.place, "deflection_std": corner.std},
+            )
+            for own in state.solvers if own.trajectory is not None for corner in self._corners(own.trajectory)
+        ]  # fmt: skip
         if basis.bumps > self.rig_basis.bumps:
             pieces = len(basis.setpoint_knots) - 1
             found.append(
@@ -552,12 +601,13 @@ def _noise_beside_motion(signals: JointSignals, view: TransmissionView, conditio
 def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
     """Return a fold with the functions that the log needs; more have to be a thousand times as probable as fewer.
 
-    Of a long log stretches are looked at: they show a shape as well.
+    Of a long log stretches are looked at: they show a shape as well. Corners are looked for where the spring is no polynomial.
     """
     basis, setpoint = plain.device.basis, signals.roles.get("setpoint", np.zeros(0))
     signals = spread_over(signals, LONGEST_RUN)
     slips = tuple(basis.deflection_scale * part for part in SHAPE.parts)
     states: dict[SmootherFold, list[SmootherState]] = {}
+    like: Information | None = None
 
     @cache
     def found(fold: SmootherFold) -> list[BasisEvidence]:
@@ -565,6 +615,16 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
 
     def evidence(fold: SmootherFold) -> float:
         return sum(own.logarithm for own in found(fold))
+
+    def fitted(corners: tuple[float, ...]) -> Array:
+        nonlocal like
+        fold = collected(replace(plain.device.basis, corners=corners))
+        like = fold.solver.information(states[fold][0], like)
+        # Coefficients are of the scaled deflection.
+        slopes = np.r_[
+            np.ones(len(like.triangle) - len(corners) - 1), np.full(len(corners), basis.deflection_scale), 1.0
+        ]
+        return np.asarray(like.triangle * slopes)
 
     def needed(fold: SmootherFold, other: SmootherFold) -> bool:
         return evidence(fold) - evidence(other) > SURE
@@ -589,6 +649,15 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
     straight, best = best, best if spline == basis else collected(spline)
     if needed(straight, best):
         best = straight
+    if _is_curve(best) and all(own.polynomial < 0.5 for own in found(best)):
+        low, high = _range_of_deflection(best, signals)
+        corners = corners_of(fitted, low, high)
+        pairs = tuple(at for own in corners for at in (own.below, own.above))
+        cornered = collected(replace(spline, corners=pairs)) if corners else best
+        # Any pair in the range could have been that of a corner.
+        places = sum(math.log(0.5 * (high - low) / own.width) for own in corners)
+        if evidence(cornered) - places - evidence(best) > SURE:
+            best, spline = cornered, cornered.device.basis
     # Branches are a loop already.
     if not basis.branches and needed(fold := collected(spline, slips), max(straight, best, key=evidence)):
         smooth = collected(spline, slips, smooth=True)
@@ -599,6 +668,19 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
         basis = replace(basis, knots=plain.device.basis.knots)
     own = best.equations[0]
     return plain.with_shape(basis, own.slips, own.smooth, own.wait if own.slips else 0.0)
+
+
+def _is_curve(fold: SmootherFold) -> bool:
+    """Return whether a torque is a function of one deflection alone, of which no corner is known."""
+    basis = fold.device.basis
+    return len(fold.device.transmissions) == 1 and not (basis.has_setpoint or basis.branches or basis.corners)
+
+
+def _range_of_deflection(fold: SmootherFold, signals: JointSignals) -> tuple[float, float]:
+    """Return the deflections between which nearly all of a log is [rad]."""
+    phi = deflection_of(signals.roles, fold.device.transmissions[0])
+    low, high = np.nanquantile(phi, (SHAPE.beyond, 1.0 - SHAPE.beyond))
+    return float(low), float(high)
 
 
 def _collected(fold: SmootherFold, signals: JointSignals) -> list[SmootherState]:
