@@ -30,7 +30,7 @@ PAGES: dict[str, tuple[str, tuple[str, ...]]] = {
 
 
 def severities() -> dict[str, list[str]]:
-    """Return code → the severities that the package raises it with, as `Finding` or a `partial` of one says."""
+    """Return code → the severities of the `Finding`s and `partial`s that the package raises it with; a code may be in a table."""
     found = defaultdict[str, set[str]](set)
     for path in Path(vsalog.__file__).parent.rglob("*.py"):
         nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
@@ -41,8 +41,15 @@ def severities() -> dict[str, list[str]]:
             for target in node.targets
             if isinstance(target, ast.Name)
         }
+        tables = {
+            ast.unparse(node.target if isinstance(node, ast.AnnAssign) else node.targets[0]): node.value
+            for node in nodes
+            if isinstance(node, ast.Assign | ast.AnnAssign) and isinstance(node.value, ast.Dict)
+        }
         for call in (node for node in nodes if isinstance(node, ast.Call)):
-            for code in (c for k in call.keywords if k.arg == "code" for c in ast.walk(k.value)):
+            given = [c for k in call.keywords if k.arg == "code" for c in ast.walk(k.value)]
+            given += [c for name in given if isinstance(name, ast.Name) for c in ast.walk(tables.get(name.id, name))]
+            for code in given:
                 if isinstance(code, ast.Constant) and code.value in TEXTS:
                     found[code.value].add(_severity(call, partials))
     return {code: sorted(found[code]) or ["warning"] for code in TEXTS}

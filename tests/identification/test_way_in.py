@@ -6,6 +6,8 @@ import pytest
 from command_line import vsalog_run
 from elastic_drive import DAMPING, INERTIA, elastic_drive, write_log
 
+from vsalog.rig import Rig
+
 pytestmark = pytest.mark.share(2)
 
 
@@ -84,11 +86,45 @@ def test_an_unknown_torque_constant_leaves_the_stiffness_as_unknown(tmp_path):
     assert "motor.torque_constant" not in numbers
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_current_with_the_other_sign_is_named(tmp_path, sign):
+@pytest.fixture(scope="module")
+def reversed_current(tmp_path_factory):
+    """A log whose current is reversed in the rig of the true joint."""
+    folder = tmp_path_factory.mktemp("reversed")
     columns = elastic_drive(100.0, 0.0, 3.0)
-    columns["motor_torque"] *= sign / 0.07
-    write_log(tmp_path / "log.csv", columns)
-    (tmp_path / "rig.toml").write_text(CURRENT.format(constant='"0.07 N*m/A ± 0"', unit="A"))
-    _, codes = identified(tmp_path)
-    assert ("signal.sign" in codes) == (sign < 0.0)
+    columns["motor_torque"] /= -0.07
+    write_log(folder / "log.csv", columns)
+    (folder / "rig.toml").write_text(CURRENT.format(constant='"0.07 N*m/A ± 0"', unit="A"))
+    return folder
+
+
+def test_a_reversed_current_invalidates_all_numbers(reversed_current):
+    """A wrong sign makes stiffness and inertia wrong, with narrow intervals."""
+    done = vsalog_run(
+        "identify", "log.csv", "--rig", "rig.toml", "--report", "page.html", "--figures", "drawn", cwd=reversed_current
+    )
+    assert done.returncode == 0, done.stderr
+    (line,) = (line for line in done.stderr.splitlines() if line.startswith("invalid: "))
+    assert "motor_torque has the wrong sign" in line
+    assert "'sign = -1'" in line
+    assert "j: invalid" in done.stdout.splitlines()
+    page = (reversed_current / "page.html").read_text(encoding="utf-8")
+    assert "&#39;sign = -1&#39;" in page
+    for shown in (done.stdout, page.partition("Provenance")[0]):
+        assert "transmission.stiffness" not in shown
+        assert "95 % interval" not in shown
+        assert "in the written rig they are unchanged" in shown
+    assert not list((reversed_current / "drawn").glob("*.svg"))
+    written = Rig.load(reversed_current / "identified.rig.toml").joints["j"]
+    assert (written.motor.inertia, written.transmission.stiffness) == (0.06, 120.0)
+
+
+def test_a_reversed_current_leaves_no_number_in_json_until_its_sign_is_stated(reversed_current):
+    command = "identify", "log.csv", "--rig", "rig.toml", "-o", "found.toml", "--json", "--force"
+    found = json.loads(vsalog_run(*command, cwd=reversed_current).stdout)
+    assert not any(found[part] for part in ("numbers", "combinations", "errors", "correlations"))
+    assert [(f["code"], f["joint"], f["severity"]) for f in found["findings"]] == [("signal.sign", "j", "invalidates")]
+    done = vsalog_run(*command, "--set", "joint.j.signals.motor_torque.sign=-1", cwd=reversed_current)
+    found = json.loads(done.stdout)
+    assert "signal.sign" not in [f["code"] for f in found["findings"]]
+    (stiffness,) = (n["value"] for n in found["numbers"] if n["key"] == "transmission.stiffness")
+    assert stiffness == pytest.approx(100.0, rel=0.04)

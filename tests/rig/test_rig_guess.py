@@ -321,6 +321,8 @@ SENSED = {"motor_position": MOTOR, "link_position": LINK, "torque_sensor": TORQU
         ("motor_deg[0]", "link_deg[0]", "sensor_Nm[0]", "current_A[0]"),
         ("motorPosDeg", "gearOutputPosDeg", "springTorqueNm", "curr_mA"),
         ("pos_act", "encoder_link", "torque_measured", "curr"),
+        ("joint_position", "joint_position_abs", "joint_torque_sensor", "motor_torque"),
+        ("hipMotorAngle", "hipLegAngle", None, "hipMotorTorque"),
         ("/motor_states/elbow/position", "/joint_states/elbow/position", None, "/motor_states/elbow/effort"),
     ],
 )
@@ -339,7 +341,7 @@ def test_names_of_labs(names):
         ("motor_deg[0]", "motor[0]", "deg"), ("jointAngleRad", "jointAngle", "rad"), ("torque_Nm", "torque", "N*m"),
         ("i_q_A", "i_q", "A"), ("speed_rad_s", "speed", "rad/s"), ("enc.ticks", "enc", "counts"),
         ("leg_A", "leg_A", None), ("theta_m", "theta_m", None), ("rotation", "rotation", None), ("deg", "deg", None),
-        ("command", "command", None),
+        ("command", "command", None), ("sigma", "sigma", None), ("EpochTimestamp", "EpochTimestamp", None),
     ],
 )  # fmt: skip
 def test_units_at_the_end_of_names(name, bare, unit):
@@ -468,6 +470,76 @@ def test_a_wrench_gives_the_axis_that_moves():
     joint = only_joint(both)
     assert joint.roles["torque_sensor"].channel == "/ft.wrench.torque.z"
     assert states.channels["/joint_states.position[motor]"].type == JOINT_STATE
+
+
+@pytest.mark.parametrize(
+    ("plain", "variant"),
+    [
+        ("q_measured", "q_raw"), ("link_position", "link_pos_filt"), ("target_position", "goal_position"),
+        ("SensorTorques", "SpringTorque"), ("position_deg", "position"),
+    ],
+)  # fmt: skip
+def test_of_two_channels_for_one_role_the_plain_measured_one_with_a_unit_wins(plain, variant):
+    columns = {"motor_position": MOTOR, "torque": TORQUE, variant: LINK, plain: LINK + 1e-4}
+    assert plain in channels_of(only_joint(table(columns))).values()
+    assert variant not in channels_of(only_joint(table(columns))).values()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "tcp_position",
+        "flange_angle",
+        "pose.position.x",
+        "xAngle",
+        "target_tcp_velocity",
+        "K_i",
+        "r_enabled",
+        "torsionVel",
+    ],
+)
+def test_what_is_no_joint_s_has_no_role(name):
+    joint = only_joint(table({"motor_position": MOTOR, name: LINK}))
+    assert name not in channels_of(joint).values()
+
+
+def test_an_r_in_front_of_a_name_is_the_right_side_and_alone_a_set_point():
+    sides = {
+        f"{side}_{part}": values for side in "RL" for part, values in (("motor_angle", MOTOR), ("link_angle", LINK))
+    }
+    assert [joint.name for joint in guess_roles(table(sides)).joints] == ["r", "l"]
+    serial = channels_of(only_joint(table({"motor_angle": MOTOR, "link_angle": LINK, "r": PUSH})))
+    assert serial["setpoint"] == "r"
+
+
+def test_lists_of_actuators_and_joints_are_the_two_ends_of_each():
+    columns = {}
+    for i in range(2):
+        columns |= {f"arm.actuators[{i}].position": MOTOR, f"arm.actuators[{i}].effort": MOTOR_TORQUE}
+        columns |= {f"arm.joints[{i}].position": LINK, f"arm.joints[{i}].effort": TORQUE}
+    for i, joint in enumerate(guess_roles(table(columns)).joints):
+        assert channels_of(joint) == {
+            "motor_position": f"arm.actuators[{i}].position", "motor_torque": f"arm.actuators[{i}].effort",
+            "link_position": f"arm.joints[{i}].position", "torque_sensor": f"arm.joints[{i}].effort",
+        }  # fmt: skip
+
+
+def test_torsion_is_a_deflection():
+    assert (
+        channels_of(only_joint(table({"SEA.torsion": DEFLECTION, "SEA.motorPos": MOTOR})))["deflection"]
+        == "SEA.torsion"
+    )
+
+
+def test_an_extended_state_is_not_external():
+    assert (
+        channels_of(
+            only_joint(
+                table({"stateExt.motorPosition": MOTOR, "stateExt.jointPosition": LINK, "stateExt.torque": TORQUE})
+            )
+        )["torque_sensor"]
+        == "stateExt.torque"
+    )
 
 
 def test_words():

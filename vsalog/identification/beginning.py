@@ -18,7 +18,7 @@ from vsalog.checks.fault import RULE
 from vsalog.identification.unknowns import Unknown, as_felt, felt
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.kinds import balance_for
-from vsalog.residuals.sensing import motors_of, torque_role
+from vsalog.residuals.sensing import is_commanded, motors_of, torque_role
 from vsalog.residuals.system import build_system
 
 Array = NDArray[np.float64]
@@ -67,10 +67,14 @@ def by_equations(joint: Any, unknowns: Sequence[Unknown], channels: Channels) ->
 def turned_signs(joint: Any, unknowns: Sequence[Unknown], channels: Channels) -> Iterator[tuple[str, float]]:
     """Yield the motors' torques with which the equations fit far better if their sign is reversed, and the part of squares left.
 
+    A joint that its drive's command moves has none: a torque recorded of it is not used.
+
     Parameters
     ----------
     joint, unknowns, channels : as of `by_equations`
     """
+    if is_commanded(joint, channels.raw):
+        return
     as_recorded = by_equations(joint, unknowns, channels)
     for name in motors_of(joint):
         if as_recorded is None or torque_role(name) not in channels.roles:

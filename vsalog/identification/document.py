@@ -96,9 +96,9 @@ class Identification(_Part, frozen=True, kw_only=True):
     vsalog : version that made it
     log, log_sha256 : that was fitted
     holdouts : logs that were held out
-    rig : as TOML, with what was identified
+    rig : as TOML, with what was identified; a joint that a finding invalidates keeps its numbers
     settings : what was asked for
-    numbers, combinations, errors : what was found
+    numbers, combinations, errors : what was found; none of a joint that a finding invalidates
     correlations : joint → matrix of the estimates, in the order of `numbers`
     findings : what the user should know
     """

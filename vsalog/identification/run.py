@@ -81,7 +81,8 @@ class JointFit:
     joint : as the rig has it
     fit : of its numbers
     errors : simulations before and after
-    turned : torques with the wrong sign → part of the equations' squared residual that is left with it reversed
+    turned : torques with the wrong sign → part of the equations' squared residual that is left with it reversed; all numbers
+        are invalid where there is one, and no simulation is made
     """
 
     name: str
@@ -100,8 +101,9 @@ class JointFit:
         """Wrong signs, where the fit leaves more than noise, and where the rig is nearer to data that were not fitted."""
         for role, left in self.turned.items():
             yield Finding(
-                code="signal.sign", joint=self.name, part=role, value=left, limit=RULE.left, evidence={"left": left}
-            )
+                code="signal.sign", joint=self.name, part=role, severity="invalidates", value=left, limit=RULE.left,
+                evidence={"left": left},
+            )  # fmt: skip
         worst = max(
             self.errors, key=lambda e: e.identified / e.noise_floor if e.noise_floor > 0.0 else 0.0, default=None
         )
@@ -170,6 +172,7 @@ def identify(
             findings.append(diagnosis.left_out_for(name, error))
     if not found:
         raise DiagnosisError(f"{log.name}: no joint of the rig can be identified: {'; '.join(sentences_of(findings))}")
+    found = [one for one in found if not one.turned]
     rig = _with_numbers(rig, found, log.name)
     document = Identification(
         vsalog=__version__,
@@ -225,6 +228,8 @@ def identified(
     # With a wrong sign all numbers are wrong, and friction is not worth a search.
     turned = dict(turned_signs(joint, (*unknowns, *frictions), windows.channels))
     fit = _with_frictions(joint, unknowns, [] if turned else frictions, weighed(as_felt(joint), windows), lever)
+    if turned and fit.misfit > WITHIN:
+        return JointFit(name, joint, fit, (), turned)
     there = [
         error
         for path, other in held.items()
@@ -238,7 +243,7 @@ def identified(
             there = _errors(name, joint, part, log, "last third", windows.part(rest), lever)
         else:
             there = _errors(name, joint, fit, log, "itself", windows, lever)
-    return JointFit(name, joint, fit, tuple(there), turned if fit.misfit > WITHIN else {})
+    return JointFit(name, joint, fit, tuple(there), {})
 
 
 def _require_springs(name: str, joint: Any) -> None:

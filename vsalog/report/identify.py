@@ -8,7 +8,7 @@ from vsalog.core.notation import digits_apart, number, signal_name, unit_of
 from vsalog.figures.chart import Chart
 from vsalog.figures.dot_plots import identified_chart
 from vsalog.identification.document import Combination, Determined, Identification, IdentifiedNumber, SimulationError
-from vsalog.report.document import Block, Cell, Document, Facts, Notes, Section, Table, Words, provenance
+from vsalog.report.document import Block, Cell, Document, Facts, Notes, Section, Table, Verdict, Words, provenance
 
 TOLD: Mapping[Determined, tuple[str, str]] = {
     "alone": ("yes", "good"),
@@ -20,6 +20,7 @@ MEANING = (
     "determined: whether the log determines a number as well as a rig usually knows it; in combination: it would if others were"
     " known; correlated: the number whose estimate depends most on it."
 )
+INVALID = "Its numbers are not given, since a finding invalidates them; in the written rig they are unchanged."
 
 
 def identification_document(found: Identification, files: Mapping[str, str] = {}) -> Document:
@@ -39,7 +40,9 @@ def identification_document(found: Identification, files: Mapping[str, str] = {}
         blocks += [_errors(joint, [e for e in found.errors if e.joint == joint])]
         blocks += [_correlations(own, found.correlations[joint])] if len(own) > 1 else []
         items.append(Section(f"Joint {joint}" if len(joints) > 1 else "", tuple(blocks)))
-    items += [Words(MEANING), Section("", (Facts(tuple(files.items())),), where="terminal")]
+    invalid = dict.fromkeys(f.joint for f in found.findings if f.severity == "invalidates" and f.joint not in joints)
+    items += [Verdict(joint, "invalid", "bad", (INVALID,)) for joint in invalid]
+    items += [*([Words(MEANING)] if joints else []), Section("", (Facts(tuple(files.items())),), where="terminal")]
     pairs = [("log", f"{found.log}, SHA-256 {found.log_sha256}"), ("vsalog", found.vsalog), *found.settings.items()]
     items.append(provenance(pairs, found.rig))
     return Document(f"Identification of {found.log}", "The rig's parameters, fitted to a log", tuple(items), found)

@@ -7,6 +7,7 @@ be something else".
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Sequence
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Recording
-from vsalog.rig.guess_data import is_constant, without_outliers
+from vsalog.rig.guess_data import gear_between, is_constant, without_outliers
 from vsalog.rig.guess_joint import guess_joint
 from vsalog.rig.guess_names import meaning_of, words_of
 from vsalog.rig.guess_runs import RunGroup, find_runs
@@ -106,6 +107,7 @@ def _by_joint(candidates: list[Candidate]) -> dict[str, list[Candidate]]:
         if candidate.meaning.quantity != "velocity":
             groups["_".join(candidate.meaning.joint)].append(candidate)
     _merge_numbered(groups)
+    _merge_links(groups)
     _merge_strays(groups)
     _merge_nameless(groups)
     _add_velocities(groups, [c for c in candidates if c.meaning.quantity == "velocity"])
@@ -177,13 +179,36 @@ def _merge_nameless(groups: dict[str, list[Candidate]]) -> None:
     groups[target].extend(groups.pop(source))
 
 
+def _merge_links(groups: dict[str, list[Candidate]]) -> None:
+    """A motor is that of the only joint without one whose name has a word more and that moves with it: ``left_motor``,
+    ``left_shin``.
+    """
+    for key in list(groups):
+        motors = _positions(groups.get(key, []))
+        if not key or {c.meaning.part for c in motors} != {"motor"}:
+            continue
+        longer = [
+            name
+            for name, group in groups.items()
+            if re.fullmatch(f"{re.escape(key)}_[^_\\d]+", name)
+            and {c.meaning.part for c in _positions(group)} in ({""}, {"link"})
+        ]
+        if len(longer) == 1 and gear_between(motors[0].channel, _positions(groups[longer[0]])[0].channel) is not None:
+            groups[key] += groups.pop(longer[0])
+
+
+def _positions(group: list[Candidate]) -> list[Candidate]:
+    return [c for c in group if c.meaning.quantity == "position"]
+
+
 def _add_velocities(groups: dict[str, list[Candidate]], velocities: list[Candidate]) -> None:
     """A velocity belongs to the joint in its name, or to the only one; others are of something else."""
     words = {c.meaning.joint for group in groups.values() for c in group}
+    owners = {"_".join(c.meaning.joint): key for key, group in groups.items() for c in group if key and c.meaning.joint}
     for candidate in velocities:
         key = "_".join(candidate.meaning.joint) or (_numbered_joint(candidate) if len(groups) > 1 else "")
         is_only = len(groups) == 1 and (not key or candidate.meaning.joint in words)
-        only = next(iter(groups)) if is_only else key
+        only = next(iter(groups)) if is_only else owners.get(key, key)
         if only in groups:
             groups[only].append(candidate)
 
@@ -201,7 +226,7 @@ def _split_numbered(groups: dict[str, list[Candidate]]) -> dict[str, list[Candid
         is_pair = any(c.meaning.part in ("link", "") and c.meaning.quantity in _PLACED for c in group)
         most = max(len(motors) + (not is_pair), len(others))
         if len(_numbers(group, "link")) < 2 and len(elements) < 2 and most < 3:
-            split[key] = group
+            split.setdefault(key, []).extend(group)
             continue
         for candidate in group:
             number = candidate.meaning.index

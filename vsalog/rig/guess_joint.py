@@ -12,6 +12,7 @@ from vsalog.core.units import is_counts, matching
 from vsalog.rig import guess_data
 from vsalog.rig.guess_checks import confirm
 from vsalog.rig.guess_load import motor_load
+from vsalog.rig.guess_names import ABSOLUTE, words_of
 from vsalog.rig.guess_types import Candidate, JointGuess, Kind, RoleGuess
 from vsalog.rig.roles import COMMANDS, VELOCITIES, role_units
 from vsalog.rig.schema import AntagonisticSignals, SerialSignals, SingleSignals
@@ -53,7 +54,7 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
     moving, still = _without_constants(group)
     if any(c.meaning.quantity in ("torque", "current") for c in still):
         moving = [c for c in moving if c.meaning.quantity != "commanded_torque"]  # the drive did not follow
-    moving = _sided(_without_targets(moving))
+    moving = _sided(_with_absolute(_without_targets(moving)))
     findings: list[Finding] = []
     numbers = _motor_numbers(moving)
     options = [option for c in moving for option in _options(c, moving)]
@@ -118,6 +119,19 @@ def _without_targets(group: list[Candidate]) -> list[Candidate]:
         else c
         for c in group
     ]
+
+
+def _with_absolute(group: list[Candidate]) -> list[Candidate]:
+    """Take an absolute encoder next to another of the same name as the link's, and the other as the motor's; velocities too."""
+    found: dict[str, Candidate] = {}
+    unsided = [c for c in group if c.meaning.quantity in ("position", "velocity") and c.meaning.part in ("", "link")]
+    named = {(c.meaning.quantity, *words_of(c.channel.name)): c for c in unsided}
+    for (quantity, *words), link in named.items():
+        motor = named.get((quantity, *(word for word in words if word not in ABSOLUTE)))
+        if motor is not None and motor is not link:
+            why = "of two encoders, the absolute one is likelier the link's"
+            found |= {motor.channel.name: motor.with_part("motor", why), link.channel.name: link.with_part("link", why)}
+    return [found.get(c.channel.name, c) for c in group]
 
 
 def _sided(group: list[Candidate]) -> list[Candidate]:
@@ -299,13 +313,17 @@ def _numbered(options: list[_Option], numbers: list[int]) -> Iterator[_Option]:
 
 
 def _choose(options: list[_Option]) -> dict[str, _Option]:
-    """Give each role the channel of highest confidence and each channel one role; then measured ones and short names win."""
+    """Give each role the channel of highest confidence and each channel one role; then measured ones, those with a unit and
+    short names win.
+    """
     ordered = sorted(
         options,
         key=lambda o: (
             -o.confidence,
             _spread_rank(o),
             not o.candidate.meaning.is_measured,
+            o.candidate.meaning.is_variant,
+            not (o.unit or o.candidate.channel.unit),
             len(o.candidate.channel.name),
         ),
     )

@@ -19,17 +19,24 @@ def _words(text: str) -> frozenset[str]:
 
 
 POSITION = _words("position positions pos angle angles ang encoder encoders enc theta q rotation")
-DEFLECTION = _words("deflection defl deformation delta phi twistangle")
+DEFLECTION = _words("deflection defl deformation torsion delta phi twistangle")
 TORQUE = _words("torque torques effort efforts tau moment trq torq tor tq loadcell")
 CURRENT = _words("current currents curr cur amps iq i")
-SETPOINT = _words("setpoint stiffness lever pretension preload cocontraction slider r")
+SETPOINT = _words("setpoint stiffness lever pretension preload cocontraction slider")
 COMMAND = _words("command commands cmd commanded desired des ref reference target goal demand demanded")
 # Of a stream, not of a field.
 CONTROL = _words("control controls action actions")
 MEASURED = _words("actual act measured meas mes present feedback fb fbk")
+ABSOLUTE = _words("abs absolute")
+# Of another channel: unfiltered, filtered, or where a motion ends.
+VARIANTS = _words("raw filtered filt goal")
 STATE = MEASURED | _words("state states")
-# Derivatives, housekeeping, computed values: never a role.
-OTHER = _words(
+END_EFFECTOR = _words("tcp flange eef pose cartesian cart")
+AXES = _words("x y z")
+# A gain, a term, an error, in front of the i of their integral.
+TERMS = _words("k t e")
+# Derivatives, housekeeping, computed values, end effectors: never a role.
+OTHER = END_EFFECTOR | _words(
     "velocity velocities vel speed speeds omega dq qd dtheta thetad "
     "ddq qdd rate dot acceleration acc accel jerk gyro temperature temp "
     "voltage pwm status seq header time timestamp stamp id count counter error err power energy pressure "
@@ -37,27 +44,30 @@ OTHER = _words(
     "battery batt bat bus supply"
 )
 VELOCITY = _words("velocity velocities vel speed speeds omega dq qd dtheta thetad")
-BODY = _words("imu gyro twist odom angular linear base cartesian tcp")
+BODY = END_EFFECTOR | _words("imu gyro twist odom angular linear base")
 # Topics of bodies; a robot's base may be one that has joints.
 BODY_TOPICS = BODY - {"base"}
-MOTOR = _words("motor motors mot mtr rotor servo actuator primary drive")
+MOTOR = _words("motor motors mot mtr rotor rotors servo servos actuator actuators primary drive drives")
 # Its output is where a spring begins, on the motor's side of it; "gear output" is the link.
 GEAR = _words("gear gearbox")
 LINK = _words("link output load")
-SENSOR = _words("sensor spring transmission loadcell ft measured meas mes elastic wrench")
+BY_SENSOR = _words("sensor loadcell")
+SENSOR = BY_SENSOR | _words("spring transmission ft measured meas mes elastic wrench")
 SERIES = _words("se")
 SECONDARY = _words("secondary stiffener")
 EXTERNAL = _words("external ext disturbance")
 ACCELERATION = _words("acceleration acc accel accelerometer")
-FILLER = MEASURED | _words(
-    "joint joints data state states raw msg field value values x y z side abs absolute sensors stamped topic of the in cell "
-    "scope logsout simout"
-)
+FILLER = _words(
+    "joint joints data state states raw msg field value values side sensors stamped topic of the in cell "
+    "scope logsout simout log filtered filt"
+) | (MEASURED | ABSOLUTE | AXES)
 # A letter after the symbol of a quantity, as in theta_m and tau_J_d.
 SUBSCRIPTS = {"m": "motor", "l": "link", "j": "link", "s": "sensor", "d": "command", "c": "secondary"}
 _SHORT = {"jnt": "joint", "jt": "joint", "joi": "joint"}
 # Two words for one.
-_TOGETHER = {("load", "cell"): "loadcell", ("i", "q"): "iq", ("i", "d"): "id", ("set", "point"): "setpoint"}
+_TOGETHER = {
+    ("load", "cell"): "loadcell", ("i", "q"): "iq", ("i", "d"): "id", ("set", "point"): "setpoint", ("state", "ext"): "state",
+}  # fmt: skip
 
 UNITS = {
     "deg": "deg", "degs": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "radian": "rad", "radians": "rad",
@@ -68,7 +78,7 @@ UNITS = {
 }  # fmt: skip
 """Endings of a name that are its unit."""
 _UNIT_AT_END = re.compile(
-    r"(?P<name>.*?[^\W_])(?:[\W_]+|(?<=[a-z\d])(?=[A-Z]))\(?(?P<unit>"
+    r"(?P<name>.*?[^\W_])(?:[\W_]+|(?-i:(?<=[a-z\d])(?=[A-Z])))\(?(?P<unit>"
     + "|".join(sorted(UNITS, key=len, reverse=True))
     + r"|(?-i:A))\)?(?P<index>[_\W]*\d+\]?)?",
     re.IGNORECASE | re.DOTALL,
@@ -139,6 +149,7 @@ class Meaning:
     in_command_topic : by the topic's name these are commands
     in_motor_topic : by the topic's name these are a motor's
     is_measured : by the name
+    is_variant : of another channel, by the name
     is_element : the index is that of a list, not part of the name
     unit : that the name ends in, where the log states none; else None
     """
@@ -151,6 +162,7 @@ class Meaning:
     in_command_topic: bool
     in_motor_topic: bool = False
     is_measured: bool = False
+    is_variant: bool = False
     is_element: bool = False
     unit: str | None = None
 
@@ -203,6 +215,8 @@ def meaning_of(channel: Channel, *, with_stream: bool = True) -> Meaning:
         part = _part(field_words, quantity)[0]
     if not label and not part and "joint" in named and quantity in ("position", "torque"):
         part = "link" if quantity == "position" else ""
+    if quantity in ("position", "velocity") and not (part or joint or label or AXES.isdisjoint(field_words)):
+        quantity = "other"  # a body's: a joint has one angle
     in_command_topic = any(word in COMMAND for word in topic_words)
     in_motor_topic = any(word in MOTOR for word in topic_words)
     return Meaning(
@@ -213,7 +227,8 @@ def meaning_of(channel: Channel, *, with_stream: bool = True) -> Meaning:
         label,
         in_command_topic,
         in_motor_topic,
-        is_measured=not MEASURED.isdisjoint(field_words),
+        is_measured=not (MEASURED | BY_SENSOR).isdisjoint(field_words),
+        is_variant=not VARIANTS.isdisjoint(field_words),
         is_element=element is not None,
         unit=None if channel.unit else by_name,
     )
@@ -251,7 +266,7 @@ def _quantity(field: list[str], label: list[str], topic: list[str], unit: str | 
     is_truth = "truth" in topic
     if not is_truth and not _is_command([*words, *topic]) and (role := _acceleration(field, [*words, *topic], unit)):
         return role
-    if not is_truth and _is_command([*words, *topic]) and _is_velocity(field, unit):
+    if not is_truth and BODY.isdisjoint(field) and _is_command([*words, *topic]) and _is_velocity(field, unit):
         return "commanded_velocity"
     if not is_truth and _is_joint_velocity(field, [*words, *topic], unit):
         return "velocity"
@@ -312,7 +327,13 @@ def _acceleration(field: list[str], words: list[str], unit: str | None) -> str |
 
 
 def _is_setpoint(words: list[str]) -> bool:
-    return any(word in SETPOINT or word in SECONDARY for word in words)
+    return any(word in SETPOINT or word in SECONDARY for word in words) or _is_symbol(words)
+
+
+def _is_symbol(words: list[str]) -> bool:
+    """Return whether an r at the end is the symbol of the set-point; in front of other words it is the right side."""
+    named = [word for word in words if not word.isdigit()]
+    return named[-1:] == ["r"] and FILLER.issuperset(named[:-1])
 
 
 def _is_command(words: list[str]) -> bool:
@@ -330,11 +351,11 @@ def _named_quantity(words: list[str]) -> str | None:
     ):
         if any(word in vocabulary for word in words):
             return quantity
-    if any(word in SETPOINT for word in words):
+    if any(word in SETPOINT for word in words) or _is_symbol(words):
         return "setpoint"
     if any(word in POSITION for word in words):
         return "position"
-    return "current" if "i" in words else None
+    return "current" if any(w == "i" and b not in TERMS for b, w in zip(["", *words], words, strict=False)) else None
 
 
 def _by_unit(unit: str | None) -> str | None:
@@ -378,6 +399,8 @@ def _part(words: list[str], quantity: str) -> tuple[str, int | None, list[str]]:
             found.add(part)
         elif word in _SYMBOLS:
             found.add(f"{_SYMBOLS[word]} by its symbol")
+        elif word == "r" and quantity == "setpoint" and SETPOINT.isdisjoint(words):
+            pass
         elif word not in _VOCABULARY and not (word == "joint" and follower.isdigit()):
             left.append(word)
         previous = word
