@@ -160,6 +160,30 @@ def test_corners_are_found(spring, corners):
     assert "spring.not_polynomial" not in {one.code for one in fold.findings(state)}
 
 
+@pytest.mark.parametrize("shape", ["corner", "knee"])
+def test_a_spring_that_is_no_polynomial_and_softens_is_followed(shape):
+    """Neither explains the other: a polynomial that changes far and often would fit a corner, too."""
+    inside = []
+    for seed in range(3):
+        t, signals, truth = machine(lambda t: 0.15 * t / SECONDS, seed, spring=SHAPES[shape])
+        columns, fold, state = estimated(t, signals)
+        relative, deviations = errors(columns, truth)
+        found = {one.code: one for one in fold.findings(state)}
+        assert found["stiffness.changed"].value == pytest.approx(-0.15, abs=0.01)
+        assert ("spring.corner" if shape == "corner" else "spring.not_polynomial") in found
+        assert np.median(relative) < 0.003
+        inside.append(np.mean(deviations < 1.96))
+    assert np.mean(inside) > 0.85
+
+
+def test_a_change_that_returns_is_reported_with_its_range():
+    t, signals, _ = machine(lambda t: 0.1 * np.sin(np.pi * t / SECONDS))
+    _, fold, state = estimated(t, signals)
+    (found,) = (one for one in fold.findings(state) if one.code == "stiffness.changed")
+    assert found.value == pytest.approx(0.0, abs=0.01)
+    assert (found.evidence["least"], found.evidence["most"]) == pytest.approx((-0.1, 0.0), abs=0.01)
+
+
 def test_corners_that_the_rig_gives_are_taken_from_it():
     t, signals, truth = machine(spring=SHAPES["one-sided-corner"])
     own = SEA.joint["sea"]

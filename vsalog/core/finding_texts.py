@@ -130,8 +130,8 @@ TEXTS: dict[str, Text] = {
         false_alarm=FALSE_ALARM,
     ),
     "stiffness.changed": Text(
-        "transmission {part}: the stiffness changes by {value:+.1%} from the log's beginning to its end, with"
-        " {jumps:n sudden change}; the estimate follows it.",
+        "transmission {part}: the stiffness changes by {value:+.1%} from the log's beginning to its end, between {least:+.1%} and"
+        " {most:+.1%} of what it is at the beginning, with {jumps:n sudden change}; the estimate follows it.",
         "A change larger or more frequent than a spring's has another cause, which 'vsalog diagnose' searches for.",
         false_alarm=FALSE_ALARM,
     ),

@@ -76,7 +76,7 @@ class Search(NamedTuple):
     places : in the range of the deflection, at which a corner is looked for at first [1]: two between two of them are one
     most : pairs at first [1]: a shape with more corners is smooth
     closer : a pair is than the one before [1]: a quarter of it is ten times what is left of the error
-    rounds : of pairs, at most [1]
+    rounds : of pairs that come closer, and of exchanges, at most [1]
     """
 
     places: int = 31
@@ -131,20 +131,33 @@ def _merged(pairs: list[tuple[float, float]]) -> list[tuple[float, float]]:
 
 
 def _selected(rows: Array) -> list[int]:
-    """Return the numbers of neighbouring ramps, each with the next, of which one pair after the other explains most."""
+    """Return the numbers of ramps that explain most, each with the next: one pair after the other, and exchanged."""
     count = SEARCH.places
     R = triangle_of(rows)
     base, ramps, z = R[:, : -1 - count], R[:, -1 - count : -1], R[:, -1]
     taken: list[int] = []
     least = float(chdtri(2, FALSE_ALARM / (count - 1)))
+
+    def best(others: list[int]) -> tuple[int, float]:
+        Q = _range_of(np.column_stack((base, *(ramps[:, [i, i + 1]] for i in others))))
+        left, own = z - Q @ (Q.T @ z), ramps - Q @ (Q.T @ ramps)
+        gains = [float(np.sum((_range_of(own[:, i : i + 2]).T @ left) ** 2)) for i in range(count - 1)]
+        at = int(np.argmax(gains))
+        return at, gains[at]
+
     while len(taken) < SEARCH.most:
-        Q = _range_of(np.column_stack((base, *(ramps[:, [i, i + 1]] for i in taken))))
-        left, others = z - Q @ (Q.T @ z), ramps - Q @ (Q.T @ ramps)
-        gains = [float(np.sum((_range_of(others[:, i : i + 2]).T @ left) ** 2)) for i in range(count - 1)]
-        best = int(np.argmax(gains))
-        if gains[best] <= least or best in taken:
+        at, gain = best(taken)
+        if gain <= least or at in taken:
             break
-        taken.append(best)
+        taken.append(at)
+        # The first pair stands for all corners until there are others.
+        for _ in range(SEARCH.rounds):
+            before = list(taken)
+            for i in range(len(taken)):
+                at, _ = best(taken[:i] + taken[i + 1 :])
+                taken[i] = taken[i] if at in taken else at
+            if taken == before:
+                break
     return taken
 
 

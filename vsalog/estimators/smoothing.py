@@ -153,20 +153,21 @@ class Round(NamedTuple):
     evidence : logarithm of its probability, but for a constant
     no_change : probability that the spring does not change
     noise, weights : of each equation
-    active, nominal, usual : as of `Choice`, before the estimate; None to take as usual what a spring has that does not change
+    active, nominal, steady : as of `Choice`, before the estimate
     smoothness : as of `Choice`
+    course : shape (K, transmissions), torque of each as a whole, over what it is usually
     smoothed : by the most probable hypothesis
     """
 
     evidence: float
     no_change: float
-    change: Change
     noise: tuple[RowNoise, ...]
     weights: tuple[Weights | None, ...]
     active: NDArray[np.intp]
     nominal: Array
-    usual: Array | None
+    steady: Array
     smoothness: tuple[Smoothness, ...]
+    course: Array
     smoothed: Smoothed
 
 
@@ -182,6 +183,7 @@ class Choice(NamedTuple):
     nominal : coefficients, and other unknowns that equations share, on average
     direction : shape (transmissions, active), the torque of each transmission as a whole
     usual : shape (active,), size of each unknown
+    steady : shape (transmissions,), what the torque of each as a whole gains from interval to interval, as a part of it
     evidence : logarithm of each hypothesis' probability, but for a constant
     """
 
@@ -192,6 +194,7 @@ class Choice(NamedTuple):
     nominal: Array
     direction: Array
     usual: Array
+    steady: Array
     evidence: Mapping[Change, float]
 
     @property
@@ -231,21 +234,21 @@ class BasisEvidence(NamedTuple):
 
 
 class Information(NamedTuple):
-    """What rows say of coefficients that a spring has on average.
+    """What rows say of coefficients that a spring would have without its change.
 
     Attributes
     ----------
     triangle : shape (n + 1, n + 1), rows [R z] with noise of variance one; the coefficients are the last unknowns
     others : numbers of the other unknowns, after the coefficients
     noise, weights : of the rows
-    change : of the spring, which is averaged over
+    course : shape (K, transmissions), of the torques in the middles of intervals, which rows were divided by
     """
 
     triangle: Array
     others: NDArray[np.intp]
     noise: tuple[RowNoise, ...]
     weights: tuple[Weights | None, ...]
-    change: Change
+    course: Array
 
 
 class Trajectory(NamedTuple):
@@ -459,11 +462,15 @@ class Smoother:
         self.elements = np.zeros(self.size, dtype=np.bool_)
         self.elements[:n], self.elements[n : n + solver.shared] = np.array(solver.pieces) & ~at_knot, True
         self.scale = self._scale()
+        self.smoothness: tuple[Smoothness, ...] = ()
+        self.prior = self.usual = np.zeros(0)
+        self.direction = np.zeros((solver.transmissions, 0))
         # A torque is what the unknowns add up to and what the rig has of the motor.
         self.rest = [
             part.rows[:, n + solver.shared + own.index(GAIN)].copy()
             for part, own in zip(self.boxes, solver.unknowns, strict=True)
         ]
+        self._follow(np.zeros(solver.transmissions) if choice is None else choice.steady)
         self._take(_least_squares(self.boxes[0])[: n + solver.shared] if choice is None else choice.nominal)
 
     def _scale(self) -> Array:
@@ -487,6 +494,21 @@ class Smoother:
         for part, own, rest in zip(self.boxes, self.solver.unknowns, self.rest, strict=True):
             part.rows[:, size + own.index(GAIN)] = rest + part.rows[:, :size] @ nominal
         self.steepness = [self._steepness(own) for own in self.slopes]
+
+    def _follow(self, steady: Array) -> None:
+        """Let the torques of an interval's rows change steadily, by parts (transmissions,) from interval to interval."""
+        n, views = self.solver.coefficients, self.solver.transmissions
+        self.steady = steady
+        for part, own, where in zip(self.boxes, self.collected, self.where, strict=True):
+            after = (own.place + 0.5) * self.count / self.samples - 0.5 - where
+            part.rows[:, :n] = own.rows[:, :n] * np.repeat(1.0 + after[:, None] * steady, n // views, axis=1)
+
+    def _steady(self, course: Array, change: Change) -> Array:
+        """Return by which part torques change from interval to interval where they do not jump, shape (transmissions,)."""
+        held = self._linear(change)[:-1]
+        if self.solver.causal or not held.any():
+            return np.zeros(self.solver.transmissions)
+        return np.asarray(np.diff(course, axis=0)[held].mean(axis=0) / course.mean(axis=0))
 
     def _steepness(self, slopes: Array) -> Array:
         """Return the squares of the transmissions' stiffness, over their average, shape (M,)."""
@@ -537,11 +559,20 @@ class Smoother:
     def _chosen(self, best: Round) -> tuple[Array, Choice, Smoothed]:
         """Choose noise, unknowns and hypotheses; return the triangles, too, and what the best hypothesis estimates."""
         self.active = best.active
+        self._follow(best.steady)
         self._take(best.nominal)
         triangles = self._triangles(best.noise, best.weights)
-        evidence, smoothed = self._explained(triangles, best.usual, True)
+        evidence, smoothed = self._explained(triangles, best.course, True)
         choice = Choice(
-            self.count, best.noise, self.active, self.smoothness, self.nominal, self.direction, self.usual, evidence
+            self.count,
+            best.noise,
+            self.active,
+            self.smoothness,
+            self.nominal,
+            self.direction,
+            self.usual,
+            self.steady,
+            evidence,
         )
         return triangles, choice, smoothed
 
@@ -555,36 +586,26 @@ class Smoother:
         changing : whether the noise at first is that of a spring which is another in each interval
         most : rounds
         """
-        noise, usual, at = self._white(changing), None, np.full(self.size, np.inf)
+        noise, course, at = self._white(changing), None, np.full(self.size, np.inf)
         weights: tuple[Weights | None, ...] = (None,) * len(noise)
         rounds, count = list[Round](), sum(len(part.rows) for part in self.boxes)
         for _ in range(most):
             nominal, active = self.nominal, self.active
-            found, smoothed = self._explained(self._triangles(noise, weights), usual, False)
+            found, smoothed = self._explained(self._triangles(noise, weights), course, False)
             evidence = self._evidence(found, noise, weights)
             if rounds and evidence < rounds[-1].evidence - LIMITS.evidence_loss * count:
                 break
             no_change = _probability_of_no_change(found)
-            rounds.append(
-                Round(
-                    evidence,
-                    no_change,
-                    _likeliest(found),
-                    noise,
-                    weights,
-                    active,
-                    nominal,
-                    usual,
-                    self.smoothness,
-                    smoothed,
-                )
-            )
+            course = smoothed.mean @ self._projection
+            given = noise, weights, active, nominal, self.steady
+            rounds.append(Round(evidence, no_change, *given, self.smoothness, course, smoothed))
             # Its noise is another at first: `_settled` begins again.
             if not changing and len(rounds) == LIMITS.rounds and no_change < FALSE_ALARM:
                 break
             mean, before = self._whole(smoothed.mean), at
+            self._follow(self._steady(course, _likeliest(found)))
             noise, weights = self._noise(self._whole(self.roughest.mean), _likeliest(found))
-            usual, at = smoothed.mean.mean(axis=0), mean.mean(axis=0)
+            at = mean.mean(axis=0)
             self._take(at[: self.nominal.size])
             deviation = self._whole(np.sqrt(np.square(smoothed.root).sum(axis=1))).mean(axis=0)
             if np.all(np.abs(at - before) <= LIMITS.settled * deviation):
@@ -615,30 +636,21 @@ class Smoother:
 
     def information(self, like: Information | None) -> Information:
         """Return what the rows say of the coefficients; `like` as of `SmootherSolver.information`."""
-        n = self.solver.coefficients
+        n, views = self.solver.coefficients, self.solver.transmissions
         if like is None:
             best = self._settled_round(True, LIMITS.rounds)
-            self._take(best.nominal)
-            others, noise, weights, change = best.active[best.active >= n] - n, best.noise, best.weights, best.change
-        else:
-            _, others, noise, weights, change = like
-        self.active, self.prior = np.r_[n + others, :n], np.ones(n + others.size)
-        measurements = self._measurements(self._triangles(noise, weights))
-        still = self._smooth(measurements, Change(), np.zeros((0, self.active.size)), False)
-        usual = np.zeros(self.size)
-        usual[:n] = still.filtered_mean[-1][others.size :]
-        self.direction = self._direction(usual)[:, self.active]
-        rows, _ = self._walk(measurements).triangle(self._shares(change))
-        # A trend is one more unknown of each transmission, which is eliminated.
-        views = len(self.direction) if change.trend else 0
-        trends = np.zeros((views, rows.shape[1] - len(self.direction) + views))
-        trends[:, :views] = np.eye(views) / (change.trend or 1.0)
-        size = self.active.size
-        rows = np.hstack((rows[:, size : size + views], rows[:, :size] / self.scale[self.active], rows[:, -1:]))
-        rows = triangle_of(np.vstack((trends, rows)))[views:, views:]
-        triangle = np.zeros((size + 1, size + 1))
-        triangle[: len(rows)] = rows[: size + 1]
-        return Information(triangle, others, noise, weights, change)
+            others = best.active[best.active >= n] - n
+            like = Information(np.zeros((0, 0)), others, best.noise, best.weights, best.course)
+        self.active = np.r_[n + like.others, :n]
+        middles = (np.arange(len(like.course)) + 0.5) * self.samples / len(like.course)
+        for part, own in zip(self.boxes, self.collected, strict=True):
+            course = np.column_stack([np.interp(own.place, middles, each) for each in like.course.T])
+            part.rows[:, :n] = own.rows[:, :n] * np.repeat(course, n // views, axis=1)
+        rows = self._measurements(self._triangles(like.noise, like.weights)).reshape(-1, self.active.size + 1)
+        triangle = np.zeros((self.active.size + 1,) * 2)
+        found = triangle_of(rows) / np.r_[self.scale[self.active], 1.0]
+        triangle[: len(found)] = found
+        return like._replace(triangle=triangle)
 
     def _resists(self, smoothed: Smoothed) -> bool:
         """Tell whether all friction elements together have a significant positive torque; true where there are none."""
@@ -777,10 +789,10 @@ class Smoother:
         trends = self.ramp[:, None, None] * (measurements[:, :, :-1] @ direction.T)
         return np.ascontiguousarray(np.concatenate((measurements[:, :, :-1], trends, measurements[:, :, -1:]), axis=2))
 
-    def _walk(self, measurements: Array) -> RandomWalk:
+    def _walk(self, measurements: Array, direction: Array) -> RandomWalk:
         """Return the walk of the torque as a whole, with a trend's unknown of each transmission after the others."""
-        still = np.zeros((len(self.direction), len(self.direction)))
-        return RandomWalk(self._with_trend(measurements, self.direction), np.hstack((self.direction, still)))
+        still = np.zeros((len(direction), len(direction)))
+        return RandomWalk(self._with_trend(measurements, direction), np.hstack((direction, still)))
 
     def _shares(self, change: Change) -> Array:
         """Return the standard deviation of each step of the torque as a whole, shape (K − 1,)."""
@@ -788,6 +800,28 @@ class Smoother:
         share = np.full(count, change.whole / np.sqrt(max(count, 1)))
         share[self._broken(change)] = LIMITS.fastest
         return share
+
+    @property
+    def _projection(self) -> Array:
+        """What the torque of each transmission as a whole is of scaled unknowns, shape (active, transmissions).
+
+        By least squares of the torque that they make in the rows: single coefficients of a spline may be unknown.
+        """
+        n, views = self.solver.coefficients, self.solver.transmissions
+        out = np.zeros((self.active.size, views))
+        for i, direction in enumerate(self.direction):
+            own = slice(i * n // views, (i + 1) * n // views)
+            for part in self.boxes:
+                rows = part.rows[:, own] * self.scale[own]
+                out[own, i] += rows.T @ (rows @ direction[own])
+            out[own, i] /= (direction[own] @ out[own, i]) or 1.0
+        return out
+
+    def _linear(self, change: Change) -> Flags:
+        """Return whether unknowns change linearly from each interval to the next, shape (K,)."""
+        linear = np.ones(self.count, dtype=np.bool_)
+        linear[[*self._broken(change), self.count - 1]] = False
+        return linear
 
     def _broken(self, change: Change) -> list[int]:
         """Return the steps of a change's jumps: a window of the filters that contains one is of neither side."""
@@ -813,30 +847,38 @@ class Smoother:
             out[i, part] = usual[part]
         return out
 
-    def _explained(self, triangles: Array, usual: Array | None, shapes: bool) -> tuple[dict[Change, float], Smoothed]:
+    def _explained(self, triangles: Array, course: Array | None, shapes: bool) -> tuple[dict[Change, float], Smoothed]:
         """Return each hypothesis' log evidence, and what the best one estimates; unknowns that the log shows become active.
 
         Parameters
         ----------
         triangles : of `_triangles`
-        usual : shape (active,), the torque as a whole; None to take that of a spring that does not change
+        course : shape (K, transmissions), of the torques, as far as it is known; None for that of a constant spring
         shapes : whether the shape may change, too
         """
         measurements = self._measurements(triangles)
-        best = Change()
-        walk = RandomWalk(measurements, np.zeros((0, self.active.size)))
+        best, most = Change(), -np.inf
+        course = np.ones((self.count, self.solver.transmissions)) if course is None else course
+        kept = self.smoothness, self.prior, self.direction, self.usual
         for _ in range(LIMITS.rounds):
             # A spring that changes may look like one that is no polynomial, and the other way round.
-            self.smoothness = self._smoothnesses(walk.triangle(self._shares(best))[0], best)
+            unchanged = self._unchanged(measurements, course)
+            self.smoothness = self._smoothnesses(unchanged)
             likeliest = max(range(len(self.smoothness)), key=lambda i: self.smoothness[i].evidence)
             self.prior = self.smoothness[likeliest].prior
-            explained = best
-            evidence, smoothed, walk = self._changing(measurements, usual, shapes)
-            best = _likeliest(evidence)
+            tried, estimate = self._changing(measurements, unchanged, shapes)
+            joint = max(tried.values()) + float(_log_prior(len(self.smoothness))[likeliest])
+            if joint < most:
+                self.smoothness, self.prior, self.direction, self.usual = kept
+                break
+            kept = self.smoothness, self.prior, self.direction, self.usual
+            most, evidence, smoothed = joint, tried, estimate
+            course = smoothed.mean @ self._projection
+            explained, best = best, _likeliest(evidence)
             if best == explained:
                 break
-        if best != explained:
-            self.smoothness = self._smoothnesses(walk.triangle(self._shares(best))[0], best)
+        else:
+            self.smoothness = self._smoothnesses(self._unchanged(measurements, course))
         prior = self.prior
         self._roughen(measurements, best)
         self.prior = prior
@@ -852,41 +894,46 @@ class Smoother:
         known = 1.0 - np.square(self.roughest.root).sum(axis=1).mean(axis=0) / np.square(self.prior)
         self.fitted = float(np.clip(known, 0.0, 1.0).sum())
 
-    def _smoothnesses(self, triangle: Array, change: Change) -> tuple[Smoothness, ...]:
-        """Return the hypotheses of how smooth a spring is, of rows of the scaled unknowns and a change's trends.
+    def _unchanged(self, measurements: Array, course: Array) -> Array:
+        """Return the triangle of the coefficients that a spring would have without its change, which is taken as known.
+
+        A change along a spline's torque would bring knots to a polynomial.
+        """
+        n, views = self.solver.coefficients, self.solver.transmissions
+        changed = measurements[:, :, :n] * np.repeat(course, n // views, axis=1)[:, None]
+        return triangle_of(np.concatenate((changed, measurements[:, :, n:]), axis=2).reshape(-1, measurements.shape[2]))
+
+    def _smoothnesses(self, triangle: Array) -> tuple[Smoothness, ...]:
+        """Return the hypotheses of how smooth a spring is, of a triangle of the scaled unknowns.
 
         Of a power of the deflection the torque has r times as much as of the power before; the curvature changes from knot to
         knot by so much. Deviations of the others are geometric means over what the log makes probable.
         """
         powers, knots, elements = self.powers[self.active], self.knots[self.active], self.elements[self.active]
         curvatures = LIMITS.curvatures if knots.any() else np.ones(1)
-        # A polynomial is as probable as all others together.
-        before = np.log(np.r_[0.5, np.full(curvatures.size - 1, 0.5 / max(curvatures.size - 1, 1))])
+        before = _log_prior(curvatures.size)
         rest = np.where(elements, LIMITS.parts[-1], 1.0)
 
         def each(rest: Array) -> tuple[Smoothness, ...]:
             priors = [np.where(knots, curvature, rest) for curvature in curvatures]
             return tuple(
-                Smoothness(float(own) + log_likelihood(triangle, self._deviations(prior, triangle, change)), prior)
+                Smoothness(float(own) + log_likelihood(triangle, prior), prior)
                 for own, prior in zip(before, priors, strict=True)
             )
 
         curvature = curvatures[np.argmax([own.evidence for own in each(rest)])]
         parts = LIMITS.parts if elements.any() else np.ones(1)
         rests = np.array([np.where(elements, part, ratio**powers) for ratio in LIMITS.ratios for part in parts])
-        priors = [self._deviations(np.where(knots, curvature, rest), triangle, change) for rest in rests]
-        evidence = [log_likelihood(triangle, prior) for prior in priors]
+        evidence = [log_likelihood(triangle, np.where(knots, curvature, rest)) for rest in rests]
         return each(np.exp(_normalised(evidence) @ np.log(rests)))
 
-    def _changing(
-        self, measurements: Array, usual: Array | None, shapes: bool
-    ) -> tuple[dict[Change, float], Smoothed, RandomWalk]:
-        """Return each change's log evidence, what the best one estimates, and the walk of the torque as a whole."""
-        still = self._smooth(measurements, Change(), np.zeros((0, self.active.size)), False)
-        usual = still.filtered_mean[-1] if usual is None else usual
-        self.direction = self._direction(usual)
-        self.usual = np.sqrt(usual**2 + np.square(still.filtered_root[-1]).sum(axis=0))
-        walk = self._walk(measurements)
+    def _changing(self, measurements: Array, unchanged: Array, shapes: bool) -> tuple[dict[Change, float], Smoothed]:
+        """Return each change's log evidence, and what the best one estimates; `unchanged` as of `_unchanged`."""
+        n = self.active.size
+        fitted = smooth(unchanged[None], np.zeros((0, 1, n)), np.zeros(n), np.diag(self.prior), False)
+        self.direction = self._direction(fitted.filtered_mean[0])
+        self.usual = np.sqrt(fitted.filtered_mean[0] ** 2 + np.square(fitted.filtered_root[0]).sum(axis=0))
+        walk = self._walk(measurements, self.direction)
         # Until the noise is known, steps of a decade suffice.
         sizes = LIMITS.changes[:: 1 if shapes else 2] if self.count > 1 and not self.solver.constant else ()
         trends = [Change(), *(Change(trend=size) for size in (LIMITS.trends if len(sizes) else ()))]
@@ -917,7 +964,7 @@ class Smoother:
             best = better
         if shapes:
             evidence |= self._weighed(measurements, walk, [best._replace(shape=size) for size in sizes])
-        return evidence, smoothed, walk
+        return evidence, smoothed
 
     def _place(self, measurements: Array, walk: RandomWalk, evidence: dict[Change, float]) -> None:
         """Add hypotheses with each jump of the most probable one at other times, as far as they are probable."""
@@ -951,7 +998,7 @@ class Smoother:
             self.prior, self.usual = (np.r_[own, [1.0] * added] for own in (prior, usual))
             self.direction = np.hstack((direction, np.zeros((len(direction), added))))
             measurements = self._measurements(triangles)
-            walk = self._walk(measurements)
+            walk = self._walk(measurements, self.direction)
             likelihoods[i] = self._log_likelihood(measurements, walk, change)
         best = max(likelihoods, key=lambda i: likelihoods[i])
         # The noise is estimated from the same rows: twice a logarithm of likelihoods is Student's t squared.
@@ -1039,11 +1086,10 @@ class Smoother:
         full = np.zeros((self.count, root.shape[1], self.size))
         full[:, :, self.active] = root
         picked = triangle_of(full[:, :, order])
-        linear = np.full(self.count, not self.solver.causal)
-        linear[[*self._broken(choice.change), self.count - 1]] = False
+        linear = self._linear(choice.change) & (not self.solver.causal)
         deviation = np.sqrt(np.square(full).sum(axis=1)).mean(axis=0)
         others = {self.names[i - n]: (float(mean[:, i].mean()), float(deviation[i])) for i in self.active if i >= n}
-        projection = self.direction.T / np.square(self.direction).sum(axis=1) / self.scale[self.active][:, None]
+        projection = self._projection / self.scale[self.active][:, None]
         torque, deviations = mean[:, self.active] @ projection, np.sqrt(np.square(root @ projection).sum(axis=1))
         external = np.ascontiguousarray(mean[:, order])
         return Trajectory(
@@ -1058,6 +1104,11 @@ class Smoother:
             self._misfit(mean),
             others,
         )
+
+
+def _log_prior(count: int) -> Array:
+    """Return the logarithm of each smoothness' probability before the log: a polynomial has that of all others together."""
+    return np.asarray(np.log(np.r_[0.5, np.full(count - 1, 0.5 / max(count - 1, 1))]))
 
 
 def _least_squares(part: BoxRows) -> Array:

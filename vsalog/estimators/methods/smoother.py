@@ -326,13 +326,13 @@ class SmootherFold(RegressionFold):
             torque, band = trajectory.torque[:, i], least * trajectory.torque_std[:, i]
             if np.max(torque - band) <= np.min(torque + band):
                 continue
-            whole = torque[-1] / torque[0] - 1.0
+            whole, *ends = np.array((torque[-1], np.min(torque), np.max(torque))) / torque[0] - 1.0
             # No spring vanishes or doubles, or breaks as often as the search allows.
             odd = jumps == LIMITS.jumps or abs(whole) > LIMITS.fastest
             found.append(
                 Finding(
                     code="stiffness.changed", joint=self.device.joint, part=view.name, severity="warning" if odd else "info",
-                    value=float(whole), evidence={"jumps": jumps},
+                    value=float(whole), evidence={"least": float(ends[0]), "most": float(ends[1]), "jumps": jumps},
                 )
             )  # fmt: skip
         return found
