@@ -244,6 +244,7 @@ def test_a_loop_of_a_moving_joint_is_no_fault_of_the_recording(loop, alone, seed
     assert found_in(without(joint(loop=loop, seed=seed), *alone)) == []
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("recorded", RECORDED.values(), ids=RECORDED)
 @pytest.mark.parametrize("loop", LOOPS.values(), ids=LOOPS)
@@ -251,6 +252,7 @@ def test_a_loop_is_no_fault_of_the_recording(loop, recorded, seed):
     assert found_in(joint_with_loop(loop, recorded, seed)) == []
 
 
+@pytest.mark.every(4)
 @pytest.mark.parametrize(
     ("recorded", "role"), [(recorded, role) for recorded in RECORDED.values() for role in recorded]
 )
@@ -262,5 +264,5 @@ def test_a_late_channel_is_found_where_the_spring_has_a_loop(loop, recorded, rol
     assert fault.kind == "late"
     # Of two channels one is late as the other is early.
     assert fault.roles == (role,) or len(recorded) == 2
-    # A loop between two that the search adds up costs an eighth.
-    assert abs(fault.delay) == pytest.approx(10 * PERIOD, rel=0.125)
+    # A loop of another shape than those that the search adds up costs a seventh.
+    assert abs(fault.delay) == pytest.approx(10 * PERIOD, rel=1 / 7)

@@ -284,7 +284,8 @@ class Channels:
 
     def _moved(self, values: Array, at: Integers, time: Array, delay: float, rate: float) -> Array:
         """Return values shifted by a delay, between two samples on the line: the filter leaves nothing as fast as a sample."""
-        shift = np.clip((delay + rate * time) / self.signals.period, -self.motion.reach, self.motion.reach)
+        late = delay + rate * time if rate else np.float64(delay)
+        shift = np.clip(late / self.signals.period, -self.motion.reach, self.motion.reach)
         before = np.minimum(np.floor(shift), self.motion.reach - 1).astype(np.int64)
         part = shift - before
         return np.asarray((1.0 - part) * values[..., at + before] + part * values[..., at + before + 1])
