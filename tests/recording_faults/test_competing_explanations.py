@@ -1,4 +1,8 @@
-"""Gains and springs that change are no faults of a recording, and hide none: a joint that is integrated here."""
+"""Gains, springs that change and springs with loops are no faults of a recording, and hide none: joints computed here."""
+
+import math
+from functools import cache
+from itertools import accumulate
 
 import numpy as np
 import pytest
@@ -11,8 +15,24 @@ from vsalog.core.signals import JointSignals
 PERIOD, STIFFNESS = 0.002, 150.0
 
 
-def joint(*, jump=0.0, weight=0.0, seed=0, speed=1.0):
-    """Return channels of a motor with a spring and a link, whose spring becomes stiffer in the middle of the log."""
+NO_LOOP = (0.0, 1.0)
+
+
+def joint(*, seed=0, **course):
+    """Return channels of a motor with a spring and a link, with noise."""
+    noise = np.random.default_rng(seed).standard_normal((4, int(12.0 / PERIOD)))
+    size = {"motor_position": 1e-5, "link_position": 1e-5, "motor_torque": 5e-3, "torque_sensor": 5e-3}
+    exact = integrated(**course)
+    return {role: exact[role] + size[role] * own for role, own in zip(size, noise, strict=True)}
+
+
+@cache
+def integrated(*, jump=0.0, weight=0.0, speed=1.0, loop=NO_LOOP):
+    """Return the channels without noise of a spring that becomes stiffer in the middle of the log, and has a Dahl loop.
+
+    The loop has half a height [N·m] and a width [rad].
+    """
+    level, width = loop
     time = np.arange(0.0, 12.0, PERIOD)
 
     def torque(t):
@@ -23,23 +43,29 @@ def joint(*, jump=0.0, weight=0.0, seed=0, speed=1.0):
         return STIFFNESS * (1.0 + jump * (t >= 6.0))
 
     def rates(t, x):
-        theta, omega, q, v = x
-        spring = stiffness(t) * (q - theta)
-        return omega, (torque(t) + spring - 0.8 * omega) / 0.2, v, (-spring - 0.1 * v - weight * np.sin(q)) / 0.4
+        theta, omega, q, v, z = x
+        spring = stiffness(t) * (q - theta) + level * z
+        turned = (v - omega - abs(v - omega) * z) / width
+        return (
+            omega,
+            (torque(t) + spring - 0.8 * omega) / 0.2,
+            v,
+            (-spring - 0.1 * v - weight * np.sin(q)) / 0.4,
+            turned,
+        )
 
-    halves, begin = [], np.zeros(4)
+    halves, begin = [], np.zeros(5)
     for part in (time < 6.0, time >= 6.0):
         at = time[part]
         solved = solve_ivp(rates, (at[0], at[-1] + PERIOD), begin, rtol=1e-8, atol=1e-10, dense_output=True)
         halves.append(solved.sol(at))
         begin = solved.sol(at[-1] + PERIOD)
-    theta, _, q, _ = np.hstack(halves)
-    noise = np.random.default_rng(seed).standard_normal((4, time.size))
+    theta, _, q, _, z = np.hstack(halves)
     return {
-        "motor_position": theta + 1e-5 * noise[0],
-        "link_position": q + 1e-5 * noise[1],
-        "motor_torque": torque(time) + 5e-3 * noise[2],
-        "torque_sensor": stiffness(time) * (q - theta) + 5e-3 * noise[3],
+        "motor_position": theta,
+        "link_position": q,
+        "motor_torque": torque(time),
+        "torque_sensor": stiffness(time) * (q - theta) + level * z,
     }
 
 
@@ -145,3 +171,98 @@ def test_a_delay_is_found_to_a_part_of_a_sample(sound, role, samples):
     (fault,) = faults_in(sound | {role: CubicSpline(place, sound[role])(place - samples)})
     assert (fault.kind, fault.roles) == ("late", (role,))
     assert fault.delay / PERIOD == pytest.approx(samples, abs=1.0 / 16.0)
+
+
+def dahl(state, change, width):
+    """The solution of dz = (1 − z sign(dφ)) dφ / width for a deflection that does not turn in between."""
+    way = math.copysign(1.0, change)
+    return way - (way - state) * math.exp(-abs(change) / width)
+
+
+def bouc_wen(state, change, width):
+    """A loop with an exponent of 2, by Euler's method."""
+    return state + (1.0 - math.copysign(1.0, change) * state * abs(state)) * change / width
+
+
+def slip(state, change, width):
+    return min(1.0, max(-1.0, state + change / width))
+
+
+LOOPS = {
+    "Dahl, narrow": (dahl, 0.5, 0.01),
+    "Dahl, wide": (dahl, 2.0, 0.05),
+    "Bouc and Wen": (bouc_wen, 1.0, 0.02),
+    "slip": (slip, 1.0, 0.013),
+}
+RECORDED = {
+    "sensor": ("motor_position", "link_position", "torque_sensor"),
+    "sensor and motor torque": ("motor_position", "link_position", "torque_sensor", "motor_torque"),
+    "deflection": ("deflection", "torque_sensor"),
+}
+
+
+@cache
+def motion_with_loop(law, level, width):
+    """Return the channels without noise: both positions are given, and the torques follow from them.
+
+    The loop is followed in steps of a twentieth of a sample, in which the deflection moves by a thousandth of it.
+    """
+    fine = PERIOD / 20
+    time = np.arange(-2.0, 12.0, fine)
+    frequency = np.array([2.1, 7.3, 17.0, 31.0])
+    waves = np.exp(1j * (np.outer(time, frequency) + np.arange(4.0)))
+    (phi, _, phi_acceleration), (q, _, q_acceleration) = (
+        [np.imag(waves * (1j * frequency) ** order) @ size for order in range(3)]
+        for size in ([0.01, 0.02, 0.015, 0.006], [0.8, 0.3, 0.05, 0.01])
+    )
+    states = list(accumulate(np.diff(phi).tolist(), lambda z, change: law(z, change, width), initial=0.0))
+    torque = STIFFNESS * phi + level * np.array(states)
+    speed = np.gradient(q - phi, fine)
+    logged = slice(np.searchsorted(time, -0.5 * fine), None, 20)
+    every = {
+        "motor_position": q - phi,
+        "link_position": q,
+        "deflection": phi,
+        "torque_sensor": torque,
+        "motor_torque": 0.2 * (q_acceleration - phi_acceleration) + 0.8 * speed - torque,
+    }
+    return {role: values[logged] for role, values in every.items()}
+
+
+def joint_with_loop(loop, recorded, seed):
+    draw = np.random.default_rng(seed)
+    noise = {role: 5e-3 if "torque" in role else 1e-5 for role in recorded}
+    exact = motion_with_loop(*loop)
+    return {role: exact[role] + noise[role] * draw.standard_normal(exact[role].size) for role in recorded}
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("alone", [(), ("motor_torque",)], ids=["sensor and motor torque", "sensor"])
+@pytest.mark.parametrize("loop", [(0.5, 0.01), (1.0, 0.01), (2.0, 0.05)])
+def test_a_loop_of_a_moving_joint_is_no_fault_of_the_recording(loop, alone, seed):
+    """Of a spring without one it would be a late torque: a loop makes small motions stiffer than large ones."""
+    assert found_in(without(joint(loop=loop, seed=seed), *alone)) == []
+
+
+@pytest.mark.every(3)
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("recorded", RECORDED.values(), ids=RECORDED)
+@pytest.mark.parametrize("loop", LOOPS.values(), ids=LOOPS)
+def test_a_loop_is_no_fault_of_the_recording(loop, recorded, seed):
+    assert found_in(joint_with_loop(loop, recorded, seed)) == []
+
+
+@pytest.mark.every(4)
+@pytest.mark.parametrize(
+    ("recorded", "role"), [(recorded, role) for recorded in RECORDED.values() for role in recorded]
+)
+@pytest.mark.parametrize("loop", LOOPS.values(), ids=LOOPS)
+def test_a_late_channel_is_found_where_the_spring_has_a_loop(loop, recorded, role):
+    roles = joint_with_loop(loop, recorded, seed=0)
+    late = np.concatenate((np.full(10, roles[role][0]), roles[role][:-10]))
+    (fault,) = faults_in(roles | {role: late})
+    assert fault.kind == "late"
+    # Of two channels one is late as the other is early.
+    assert fault.roles == (role,) or len(recorded) == 2
+    # A loop of another shape than those that the search adds up costs a seventh.
+    assert abs(fault.delay) == pytest.approx(10 * PERIOD, rel=1 / 7)

@@ -25,9 +25,7 @@ Changes = tuple[float, ...]
 
 def changing_stiffness(channels: Channels, undone: Faults, wrong: set[str]) -> Iterator[Fault]:
     """Yield of each transmission that its stiffness changes, if equations with its spring are wrong."""
-    for name in sorted(channels.elastic & wrong):
-        suffix = name.split(" ")[1]
-        role = next(r for r in (f"deflection{suffix}", f"motor_position{suffix}") if r in channels.read[name])
+    for role in channels.springs(wrong):
         one = Fault("stiffness", (role,))
         if one.kind not in (other.kind for other in undone if other.roles == one.roles):
             yield _divided(channels, undone, one)

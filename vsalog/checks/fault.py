@@ -7,12 +7,26 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-FREE: Mapping[str, int] = {"scale": 1, "gain": 1, "late": 1, "drift": 2, "gravity": 2, "stiffness": 5}
+from vsalog.checks.joint_equations import SHAPE
+
+FREE: Mapping[str, int] = {
+    "scale": 1,
+    "gain": 1,
+    "late": 1,
+    "drift": 2,
+    "gravity": 2,
+    "stiffness": 5,
+    "loop": 2 * SHAPE.slips,
+}
 """Numbers that are fitted when a fault is undone, of those kinds that have any."""
 
-Kind = Literal["sign", "unit", "scale", "late", "drift", "exchanged", "unsigned", "gravity", "gain", "stiffness"]
-OF_JOINT: tuple[Kind, ...] = ("gain", "stiffness")
-"""What else may explain channels: a sensor's gain, and a spring that changes, are no faults of a recording."""
+Kind = Literal[
+    "sign", "unit", "scale", "late", "drift", "exchanged", "unsigned", "gravity", "gain", "stiffness", "loop"
+]
+OF_SPRING: tuple[Kind, ...] = ("stiffness", "loop")
+"""What a spring may do: it changes, or it has hysteresis."""
+OF_JOINT: tuple[Kind, ...] = ("gain", *OF_SPRING)
+"""What else may explain channels: a sensor's gain, and what a spring does, are no faults of a recording."""
 
 
 class Rule(NamedTuple):
@@ -66,7 +80,7 @@ class Fault:
     Attributes
     ----------
     kind : a wrong sign, unit or scale, a delay, a drifting clock, two channels exchanged, a magnitude, gravity taken out; or a
-        gain, or a stiffness that changes (`OF_JOINT`)
+        gain, a stiffness that changes, or a spring with a loop (`OF_JOINT`)
     roles : of the affected channels
     factor : of recorded over true values
     delay : of the recorded values in the middle of the log [s]

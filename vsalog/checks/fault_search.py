@@ -13,8 +13,11 @@ log-likelihood ratio per independent sample. The likeliest fault is reported whe
 
 Of faults that the blocks do not separate from the likeliest the simplest is named. It is undone, and the search starts again,
 for a second fault. What the joint may do instead is compared in the same way, and undone where it is likeliest, or not separated
-from a fault, but is none of the recording: a channel's gain, and a stiffness that changes (`fault.OF_JOINT`). Where it leaves
-more than noise, it does not excuse a fault that does not.
+from a fault, but is none of the recording: a channel's gain, a stiffness that changes, and a spring with a loop
+(`fault.OF_JOINT`). Where it leaves more than noise, it does not excuse a fault that does not. What a spring does changes what a
+delay explains: faults that were found before it are searched again with it. A loop and a delay may each explain little without
+the other: where delays explain most of the error only with loops, the search is repeated with these, and of both results the
+first is kept unless the blocks reject it.
 
 Ibragimov, Müller, "t-statistic based correlation and heterogeneity robust inference", J. Bus. Econ. Stat. 28, 2010.
 """
@@ -28,8 +31,8 @@ from itertools import combinations
 import numpy as np
 
 from vsalog.checks.changed_spring import changing_stiffness
-from vsalog.checks.fault import FREE, OF_JOINT, RULE, Fault, Found
-from vsalog.checks.late_channels import late
+from vsalog.checks.fault import FREE, OF_JOINT, OF_SPRING, RULE, Fault, Found
+from vsalog.checks.late_channels import late, late_by
 from vsalog.checks.scaled_channels import scaled
 from vsalog.checks.smoothed_motion import exchanged, motion_of
 from vsalog.checks.undone_channels import Channels, Faults, Trial
@@ -50,13 +53,45 @@ def faults_of(signals: JointSignals, unknown_scale: Collection[str] = ()) -> lis
     signals : of the joint, as recorded but for their units
     unknown_scale : roles whose unit is none of a torque's, such as a current without its constant
     """
-    channels, found = _channels(signals, unknown_scale), list[Found]()
-    while channels is not None and len(found) < RULE.most:
-        one = _likeliest(channels, [earlier.fault for earlier in found])
+    channels = _channels(signals, unknown_scale)
+    if channels is None:
+        return []
+    found, undone = _searched(channels, ())
+    loops = tuple(_loops(channels, undone, channels.wrong(undone)))
+    # A loop and a delay may each explain little without the other.
+    if loops and _late_with(channels, undone, loops):
+        others, instead = _searched(channels, loops)
+        found = others if channels.trial(instead).is_better(channels.trial(undone)) else found
+    return [one for one in found if one.fault.kind not in OF_JOINT]
+
+
+def _searched(channels: Channels, springs: Faults) -> tuple[list[Found], Faults]:
+    """Return what is found one after another where springs do so, and all that is undone then."""
+    found = list[Found]()
+    while len(found) < RULE.most:
+        one = _likeliest(channels, (*springs, *(earlier.fault for earlier in found)))
         if one is None:
             break
-        found.append(one)
-    return [one for one in found if one.fault.kind not in OF_JOINT]
+        if one.fault.kind in OF_SPRING:
+            # What was found before may be what the spring does.
+            springs, found = (*springs, one.fault), []
+        else:
+            found.append(one)
+    return found, (*springs, *(one.fault for one in found))
+
+
+def _loops(channels: Channels, undone: Faults, wrong: set[str]) -> Iterator[Fault]:
+    """Yield that a spring has a loop, if equations with it are wrong."""
+    yield from (one for role in channels.springs(wrong) if (one := Fault("loop", (role,))) not in undone)
+
+
+def _late_with(channels: Channels, undone: Faults, loops: Faults) -> bool:
+    """Return whether a delay explains, with loops, what is wrong."""
+    now, wrong, both = channels.trial(undone), channels.wrong(undone), (*undone, *loops)
+    roles = [role for role in channels.roles if channels.touched(Fault("late", (role,)), undone) & wrong]
+    delays = ((role, late_by(channels, both, role)) for role in roles)
+    late = (Fault("late", (role,), delay=delay) for role, delay in delays if delay is not None)
+    return any(_tried(channels, undone, (*loops, one), now, len(roles)) for one in late)
 
 
 def exchanged_between(joints: Joints) -> tuple[tuple[str, str], Found] | None:
@@ -140,7 +175,7 @@ def _likeliest(channels: Channels, undone: Faults) -> Found | None:
     """Return the likeliest fault in addition to those that are undone; None where none is."""
     now, wrong = channels.trial(undone), channels.wrong(undone)
     candidates = list(_candidates(channels, undone, wrong)) if wrong else []
-    explaining = [one for fault in candidates if (one := _tried(channels, undone, fault, now, len(candidates)))]
+    explaining = [one for fault in candidates if (one := _tried(channels, undone, (fault,), now, len(candidates)))]
     if not explaining:
         return None
     # A torque that is never negative is tested as a magnitude first: its delay or scale has no meaning yet.
@@ -159,12 +194,13 @@ def _likeliest(channels: Channels, undone: Faults) -> Found | None:
     return Found(chosen.fault, tuple(dict.fromkeys(same)), chosen.p, chosen.left)
 
 
-def _tried(channels: Channels, undone: Faults, fault: Fault, now: Trial, many: int) -> _Tried | None:
-    """Return how a fault explains channels, as one of many; None where it does not."""
-    trial = channels.trial((*undone, fault), channels.touched(fault, undone))
+def _tried(channels: Channels, undone: Faults, faults: Faults, now: Trial, many: int) -> _Tried | None:
+    """Return how faults explain channels together, as one of many explanations; None where they do not."""
+    touched = set[str]().union(*(channels.touched(fault, undone) for fault in faults))
+    trial = channels.trial((*undone, *faults), touched)
     ratio, p = trial.better(now), min(1.0, many * above_zero(trial.block_ratios(now)))
     left = _part_left(now, trial)
-    return None if ratio <= 0.0 or p > FALSE_ALARM or left > RULE.left else _Tried(fault, trial, ratio, p, left)
+    return None if ratio <= 0.0 or p > FALSE_ALARM or left > RULE.left else _Tried(faults[-1], trial, ratio, p, left)
 
 
 def _is_better(channels: Channels, undone: Faults, one: Fault, other: Fault) -> bool:
@@ -199,6 +235,7 @@ def _all(channels: Channels, undone: Faults, wrong: set[str]) -> Iterator[Fault]
         if channels.touched(Fault("late", (role,)), undone) & wrong:
             yield from late(channels, undone, role)
     yield from changing_stiffness(channels, undone, wrong)
+    yield from _loops(channels, undone, wrong)
     for a, b in combinations(channels.roles, 2):
         if _quantity(a) == _quantity(b):
             yield Fault("exchanged", (a, b))

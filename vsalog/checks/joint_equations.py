@@ -2,7 +2,8 @@
 
 With q the link's position, θ the motor's, φ = q − θ, τ_e the flexibility torque and τ_m the motor's:
 
-- spring: τ_e rises with φ, plus damping, d φ̇ with d ≥ 0 (De Luca and Book, "Robots with flexible elements", 2016, §11.1);
+- spring: τ_e rises with φ, plus damping, d φ̇ with d ≥ 0 (De Luca and Book, "Robots with flexible elements", 2016, §11.1),
+  and where a loop is supposed, plus friction elements of stiffness ≥ 0 in parallel;
 - motor: τ_m + τ_e = B θ̈ + D θ̇ + C sign(θ̇) with B, D, C ≥ 0, and where τ_e is not recorded the spring replaces it;
 - body: a rigid joint's torque is M q̈ + D q̇ + C sign(q̇) + a gravity torque, a sine and a cosine of q, with M, D, C ≥ 0;
 - pair: θ is q but for a deflection that is small next to both;
@@ -39,11 +40,13 @@ class Shape(NamedTuple):
     intervals : of a deflection, in each of which a spring has one stiffness
     setpoints : between which a spring's torque is interpolated
     rest_speed : part of a speed's root mean square below which the direction of friction is blurred
+    slips : friction elements of either kind, which slip after the largest deflection, half of it … a thirty-second
     """
 
     intervals: int = 16
     setpoints: int = 5
     rest_speed: float = 0.05
+    slips: int = 6
 
 
 SHAPE = Shape()
@@ -101,7 +104,13 @@ def names_of(roles: Rows) -> tuple[str, ...]:
     return tuple(equation for equation, needed in _needs(roles) if needed <= set(roles))
 
 
-def equation(name: str, roles: Rows, knots: Array | None = None, unknown_scale: Collection[str] = ()) -> Equation:
+def equation(
+    name: str,
+    roles: Rows,
+    knots: Array | None = None,
+    unknown_scale: Collection[str] = (),
+    slipping: Array | None = None,
+) -> Equation:
     """Return an equation.
 
     Parameters
@@ -110,10 +119,15 @@ def equation(name: str, roles: Rows, knots: Array | None = None, unknown_scale: 
     roles : role → value, rate and acceleration at R instants, shape (3, R)
     knots : deflections between which a spring has one stiffness; quantiles of the deflection where absent
     unknown_scale : roles in a unit that is none of a torque's: a motor's torque among them is any multiple of the sensor's
+    slipping : torques of a spring's friction elements, of stiffness one, shape (R, n)
     """
     kind, _, suffix = name.partition(" ")
     build = {"spring": _spring, "motor": _motor, "body": _body, "pair": _pair, "rate": _rate, "drive": _drive}[kind]
     found = build(name, roles, suffix, knots)
+    if slipping is not None:
+        # The last columns remain the spring's own.
+        others, own = np.split(found.positive, [found.positive.shape[1] - found.elastic], axis=1)
+        found = replace(found, positive=np.column_stack((others, -slipping if kind == "motor" else slipping, own)))
     if kind == "motor" and found.target in unknown_scale:
         rest = found.y - found.scale
         return replace(found, y=found.scale, positive=np.column_stack((-rest, found.positive)))
@@ -123,8 +137,8 @@ def equation(name: str, roles: Rows, knots: Array | None = None, unknown_scale: 
 def _needs(roles: Rows) -> Iterator[tuple[str, frozenset[str]]]:
     twin = "motor_position_1" in roles or "deflection_1" in roles
     for suffix in ("_1", "_2") if twin else ("",):
-        yield f"spring {suffix}", frozenset({f"torque_sensor{suffix}", *_deflects(roles, suffix)})
-        torque = {f"torque_sensor{suffix}"} if f"torque_sensor{suffix}" in roles else _deflects(roles, suffix)
+        yield f"spring {suffix}", frozenset({f"torque_sensor{suffix}", *deflects(roles, suffix)})
+        torque = {f"torque_sensor{suffix}"} if f"torque_sensor{suffix}" in roles else deflects(roles, suffix)
         yield f"motor {suffix}", frozenset({f"motor_torque{suffix}", f"motor_position{suffix}", *torque})
     if not twin:
         yield "pair ", frozenset({"link_position", "motor_position"})
@@ -137,6 +151,12 @@ def _needs(roles: Rows) -> Iterator[tuple[str, frozenset[str]]]:
             yield f"rate {role}", frozenset({role, position_of(role)})
 
 
+def slips_of(deflection: Array) -> Array:
+    """Return after which deflections the friction elements of a loop slip, shape (n,)."""
+    largest = float(np.abs(deflection - np.median(deflection)).max())
+    return largest / 2.0 ** np.arange(SHAPE.slips, dtype=np.float64)
+
+
 def position_of(velocity: str) -> str:
     """Return the role whose derivative a velocity is."""
     return velocity.replace("_velocity", "_position")
@@ -146,11 +166,13 @@ def _driven(roles: Rows) -> str:
     return "motor_position" if "motor_position" in roles else "link_position"
 
 
-def _deflects(roles: Rows, suffix: str) -> set[str]:
+def deflects(roles: Collection[str], suffix: str) -> set[str]:
+    """Return the roles that a transmission's deflection is made of."""
     return {f"deflection{suffix}"} if f"deflection{suffix}" in roles else {"link_position", f"motor_position{suffix}"}
 
 
-def _deflection(roles: Rows, suffix: str) -> Array:
+def deflection_of(roles: Rows, suffix: str) -> Array:
+    """Return a transmission's deflection, of the shape of each role."""
     if f"deflection{suffix}" in roles:
         return roles[f"deflection{suffix}"]
     return roles["link_position"] - roles[f"motor_position{suffix}"]
@@ -159,14 +181,14 @@ def _deflection(roles: Rows, suffix: str) -> Array:
 def _spring(name: str, roles: Rows, suffix: str, knots: Array | None) -> Equation:
     torque = roles[f"torque_sensor{suffix}"][0]
     free, positive, knots = _elastic(roles, suffix, knots)
-    used = {f"torque_sensor{suffix}", *_deflects(roles, suffix), *({"setpoint"} & set(roles))}
+    used = {f"torque_sensor{suffix}", *deflects(roles, suffix), *({"setpoint"} & set(roles))}
     columns = positive.shape[1]
     return Equation(name, f"torque_sensor{suffix}", frozenset(used), torque, torque, free, positive, knots, columns)
 
 
 def _elastic(roles: Rows, suffix: str, knots: Array | None) -> tuple[Array, Array, Array]:
     """Return the columns of any spring whose torque rises with its deflection, and with the deflection's rate."""
-    phi = _deflection(roles, suffix)
+    phi = deflection_of(roles, suffix)
     knots = knots if knots is not None else np.unique(np.quantile(phi[0], np.linspace(0.0, 1.0, SHAPE.intervals + 1)))
     ramps = np.clip(phi[0][:, None] - knots[:-1], 0.0, np.diff(knots))
     if "setpoint" not in roles:
@@ -192,7 +214,7 @@ def _motor(name: str, roles: Rows, suffix: str, knots: Array | None) -> Equation
         used.add(f"torque_sensor{suffix}")
         y, free = torque + roles[f"torque_sensor{suffix}"][0], np.ones((torque.size, 1))
     else:
-        used |= _deflects(roles, suffix) | ({"setpoint"} & set(roles))
+        used |= deflects(roles, suffix) | ({"setpoint"} & set(roles))
         free, spring, knots = _elastic(roles, suffix, knots)
         y, positive, elastic = torque, np.column_stack((positive, -spring)), spring.shape[1]
     return Equation(name, f"motor_torque{suffix}", frozenset(used), y, torque, free, positive, knots, elastic)

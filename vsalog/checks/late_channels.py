@@ -15,27 +15,15 @@ from vsalog.checks.undone_channels import Channels, Faults
 
 def late(channels: Channels, undone: Faults, role: str) -> Iterator[Fault]:
     """Yield that a role is late, and that it becomes later, if this reduces the equations' residuals."""
-    one = Fault("late", (role,))
-    touched = channels.touched(one, undone)
-    now = channels.trial(undone, touched)
-    period = channels.signals.period
-    longest, half = (channels.motion.reach - 1) * period, float(channels.time[-1])
-    step, fine = RULE.longest_delay / RULE.delays, RULE.finest * period
-    # A drive may be slow, but never acts before its command.
-    earliest = 0.0 if role == COMMAND else -longest
-
-    def left(delay: float, rate: float) -> float:
-        if abs(delay) + abs(rate) * half > longest or delay < earliest or abs(rate) > RULE.fastest:
-            return math.inf
-        return -channels.trial((*undone, replace(one, delay=delay, rate=rate)), touched).better(now)
-
-    seed, seed_rate = _apart(channels, undone, role)
-    delay = least(lambda d: left(d, 0.0), longest, step, fine, seed)
+    delay = late_by(channels, undone, role)
     if delay is not None:
-        yield replace(one, delay=delay)
+        yield Fault("late", (role,), delay=delay)
     if role == COMMAND:
         return
+    left, longest, half = _left(channels, undone, role), _longest(channels), float(channels.time[-1])
+    step, fine = RULE.longest_delay / RULE.delays, RULE.finest * channels.signals.period
     delay, rate = delay or 0.0, 0.0
+    seed, seed_rate = _apart(channels, undone, role)
     if left(seed, seed_rate) < left(delay, 0.0):
         delay, rate = seed, seed_rate
     for _ in range(2):
@@ -45,8 +33,37 @@ def late(channels: Channels, undone: Faults, role: str) -> Iterator[Fault]:
             return
         rate = better
         delay = least(lambda d, r=rate: left(d, r), longest, step, fine, delay) or delay  # type: ignore[misc]
-    if abs(rate) * half >= period:
+    if abs(rate) * half >= channels.signals.period:
         yield Fault("drift", (role,), delay=delay, rate=rate)
+
+
+def late_by(channels: Channels, undone: Faults, role: str) -> float | None:
+    """Return the constant delay of a role that reduces the equations' residuals most [s]; None for none."""
+    left, (seed, _) = _left(channels, undone, role), _apart(channels, undone, role)
+    step, fine = RULE.longest_delay / RULE.delays, RULE.finest * channels.signals.period
+    return least(lambda d: left(d, 0.0), _longest(channels), step, fine, seed)
+
+
+def _left(channels: Channels, undone: Faults, role: str) -> Callable[[float, float], float]:
+    """Return how much a role's delay and its rate leave, as a log-likelihood ratio below 0."""
+    one = Fault("late", (role,))
+    touched = channels.touched(one, undone)
+    now = channels.trial(undone, touched)
+    longest, half = _longest(channels), float(channels.time[-1])
+    # A drive may be slow, but never acts before its command.
+    earliest = 0.0 if role == COMMAND else -longest
+
+    def left(delay: float, rate: float) -> float:
+        if abs(delay) + abs(rate) * half > longest or delay < earliest or abs(rate) > RULE.fastest:
+            return math.inf
+        return -channels.trial((*undone, replace(one, delay=delay, rate=rate)), touched).better(now)
+
+    return left
+
+
+def _longest(channels: Channels) -> float:
+    """Return the longest delay that rows may be moved by [s]."""
+    return (channels.motion.reach - 1) * channels.signals.period
 
 
 def _apart(channels: Channels, undone: Faults, role: str) -> tuple[float, float]:

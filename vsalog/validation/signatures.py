@@ -10,11 +10,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.core.dependence import INTERVALS, hats
 from vsalog.core.resolution import ENOUGH
+from vsalog.mechanics.slip_elements import slip_deflections
 
 Array = NDArray[np.float64]
 
@@ -138,17 +138,6 @@ def loops(phi: Array, rows: NDArray[np.int64]) -> dict[str, Array]:
     if known.size < 2 or np.ptp(phi[known]) == 0.0:
         return {}
     at = known[:: max(1, known.size // ENOUGH)]
-    span, steps = float(np.ptp(phi[at])), np.diff(phi[at])
-    out = {}
-    for share in WIDTHS:
-        out[f"loop {share:g}"] = np.interp(rows, at, _slipping(steps / (share * span)))
-    return out
-
-
-@njit(cache=True, nogil=True)
-def _slipping(steps: Array) -> Array:
-    """Add up steps between −1 and 1, from 0; shape (n + 1,) for n steps."""
-    states = np.zeros(steps.size + 1)
-    for k in range(steps.size):
-        states[k + 1] = min(1.0, max(-1.0, states[k] + steps[k]))
-    return states
+    slips = float(np.ptp(phi[at])) * np.array(WIDTHS)
+    states = slip_deflections(phi[at], slips, False) / slips[:, None]
+    return {f"loop {share:g}": np.interp(rows, at, own) for share, own in zip(WIDTHS, states, strict=True)}
