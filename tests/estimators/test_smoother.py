@@ -158,6 +158,9 @@ def test_corners_are_found(spring, corners):
     # On which side of a corner a deflection is nobody knows next to it.
     assert columns["stiffness_std"][~away].max() > 0.3 * corners[0][1]
     assert "spring.not_polynomial" not in {one.code for one in fold.findings(state)}
+    # That a spring has no stiffness, as within a backlash, is known: what comes after it is excited at once.
+    assert columns["excited"][away & stiff].mean() > 0.95
+    assert not columns["excited"][away & ~stiff].any()
 
 
 @pytest.mark.parametrize("shape", ["corner", "knee"])
@@ -245,6 +248,8 @@ def test_a_loop_is_found_and_the_stiffness_is_that_of_its_middle():
     assert found.value == pytest.approx(0.15, rel=0.1)
     assert fold.equations[0].smooth
     assert np.median(errors(columns, truth)[0]) < 0.003
+    # What is left of the torque is no loop any more.
+    assert np.nanstd(columns["flexibility_torque"] - columns["flexibility_torque_fit"]) < 0.03
     assert np.median(errors(estimated(t, signals, basis="rig")[0], truth)[0]) > 0.05
 
 

@@ -121,7 +121,7 @@ TEXTS: dict[str, Text] = {
     "spring.corner": Text(
         "transmission {part}: the stiffness jumps by {value:+.3g} N·m/rad at a deflection of {deflection:.4g} rad"
         " (± {deflection_std:.1g} rad, 1 std), as at a stop, at the end of a backlash or where a second spring begins to act.",
-        "List such deflections as corners = [{deflection:.4g}, …] under [joint.{joint}.basis] for other estimators.",
+        "Set corners = [{corners}] under [joint.{joint}.basis] for other estimators.",
         false_alarm=FALSE_ALARM,
     ),
     "spring.setpoint_not_polynomial": Text(

@@ -63,6 +63,11 @@ class Corner(NamedTuple):
         return self.below <= self.place <= self.above
 
     @property
+    def shown(self) -> bool:
+        """Whether its jump is significant."""
+        return abs(self.jump) > DETECTED * self.jump_std
+
+    @property
     def closest(self) -> float:
         """Half of the distance that a pair has to have for its corner to be in between [rad]."""
         return INTERVAL * self.std
@@ -101,7 +106,7 @@ def corners_of(fit: Fit, low: float, high: float) -> list[Corner]:
         slopes, covariance = _solved(fit(tuple(at for pair in pairs for at in pair)), 2 * len(pairs))
         own = [slice(2 * i, 2 * i + 2) for i in range(len(pairs))]
         found = [Corner.between(*pair, slopes[i], covariance[i, i]) for pair, i in zip(pairs, own, strict=True)]
-        shown = [one for one in found if abs(one.jump) > DETECTED * one.jump_std and low < one.place < high]
+        shown = [one for one in found if one.shown and low < one.place < high]
         if len(shown) == len(found) and all(one.inside and SEARCH.closer * one.width < one.closest for one in found):
             break
         pairs = _merged([_next(one) for one in shown])

@@ -202,11 +202,15 @@ class RegressionFold:
                 supported = (std < SUPPORTED_SHARE * sigma) & (view.name not in self.look.blind)
             # A row whose deflection is not known says neither that the model is known there nor that it is not.
             length, known = np.zeros(std.size, dtype=np.int64), np.isfinite(std)
-            length[known] = lengths(supported[known], state.supported.get(view.name, 0))
+            # That a spring has no stiffness, as in a backlash, is knowledge, too.
+            usual = self._usual_stiffness(equation, solver_state, i)
+            with np.errstate(invalid="ignore"):
+                certain = supported | (std < SUPPORTED_SHARE * usual)
+            length[known] = lengths(certain[known], state.supported.get(view.name, 0))
             if known.any():
                 state.supported[view.name] = int(length[known][-1])
             # Even where a model is hardly known, a standard deviation may pass near zero for a moment.
-            excited = seen & (length >= max(self.conditioner.window, Tuning.default_window // 2))
+            excited = seen & supported & (length >= max(self.conditioner.window, Tuning.default_window // 2))
             if excited.any():
                 state.claimed[view.name] = float(
                     np.min((std / sigma)[excited], initial=state.claimed.get(view.name, np.inf))
@@ -236,6 +240,10 @@ class RegressionFold:
                 only[name] = values[:, after + 1 + h]
                 only[f"{name}_std"] = deviations[:, after + 1 + h]
         return solver_state, columns, variances[:, summed]
+
+    def _usual_stiffness(self, equation: Equation, solver_state: Any, transmission: int) -> float:
+        """Return the stiffness that a transmission has at large, zero where it is estimated from the samples before alone."""
+        return 0.0
 
     def _fed(self, torque: Array) -> Array:
         """The torque of a row; the pair of filters learns from one half a window old, which belongs to another row."""

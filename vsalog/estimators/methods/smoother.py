@@ -142,8 +142,16 @@ class SmootherFold(RegressionFold):
         self, state: FoldState, equation: Equation, solver_state: Any, rows: EquationRows, block: Conditioned
     ) -> tuple[Any, dict[str, dict[str, Any]], Array]:
         solver_state, columns, variance = super()._solve(state, equation, solver_state, rows, block)
-        for view in equation.transmissions:
+        assert isinstance(equation, CombinedEquation)
+        for i, view in enumerate(equation.transmissions):
             own = columns[view.name]
+            if solver_state.trajectory is not None and (
+                yielding := self._yielding(equation, solver_state.trajectory, i)
+            ):
+                strains = rows.parts[0].columns[:, equation.coefficients :]
+                own["flexibility_torque_fit"] = own["flexibility_torque_fit"] + sum(
+                    stiffness * strains[:, j] for j, stiffness in yielding.items()
+                )
             # A stiffness is that of the deflection which is read.
             noise = np.where(np.isfinite(deflection_of(block.fit, view)), *self.noise)
             more = np.square(own["stiffness_derivative"]) * noise
@@ -154,6 +162,21 @@ class SmootherFold(RegressionFold):
             own["stiffness_std"] = np.hypot(own["stiffness_std"], np.sqrt(more))
             variance = variance + more
         return solver_state, columns, variance
+
+    def _yielding(self, equation: CombinedEquation, trajectory: Trajectory, transmission: int) -> dict[int, float]:
+        """Return the stiffness of each friction element of a transmission, by its number among all; none that were not needed."""
+        first, count = transmission * len(equation.slips), len(equation.slips)
+        found = {j: trajectory.others.get((j, SHARED)) for j in range(first, first + count)}
+        return {j: own[0] for j, own in found.items() if own is not None}
+
+    def _usual_stiffness(self, equation: Equation, solver_state: Any, transmission: int) -> float:
+        """Return the secant stiffness at the largest deflection, on average, without the set-point's part."""
+        found, basis = solver_state.trajectory, self.device.basis
+        if found is None or basis.has_setpoint or basis.branches:
+            return 0.0
+        F = basis.rows(np.array([basis.deflection_scale]), None, 0)[0, 0]
+        first = equation.leading + transmission * basis.size
+        return abs(float(F @ found.mean.mean(axis=0)[first : first + basis.size])) / basis.deflection_scale
 
     def _between_knots(self, columns: Mapping[str, Any]) -> Array:
         """Return the variance of the stiffness due to the unknown position of its change between two knots, shape (N,).
@@ -182,7 +205,7 @@ class SmootherFold(RegressionFold):
         return variance
 
     def _corners(self, trajectory: Trajectory) -> list[Corner]:
-        """Return the corners that were found, as a spring has them on average."""
+        """Return the corners that were found, as a spring has them on average, if all equations show them."""
         basis, scale = self.device.basis, self.device.basis.deflection_scale
         own = basis.corners[len(self.rig_basis.corners) :]
         first = trajectory.mean.shape[1] - basis.size + basis.shapes - len(own)
@@ -192,7 +215,7 @@ class SmootherFold(RegressionFold):
             pair = slice(first + i, first + i + 2)
             covariance = np.einsum("kij,kil->jl", roots[:, :, pair], roots[:, :, pair]) / len(roots)
             found.append(Corner.between(own[i], own[i + 1], mean[pair], covariance))
-        return found
+        return [one for one in found if one.shown]
 
     @property
     def derived(self) -> dict[str, float]:
@@ -278,13 +301,15 @@ class SmootherFold(RegressionFold):
                     evidence={"knots": basis.knots},
                 )
             )
-        part = self.device.transmissions[0].name
+        corners = [one for own in state.solvers if own.trajectory is not None for one in self._corners(own.trajectory)]
+        known = ", ".join(f"{one.place:.4g}" for one in corners)
         found += [
             Finding(
-                code="spring.corner", joint=self.device.joint, part=part, severity="info", value=corner.jump,
-                unit="N*m/rad", evidence={"deflection": corner.place, "deflection_std": corner.std},
+                code="spring.corner", joint=self.device.joint, part=self.device.transmissions[0].name, severity="info",
+                value=one.jump, unit="N*m/rad",
+                evidence={"deflection": one.place, "deflection_std": one.std, "corners": known},
             )
-            for own in state.solvers if own.trajectory is not None for corner in self._corners(own.trajectory)
+            for one in corners
         ]  # fmt: skip
         if basis.bumps > self.rig_basis.bumps:
             pieces = len(basis.setpoint_knots) - 1
@@ -294,15 +319,13 @@ class SmootherFold(RegressionFold):
                 )
             )  # fmt: skip
         for equation, own in zip(self.equations, state.solvers, strict=True):
-            if own.trajectory is None or not equation.slips:
+            if own.trajectory is None:
                 continue
             for i, view in enumerate(equation.transmissions):
-                # When all elements slip, each resists with its stiffness times the deflection at which it slips.
-                shared = [(i * len(equation.slips) + j, SHARED) for j in range(len(equation.slips))]
-                if not own.trajectory.others.keys() >= set(shared):
+                if not (yielding := self._yielding(equation, own.trajectory, i)):
                     continue
-                parts = [own.trajectory.others[key] for key in shared]
-                level = sum(value * reach for (value, _), reach in zip(parts, equation.slips, strict=True))
+                # When all elements slip, each resists with its stiffness times the deflection at which it slips.
+                level = sum(value * equation.slips[j % len(equation.slips)] for j, value in yielding.items())
                 found.append(
                     Finding(
                         code="spring.loop",
@@ -662,6 +685,10 @@ def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
     if not basis.branches and needed(fold := collected(spline, slips), max(straight, best, key=evidence)):
         smooth = collected(spline, slips, smooth=True)
         best = smooth if evidence(smooth) > evidence(fold) else fold
+        if spline.corners != basis.corners:
+            # What looked like a corner may be where an element slips.
+            other = collected(replace(spline, corners=basis.corners), slips, best.equations[0].smooth)
+            best = best if evidence(best) - places - evidence(other) > SURE else other
     basis = best.device.basis
     knots = basis.knots > plain.device.basis.knots
     if knots and all(own.polynomial > 0.5 for own in found(best)):
