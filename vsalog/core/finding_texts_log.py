@@ -12,7 +12,7 @@ LOG_TEXTS: Mapping[str, Text] = {
         "Nothing is estimated across those of more than {bridged:.0f} samples.",
     ),
     "recording.samples_lost": Text(
-        "{part} lacks a sample or two at {value:.0f} places.", "They are bridged between the neighbours."
+        "{part} lacks a sample or two at {value:n place}.", "They are bridged between the neighbours."
     ),
     "recording.outliers": Text(
         "{value:.0f} of {samples} samples of {part} are outliers, which no motion explains (first at {first:.6g} s).",

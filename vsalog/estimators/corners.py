@@ -106,7 +106,10 @@ def corners_of(fit: Fit, low: float, high: float) -> list[Corner]:
         slopes, covariance = _solved(fit(tuple(at for pair in pairs for at in pair)), 2 * len(pairs))
         own = [slice(2 * i, 2 * i + 2) for i in range(len(pairs))]
         found = [Corner.between(*pair, slopes[i], covariance[i, i]) for pair, i in zip(pairs, own, strict=True)]
-        shown = [one for one in found if one.shown and low < one.place < high]
+        shown = [one for one in found if low < one.place < high]
+        # Of two around one corner neither is significant next to the other.
+        if least := [one for one in shown if not one.shown]:
+            shown.remove(min(least, key=lambda one: abs(one.jump) / (one.jump_std or 1.0)))
         if len(shown) == len(found) and all(one.inside and SEARCH.closer * one.width < one.closest for one in found):
             break
         pairs = _merged([_next(one) for one in shown])
