@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from vsalog.estimators import corners as module
 from vsalog.estimators.corners import corners_of
 
 
@@ -68,13 +67,3 @@ def test_corners_are_found_wherever_they_are():
     for place in np.linspace(0.1, 0.9, 33):
         found = corners_of(fitted(*curve([(-place, 1.0), (place, 1.0)])), -1.0, 1.0)
         assert [one.place for one in found] == pytest.approx([-place, place], abs=0.02), place
-
-
-@pytest.mark.parametrize("begun", [[10, 12], [9, 12], [10, 13], [8, 15], [10, 12, 20, 25]])
-def test_pairs_that_come_to_one_corner_leave_one_of_them(monkeypatch, begun):
-    """Next to each other neither is significant."""
-    monkeypatch.setattr(module, "_selected", lambda rows: begun)
-    grid = np.linspace(-1.0, 1.0, module.SEARCH.places + 2)[1:-1]
-    place = 0.4 * grid[11] + 0.6 * grid[12]
-    (found,) = corners_of(fitted(*curve([(place, 1.0)])), -1.0, 1.0)
-    assert found.place == pytest.approx(place, abs=0.01)

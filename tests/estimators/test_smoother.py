@@ -163,6 +163,16 @@ def test_corners_are_found(spring, corners):
     assert not columns["excited"][away & ~stiff].any()
 
 
+@pytest.mark.parametrize("seed", [1, 4])
+def test_corners_are_found_where_two_pairs_come_to_one(seed):
+    """Next to each other neither pair is significant."""
+    t, signals, truth = machine(seed=seed, spring=lambda phi: 80.0 * phi - 50.0 * np.clip(phi, -0.01, 0.01))
+    columns, fold, state = estimated(t, signals)
+    found = [one.evidence["deflection"] for one in fold.findings(state) if one.code == "spring.corner"]
+    assert found == pytest.approx([-0.01, 0.01], abs=3e-4)
+    assert np.median(errors(columns, truth)[0]) < 0.002
+
+
 @pytest.mark.parametrize("shape", ["corner", "knee"])
 def test_a_spring_that_is_no_polynomial_and_softens_is_followed(shape):
     """Neither explains the other: a polynomial that changes far and often would fit a corner, too."""
