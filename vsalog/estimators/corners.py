@@ -114,8 +114,8 @@ def corners_of(fit: Fit, low: float, high: float) -> list[Corner]:
             break
         pairs = _merged([_next(one) for one in shown])
         if not pairs:
-            return []
-    return found
+            break
+    return [one for one in found if one.shown and low < one.place < high]
 
 
 def _next(found: Corner) -> tuple[float, float]:

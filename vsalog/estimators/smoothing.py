@@ -241,7 +241,7 @@ class Information(NamedTuple):
     triangle : shape (n + 1, n + 1), rows [R z] with noise of variance one; the coefficients are the last unknowns
     others : numbers of the other unknowns, after the coefficients
     noise, weights : of the rows
-    course : shape (K, transmissions), of the torques in the middles of intervals, which rows were divided by
+    course : shape (K, transmissions), of the torques in the middles of intervals, which the functions were multiplied by
     """
 
     triangle: Array
@@ -789,10 +789,10 @@ class Smoother:
         trends = self.ramp[:, None, None] * (measurements[:, :, :-1] @ direction.T)
         return np.ascontiguousarray(np.concatenate((measurements[:, :, :-1], trends, measurements[:, :, -1:]), axis=2))
 
-    def _walk(self, measurements: Array, direction: Array) -> RandomWalk:
+    def _walk(self, measurements: Array) -> RandomWalk:
         """Return the walk of the torque as a whole, with a trend's unknown of each transmission after the others."""
-        still = np.zeros((len(direction), len(direction)))
-        return RandomWalk(self._with_trend(measurements, direction), np.hstack((direction, still)))
+        still = np.zeros((len(self.direction), len(self.direction)))
+        return RandomWalk(self._with_trend(measurements, self.direction), np.hstack((self.direction, still)))
 
     def _shares(self, change: Change) -> Array:
         """Return the standard deviation of each step of the torque as a whole, shape (K − 1,)."""
@@ -841,7 +841,7 @@ class Smoother:
 
     def _direction(self, usual: Array) -> Array:
         views, n = self.solver.transmissions, self.solver.coefficients
-        out = np.zeros((views, usual.size))
+        out = np.zeros((views, self.active.size))
         for i in range(views):
             part = slice(i * n // views, (i + 1) * n // views)
             out[i, part] = usual[part]
@@ -933,7 +933,7 @@ class Smoother:
         fitted = smooth(unchanged[None], np.zeros((0, 1, n)), np.zeros(n), np.diag(self.prior), False)
         self.direction = self._direction(fitted.filtered_mean[0])
         self.usual = np.sqrt(fitted.filtered_mean[0] ** 2 + np.square(fitted.filtered_root[0]).sum(axis=0))
-        walk = self._walk(measurements, self.direction)
+        walk = self._walk(measurements)
         # Until the noise is known, steps of a decade suffice.
         sizes = LIMITS.changes[:: 1 if shapes else 2] if self.count > 1 and not self.solver.constant else ()
         trends = [Change(), *(Change(trend=size) for size in (LIMITS.trends if len(sizes) else ()))]
@@ -998,7 +998,7 @@ class Smoother:
             self.prior, self.usual = (np.r_[own, [1.0] * added] for own in (prior, usual))
             self.direction = np.hstack((direction, np.zeros((len(direction), added))))
             measurements = self._measurements(triangles)
-            walk = self._walk(measurements, self.direction)
+            walk = self._walk(measurements)
             likelihoods[i] = self._log_likelihood(measurements, walk, change)
         best = max(likelihoods, key=lambda i: likelihoods[i])
         # The noise is estimated from the same rows: twice a logarithm of likelihoods is Student's t squared.

@@ -208,6 +208,8 @@ class SmootherFold(RegressionFold):
         """Return the corners that were found, as a spring has them on average, if all equations show them."""
         basis, scale = self.device.basis, self.device.basis.deflection_scale
         own = basis.corners[len(self.rig_basis.corners) :]
+        if not own:
+            return []
         first = trajectory.mean.shape[1] - basis.size + basis.shapes - len(own)
         mean, roots = trajectory.mean.mean(axis=0) / scale, trajectory.root / scale
         found = []
