@@ -134,6 +134,26 @@ def test_an_interrupt_at_any_other_moment(number, tmp_path):
             assert "Traceback" not in err
 
 
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_where_nothing_can_be_raised(number, code):
+    """As in the callbacks of the locks of an import: the command ends nevertheless, without a traceback."""
+    program = """
+import signal, sys, time, weakref
+import vsalog.cli
+def command(**_):
+    class Lock: pass
+    lock = Lock()
+    seen = weakref.ref(lock, lambda _: signal.raise_signal(int(sys.argv[1])))
+    del lock
+    time.sleep(20)
+vsalog.cli.cli = command
+vsalog.cli.main()
+"""
+    done = subprocess.run([sys.executable, "-c", program, str(int(number))], capture_output=True, text=True, timeout=15)
+    assert done.returncode == code
+    assert "Traceback" not in done.stderr
+
+
 def test_two_runs_into_one_place(tmp_path):
     """Each replaces the other's files as a whole: what is there in the end is one run's trace, and one run's model."""
     folders = []

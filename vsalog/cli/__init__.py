@@ -6,9 +6,10 @@ import os
 import signal
 import sys
 import traceback
+from _thread import get_ident, interrupt_main, start_new_thread
 from contextlib import suppress
 from io import TextIOWrapper
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import rich_click as click
 
@@ -34,6 +35,9 @@ from vsalog.cli.warm import warm
 from vsalog.core.errors import VsalogError, words_of
 from vsalog.core.printable import printable
 from vsalog.report.verbosity import Verbosity, ask
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]}, params=message_options())
@@ -72,6 +76,7 @@ def main() -> NoReturn:
     for name in ("SIGTERM", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), lambda number, _: sys.exit(128 + number))
+    sys.unraisablehook = _raise_again
     # With a closed stream, as with ">&-", Python has no stream object.
     sys.stdout = sys.stdout or os.fdopen(os.open(os.devnull, os.O_WRONLY), "w")
     sys.stderr = sys.stderr or os.fdopen(os.open(os.devnull, os.O_WRONLY), "w")
@@ -85,6 +90,22 @@ def main() -> NoReturn:
     # Everything is written and closed. Arrow's own threads may still be letting go of Python objects, which aborts the process
     # when the interpreter is being taken down at that moment: so it is not taken down.
     os._exit(code)
+
+
+def _raise_again(lost: UnraisableHookArgs) -> None:
+    """Let a signal come again that came where nothing can be raised, as in a callback of the locks of an import."""
+    if isinstance(lost.exc_value, KeyboardInterrupt):
+        number = signal.SIGINT
+    elif isinstance(lost.exc_value, SystemExit) and isinstance(lost.exc_value.code, int) and lost.exc_value.code > 128:
+        number = signal.Signals(lost.exc_value.code - 128)
+    else:
+        sys.__unraisablehook__(lost)
+        return
+    # By another thread: raised here, it would be lost once more.
+    if hasattr(signal, "pthread_kill"):
+        start_new_thread(signal.pthread_kill, (get_ident(), number))
+    else:
+        start_new_thread(interrupt_main, (number,))
 
 
 def _run() -> int:
