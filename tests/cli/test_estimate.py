@@ -244,8 +244,9 @@ def test_the_trace_written_as_a_log_is_read_by_the_mcap_library(run, samples, tm
 
 def test_output_names(run, samples, tmp_path):
     (tmp_path / "folder").mkdir()
-    assert run("estimate", samples / "awas_exp2.mcap", "-o", "folder").returncode == 0
-    assert (tmp_path / "folder" / "awas_exp2.stiffness.parquet").is_file()
+    for folder in "folder", "one/that/is made/":
+        assert run("estimate", samples / "awas_exp2.mcap", "-e", "direct", "-o", folder).returncode == 0
+        assert (tmp_path / folder / "awas_exp2.stiffness.parquet").is_file()
     assert run("estimate", samples / "awas_exp2.mcap", "-o", "mine.parquet").returncode == 0
     assert (tmp_path / "mine.parquet").is_file()
     assert (tmp_path / "mine.model.toml").is_file()

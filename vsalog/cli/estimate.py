@@ -47,7 +47,7 @@ from vsalog.estimators.registry import methods
     "--output",
     type=click.Path(),
     metavar="PATH",
-    help="The Parquet file, or a folder for the results.",
+    help="The Parquet file, or a folder for the results, which is made if its name ends with a slash.",
 )
 @click.option(
     "--mcap",

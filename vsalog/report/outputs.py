@@ -42,21 +42,20 @@ class Outputs:
         page: Path | None = None,
         figures: Path | None = None,
     ) -> Outputs:
-        """Name the results after the first log, in the current folder, or as `output` says.
+        """Name the results after the first log, in the current folder, or as `output` says: a folder ends with a slash, or exists.
 
         Raises
         ------
         WriteError
-            A result would overwrite one of the logs or another result, or the folder does not exist.
+            A result would overwrite one of the logs or another result, or the folder of a file does not exist.
         """
         stem = _stem(logs[0])
-        if output is None or Path(output).is_dir():
+        if output is None or output.endswith(("/", os.sep)) or Path(output).is_dir():
             folder = Path(output or "")
             trace = folder / f"{stem}.stiffness.parquet"
-        elif output.endswith(("/", os.sep)):
-            raise WriteError(f"{output}: there is no such folder")
         else:
             trace = Path(output)
+            check_path(trace)
             folder = trace.parent
             stem = re.sub(r"(\.stiffness)?\.parquet$", "", trace.name)
         outputs = cls(trace, folder / f"{stem}.model.toml", mcap, page, figures)
