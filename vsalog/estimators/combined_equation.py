@@ -14,6 +14,7 @@ from vsalog.estimators.device import TransmissionView, deflection_of
 from vsalog.estimators.equation import GAIN, NEGLIGIBLE_SHARE, EquationRows, Part
 from vsalog.estimators.equations import IntegratedMotorEquation, TorqueEquation, regressors
 from vsalog.estimators.link_equation import LinkEquation, LinkRows
+from vsalog.estimators.loops import Element
 from vsalog.filters.conditioning import Conditioned
 from vsalog.mechanics.hysteresis import loop_block, loop_level, loop_start
 from vsalog.rig.parts import LinearTransmission, Transmission
@@ -40,8 +41,7 @@ class CombinedEquation:
     motors : one of each transmission's motor, or none
     link : that of the link, None for none
     known : whether the rig has the motors' inertias; else these and the dampings are unknowns
-    slips : deflections after which friction elements of a transmission slip, each with a stiffness that is unknown [rad]
-    smooth : whether they begin to slip smoothly (Dahl), not at once (Prandtl and Ishlinskii)
+    elements : friction elements of a transmission, each with a stiffness that is unknown
     wait : deflection after which an element slips that has to have forgotten what was before the log, 0 for none [rad]
     slack : how far noise may move a deflection [rad]
     """
@@ -52,8 +52,7 @@ class CombinedEquation:
     motors: tuple[IntegratedMotorEquation, ...]
     link: LinkEquation | None
     known: bool
-    slips: tuple[float, ...] = ()
-    smooth: bool = False
+    elements: tuple[Element, ...] = ()
     wait: float = 0.0
     slack: float = 0.0
 
@@ -108,13 +107,7 @@ class CombinedEquation:
     @property
     def loops(self) -> tuple[Transmission, ...]:
         """One friction element of stiffness one per unknown, each as the hysteresis of a transmission."""
-        kinds: list[dict[str, Any]] = [
-            {"bouc_wen": BoucWen(torque=r, width=r)}
-            if self.smooth
-            else {"slip": (SlipElement(stiffness=1.0, limit=r),)}
-            for r in self.slips
-        ]
-        return tuple(LinearTransmission(stiffness=1.0, **kind) for kind in kinds) * len(self.transmissions)
+        return tuple(_loop_of(element) for element in self.elements) * len(self.transmissions)
 
     def with_basis(self, basis: PolynomialBasis) -> CombinedEquation:
         """Return the same equations of other functions."""
@@ -179,7 +172,7 @@ class CombinedEquation:
         after, strains = [], np.zeros((len(block.rows), len(self.loops)))
         settled = np.ones(len(strains), dtype=np.bool_)
         for j, (loop, own) in enumerate(zip((*self.loops, *self._memory), state, strict=True)):
-            i = j // len(self.slips) if j < len(self.loops) else j - len(self.loops)
+            i = j // len(self.elements) if j < len(self.loops) else j - len(self.loops)
             phi = deflection_of(block.fit, self.transmissions[i])
             new, strain, doubt = loop_block(loop_start(loop) if block.rows.starts[0] else own, loop, phi, self.slack)
             after.append(new)
@@ -194,9 +187,7 @@ class CombinedEquation:
         """The friction element of each transmission that remembers longest; none where none is waited for."""
         if not self.wait:
             return ()
-        return (LinearTransmission(stiffness=1.0, slip=(SlipElement(stiffness=1.0, limit=self.wait),)),) * len(
-            self.transmissions
-        )
+        return (_loop_of(Element(self.wait)),) * len(self.transmissions)
 
     def _motor_part(self, i: int, rows: EquationRows, loops: Array, slopes: Array) -> Part:
         assert rows.plain is not None
@@ -205,7 +196,7 @@ class CombinedEquation:
         inertia, damping = _rig_motor(view) if self.known else (0.0, 0.0)
         columns = np.zeros((len(torque), self.coefficients + loops.shape[1] + len(MOTOR_UNKNOWNS) + 1))
         columns[:, i * n : (i + 1) * n] = -F[:, 3:]
-        own = slice(i * len(self.slips), (i + 1) * len(self.slips))
+        own = slice(i * len(self.elements), (i + 1) * len(self.elements))
         columns[:, self.coefficients :][:, own] = loops[:, own]
         moved = inertia * F[:, 1] + damping * F[:, 2]
         columns[:, -6], columns[:, -5:-3], columns[:, -3] = 1.0, -F[:, 1:3], -np.sign(F[:, 2])
@@ -233,6 +224,15 @@ class CombinedEquation:
         inertia, damping = _rig_motor(self.transmissions[i])
         known = inertia * rows.dynamics[:, 1] + damping * rows.dynamics[:, 2]
         return replace(rows, fed={name: fed + known for name, fed in rows.fed.items()})
+
+
+def _loop_of(element: Element) -> Transmission:
+    """Return a transmission whose hysteresis is a friction element of stiffness one."""
+    slip, sharpness, shape = element
+    if sharpness == 0.0:
+        return LinearTransmission(stiffness=1.0, slip=(SlipElement(stiffness=1.0, limit=slip),))
+    loop = BoucWen(torque=slip, width=slip, exponent=1.0 / sharpness, shape=shape)
+    return LinearTransmission(stiffness=1.0, bouc_wen=loop)
 
 
 def _rig_motor(view: TransmissionView) -> tuple[float, float]:

@@ -226,29 +226,31 @@ class BasisEvidence(NamedTuple):
     logarithm : of its probability, but for a constant; −∞ for fewer rows than unknowns
     polynomial : probability that the pieces of the deflection's range are not needed
     shown : whether the log shows unknowns that are not always estimated
+    surroundings : of the coefficients, for fits of other functions; None where there are fewer rows than unknowns
     """
 
     logarithm: float
     polynomial: float
     shown: bool
+    surroundings: Surroundings | None
 
 
-class Information(NamedTuple):
-    """What rows say of coefficients that a spring would have without its change.
+class Surroundings(NamedTuple):
+    """What a fit of coefficients alone takes as known, from one of everything.
 
     Attributes
     ----------
-    triangle : shape (n + 1, n + 1), rows [R z] with noise of variance one; the coefficients are the last unknowns
-    others : numbers of the other unknowns, after the coefficients
+    others : numbers of the other unknowns, after the coefficients and the friction elements
     noise, weights : of the rows
-    course : shape (K, transmissions), of the torques in the middles of intervals, which the functions were multiplied by
+    course : shape (K, transmissions), of the torques in the middles of intervals, which the functions are multiplied by
+    deviations : shape (n,), of the coefficients before the log
     """
 
-    triangle: Array
     others: NDArray[np.intp]
     noise: tuple[RowNoise, ...]
     weights: tuple[Weights | None, ...]
     course: Array
+    deviations: Array
 
 
 class Trajectory(NamedTuple):
@@ -387,9 +389,12 @@ class SmootherSolver:
             return found
         return max(found, self._shape(state, shown=False).evidence(), key=lambda own: own.logarithm)
 
-    def information(self, state: SmootherState, like: Information | None = None) -> Information:
-        """Return what the collected rows say of the coefficients, with the noise of an information of the same rows."""
-        return self._shape(state).information(like)
+    def information(self, state: SmootherState, among: Surroundings) -> Array:
+        """Return what the collected rows say of coefficients and friction elements that a spring would have without its change.
+
+        Rows [R z] with noise of variance one, shape (n + 1, n + 1): the coefficients are the last unknowns, then the elements.
+        """
+        return self._shape(state).information(among)
 
     def _shape(self, state: SmootherState, shown: bool = True) -> Smoother:
         """Return a smoother of the first equation, a torque sensor's if there is one: what equations disagree on is no shape."""
@@ -603,7 +608,9 @@ class Smoother:
             if not changing and len(rounds) == LIMITS.rounds and no_change < FALSE_ALARM:
                 break
             mean, before = self._whole(smoothed.mean), at
-            self._follow(self._steady(course, _likeliest(found)))
+            # Rows that follow a change are not those of a spring without one, and noise at first is a guess.
+            shown = len(rounds) > 1 and no_change < FALSE_ALARM
+            self._follow(self._steady(course, _likeliest(found)) if shown else np.zeros_like(self.steady))
             noise, weights = self._noise(self._whole(self.roughest.mean), _likeliest(found))
             at = mean.mean(axis=0)
             self._take(at[: self.nominal.size])
@@ -627,30 +634,37 @@ class Smoother:
         """Return how probable the functions are, for noise as the residuals show it."""
         always = self.active.size
         if sum(len(part.rows) for part in self.boxes) <= always:
-            return BasisEvidence(-np.inf, 1.0, False)
+            return BasisEvidence(-np.inf, 1.0, False, None)
         best = self._settled_round(True, LIMITS.rounds)
-        polynomial = _probability_of_first(best.smoothness)
+        n, first = self.solver.coefficients, self.solver.coefficients + self.solver.shared
+        likeliest = max(best.smoothness, key=lambda own: own.evidence).prior
         return BasisEvidence(
-            best.evidence if self._resists(best.smoothed) else -np.inf, polynomial, self.active.size > always
+            best.evidence if self._resists(best.smoothed) else -np.inf,
+            _probability_of_first(best.smoothness),
+            self.active.size > always,
+            Surroundings(
+                best.active[best.active >= first] - first,
+                best.noise,
+                best.weights,
+                best.course,
+                likeliest[:n] * self.scale[:n],
+            ),
         )
 
-    def information(self, like: Information | None) -> Information:
-        """Return what the rows say of the coefficients; `like` as of `SmootherSolver.information`."""
+    def information(self, among: Surroundings) -> Array:
+        """Return rows as of `SmootherSolver.information`."""
         n, views = self.solver.coefficients, self.solver.transmissions
-        if like is None:
-            best = self._settled_round(True, LIMITS.rounds)
-            others = best.active[best.active >= n] - n
-            like = Information(np.zeros((0, 0)), others, best.noise, best.weights, best.course)
-        self.active = np.r_[n + like.others, :n]
-        middles = (np.arange(len(like.course)) + 0.5) * self.samples / len(like.course)
+        first = n + self.solver.shared
+        self.active = np.r_[first + among.others, :first]
+        middles = (np.arange(len(among.course)) + 0.5) * self.samples / len(among.course)
         for part, own in zip(self.boxes, self.collected, strict=True):
-            course = np.column_stack([np.interp(own.place, middles, each) for each in like.course.T])
+            course = np.column_stack([np.interp(own.place, middles, each) for each in among.course.T])
             part.rows[:, :n] = own.rows[:, :n] * np.repeat(course, n // views, axis=1)
-        rows = self._measurements(self._triangles(like.noise, like.weights)).reshape(-1, self.active.size + 1)
+        rows = self._measurements(self._triangles(among.noise, among.weights)).reshape(-1, self.active.size + 1)
         triangle = np.zeros((self.active.size + 1,) * 2)
         found = triangle_of(rows) / np.r_[self.scale[self.active], 1.0]
         triangle[: len(found)] = found
-        return like._replace(triangle=triangle)
+        return triangle
 
     def _resists(self, smoothed: Smoothed) -> bool:
         """Tell whether all friction elements together have a significant positive torque; true where there are none."""

@@ -42,7 +42,9 @@ class Outputs:
         page: Path | None = None,
         figures: Path | None = None,
     ) -> Outputs:
-        """Name the results after the first log, in the current folder, or as `output` says: a folder ends with a slash, or exists.
+        """Name the results after the first log, in the current folder, or as `output` says.
+
+        That is a folder if it exists or ends with a slash.
 
         Raises
         ------

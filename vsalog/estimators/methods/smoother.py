@@ -6,12 +6,11 @@ together (`smoothing.py`); the first as in Flacco 2012 eq. 21, the others as in 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping
 from copy import copy
 from dataclasses import replace
-from functools import cache, partial
-from typing import Any, ClassVar, Literal, NamedTuple
+from functools import partial
+from typing import Any, ClassVar, Literal
 
 import msgspec
 import numpy as np
@@ -21,20 +20,19 @@ from scipy.special import ndtr
 from vsalog.core.basis import PolynomialBasis
 from vsalog.core.errors import EstimatorError
 from vsalog.core.finding import Finding
-from vsalog.core.look import LONGEST_RUN, spread_over
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import DETECTED, FALSE_ALARM, two_sided
 from vsalog.estimators.box_rows import BOXES
 from vsalog.estimators.combined_equation import UNKNOWN_MOTOR, CombinedEquation
-from vsalog.estimators.corners import Corner, corners_of
-from vsalog.estimators.device import Device, TransmissionView, deflection_of, setpoint_borders
+from vsalog.estimators.corners import Corner
+from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equation import GAIN, REPORTED_CHANGE, REPORTED_MISFIT, Equation, EquationRows
 from vsalog.estimators.equations import TorqueEquation
 from vsalog.estimators.fold_state import FoldState
-from vsalog.estimators.folding import BLOCK
 from vsalog.estimators.function_roles import Functions
 from vsalog.estimators.known_effects import conditioner_of, known_of, slack_of
 from vsalog.estimators.link_equation import LinkEquation
+from vsalog.estimators.loops import Element
 from vsalog.estimators.methods.qr_rls import integrated_equations
 from vsalog.estimators.methods.residual_rls import sensor_equations
 from vsalog.estimators.needs import deflection_roles, require, sensor_role, torque_roles
@@ -42,14 +40,12 @@ from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_behind_filters
 from vsalog.estimators.residual_motion import POSITION, SUSPECTS, MotionRows, followers, following
 from vsalog.estimators.screening import Screening, screened
+from vsalog.estimators.shapes import ShapeSearch
 from vsalog.estimators.smoothing import (
     LIMITS,
     SHARED,
-    BasisEvidence,
     Choice,
-    Information,
     SmootherSolver,
-    SmootherState,
     Trajectory,
 )
 from vsalog.estimators.transmission_torque import carried_by
@@ -92,33 +88,6 @@ class SmootherTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
 
 TUNING = SmootherTuning
-
-
-class Shape(NamedTuple):
-    """What a basis gets where the log needs it.
-
-    Attributes
-    ----------
-    knots : on either side of zero [1]: corners in between cost half a percent
-    setpoint_knots : pieces of the range of the set-point [1]: a change within half of one looks sudden
-    beyond : part of the samples beyond the first and the last place of a corner [1]: fewer show none
-    slips : friction elements [1], which slip after a half of the largest deflection … a thirty-second: shorter ones noise hides
-    """
-
-    knots: int = 16
-    setpoint_knots: int = 8
-    beyond: float = 1e-3
-    slips: int = 9
-
-    @property
-    def parts(self) -> Array:
-        """Of the largest deflection, after which friction elements slip: a loop between two that are √2 apart is their sum."""
-        return np.asarray(0.5 * np.geomspace(1.0, 1.0 / 16.0, self.slips))
-
-
-SHAPE = Shape()
-# Logarithm of how many times as probable more functions have to be as fewer.
-SURE = -math.log(FALSE_ALARM)
 
 
 class SmootherFold(RegressionFold):
@@ -165,7 +134,8 @@ class SmootherFold(RegressionFold):
 
     def _yielding(self, equation: CombinedEquation, trajectory: Trajectory, transmission: int) -> dict[int, float]:
         """Return the stiffness of each friction element of a transmission, by its number among all; none that were not needed."""
-        first, count = transmission * len(equation.slips), len(equation.slips)
+        count = len(equation.elements)
+        first = transmission * count
         found = {j: trajectory.others.get((j, SHARED)) for j in range(first, first + count)}
         return {j: own[0] for j, own in found.items() if own is not None}
 
@@ -228,7 +198,7 @@ class SmootherFold(RegressionFold):
         """Return the fold for other signals of the same joint, with the functions and what was chosen of this one."""
         fold = build(self.device, signals, msgspec.structs.replace(self.tuning, basis="rig"))
         own = self.equations[0]
-        fold = fold.with_shape(own.basis, own.slips, own.smooth, own.wait)
+        fold = fold.with_shape(own.basis, own.elements, own.wait)
         if fold.solver.unknowns == self.solver.unknowns:
             fold.choices = tuple(None if choice is None else choice._replace(noise=()) for choice in self.choices)
         return fold
@@ -239,19 +209,18 @@ class SmootherFold(RegressionFold):
         fold.choices = tuple(None if own.trajectory is None else own.trajectory.choice for own in state.solvers)
         return fold
 
-    def with_shape(
-        self, basis: PolynomialBasis, slips: tuple[float, ...], smooth: bool = False, wait: float = 0.0
-    ) -> SmootherFold:
+    def with_shape(self, basis: PolynomialBasis, elements: tuple[Element, ...], wait: float = 0.0) -> SmootherFold:
         """Return the same fold with other functions and friction elements, as a `CombinedEquation` has them."""
         fold, count = copy(self), self.solver.transmissions
         fold.device = replace(self.device, basis=basis)
         if isinstance(before := self.conditioner.before, Functions):
             fold.conditioner = self.conditioner.behind(replace(before, basis=basis))
-        fold.equations = tuple(
-            replace(own.with_basis(basis), slips=slips, smooth=smooth, wait=wait) for own in self.equations
-        )
+        fold.equations = tuple(replace(own.with_basis(basis), elements=elements, wait=wait) for own in self.equations)
         fold.solver = replace(
-            self.solver, powers=basis.powers_of_terms * count, pieces=basis.pieces * count, slips=slips * count
+            self.solver,
+            powers=basis.powers_of_terms * count,
+            pieces=basis.pieces * count,
+            slips=tuple(own.slip for own in elements) * count,
         )
         return fold
 
@@ -283,7 +252,7 @@ class SmootherFold(RegressionFold):
         """Return what the first equation's residual follows; `findings` reports from the trajectories whether it is noise."""
         assert isinstance(equation, CombinedEquation)
         # A motor's equation has speed and acceleration among its unknowns; the residual of a loop correlates with the speed.
-        suspects = () if equation.slips else SUSPECTS if equation.sensor is not None else (POSITION,)
+        suspects = () if equation.elements else SUSPECTS if equation.sensor is not None else (POSITION,)
         found = followers(rows, claimed, step, suspects)
         part = " and ".join(view.name for view in equation.transmissions)
         return [following(self.device.joint, part, found, equation.motor, claimed)] if found else []
@@ -327,7 +296,7 @@ class SmootherFold(RegressionFold):
                 if not (yielding := self._yielding(equation, own.trajectory, i)):
                     continue
                 # When all elements slip, each resists with its stiffness times the deflection at which it slips.
-                level = sum(value * equation.slips[j % len(equation.slips)] for j, value in yielding.items())
+                level = sum(value * equation.elements[j % len(equation.elements)].slip for j, value in yielding.items())
                 found.append(
                     Finding(
                         code="spring.loop",
@@ -484,7 +453,9 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     )
     noise = (late if conditioner.kind == "kinematic" else read, late)
     plain = SmootherFold(device, conditioner, tuple(equations), solver, look, asked, noise)
-    return plain if tuning.basis == "rig" or tuning.causal else _fitting(plain, signals)
+    if tuning.basis == "rig" or tuning.causal:
+        return plain
+    return plain.with_shape(*ShapeSearch(plain, signals).found)
 
 
 def _driven(
@@ -621,101 +592,3 @@ def _noise_beside_motion(signals: JointSignals, view: TransmissionView, conditio
         sensor_error(roles[role], weights.shape[1]).rms(weights[0]) ** 2 for role in view.deflection_roles(roles)
     )
     return min(noise / left**2, 1.0) if left else 1.0
-
-
-def _fitting(plain: SmootherFold, signals: JointSignals) -> SmootherFold:
-    """Return a fold with the functions that the log needs; more have to be a thousand times as probable as fewer.
-
-    Of a long log stretches are looked at: they show a shape as well. Corners are looked for where the spring is no polynomial.
-    """
-    basis, setpoint = plain.device.basis, signals.roles.get("setpoint", np.zeros(0))
-    signals = spread_over(signals, LONGEST_RUN)
-    slips = tuple(basis.deflection_scale * part for part in SHAPE.parts)
-    states: dict[SmootherFold, list[SmootherState]] = {}
-    like: Information | None = None
-
-    @cache
-    def found(fold: SmootherFold) -> list[BasisEvidence]:
-        return [fold.solver.evidence(own) for own in states[fold]]
-
-    def evidence(fold: SmootherFold) -> float:
-        return sum(own.logarithm for own in found(fold))
-
-    def fitted(corners: tuple[float, ...]) -> Array:
-        nonlocal like
-        fold = collected(replace(plain.device.basis, corners=corners))
-        like = fold.solver.information(states[fold][0], like)
-        # Coefficients are of the scaled deflection.
-        slopes = np.r_[
-            np.ones(len(like.triangle) - len(corners) - 1), np.full(len(corners), basis.deflection_scale), 1.0
-        ]
-        return np.asarray(like.triangle * slopes)
-
-    def needed(fold: SmootherFold, other: SmootherFold) -> bool:
-        return evidence(fold) - evidence(other) > SURE
-
-    def collected(own: PolynomialBasis, elements: tuple[float, ...] = (), smooth: bool = False) -> SmootherFold:
-        # All are compared on the same rows.
-        fold = plain.with_shape(own, elements, smooth, wait=slips[0])
-        states[fold] = _collected(fold, signals)
-        return fold
-
-    best = collected(basis)
-    borders = (
-        () if plain.solver.constant or basis.setpoint_order == 1 else setpoint_borders(setpoint, SHAPE.setpoint_knots)
-    )
-    if borders and not basis.setpoint_knots:
-        fold = collected(replace(basis, setpoint_knots=borders))
-        if needed(fold, best):
-            best, basis = fold, fold.device.basis
-    # Runs with a set-point each hardly determine how a piece depends on it.
-    spline = basis if plain.solver.constant else replace(basis, knots=max(basis.knots, SHAPE.knots))
-    # Fewer functions resolve a change in shorter intervals: in long ones it may look like another shape.
-    straight, best = best, best if spline == basis else collected(spline)
-    if needed(straight, best):
-        best = straight
-    if _is_curve(best) and all(own.polynomial < 0.5 for own in found(best)):
-        low, high = _range_of_deflection(best, signals)
-        corners = corners_of(fitted, low, high)
-        pairs = tuple(at for own in corners for at in (own.below, own.above))
-        cornered = collected(replace(spline, corners=pairs)) if corners else best
-        # Any pair in the range could have been that of a corner.
-        places = sum(math.log(0.5 * (high - low) / own.width) for own in corners)
-        if evidence(cornered) - places - evidence(best) > SURE:
-            best, spline = cornered, cornered.device.basis
-    # Branches are a loop already.
-    if not basis.branches and needed(fold := collected(spline, slips), max(straight, best, key=evidence)):
-        smooth = collected(spline, slips, smooth=True)
-        best = smooth if evidence(smooth) > evidence(fold) else fold
-        if spline.corners != basis.corners:
-            # What looked like a corner may be where an element slips.
-            other = collected(replace(spline, corners=basis.corners), slips, best.equations[0].smooth)
-            best = best if evidence(best) - places - evidence(other) > SURE else other
-    basis = best.device.basis
-    knots = basis.knots > plain.device.basis.knots
-    if knots and all(own.polynomial > 0.5 for own in found(best)):
-        basis = replace(basis, knots=plain.device.basis.knots)
-    own = best.equations[0]
-    return plain.with_shape(basis, own.slips, own.smooth, own.wait if own.slips else 0.0)
-
-
-def _is_curve(fold: SmootherFold) -> bool:
-    """Return whether a torque is a function of one deflection alone, of which no corner is known."""
-    basis = fold.device.basis
-    return len(fold.device.transmissions) == 1 and not (basis.has_setpoint or basis.branches or basis.corners)
-
-
-def _range_of_deflection(fold: SmootherFold, signals: JointSignals) -> tuple[float, float]:
-    """Return the deflections between which nearly all of a log is [rad]."""
-    phi = deflection_of(signals.roles, fold.device.transmissions[0])
-    low, high = np.nanquantile(phi, (SHAPE.beyond, 1.0 - SHAPE.beyond))
-    return float(low), float(high)
-
-
-def _collected(fold: SmootherFold, signals: JointSignals) -> list[SmootherState]:
-    """Return what the solvers of a fold have collected from all signals."""
-    state = fold.start()
-    for part in signals.blocks(BLOCK):
-        state, _ = fold.step(state, part)
-    state, _ = fold.finish(state)
-    return state.solvers
