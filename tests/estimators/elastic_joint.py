@@ -20,7 +20,9 @@ SHAPES = {
 }
 
 
-def played(t, drive, softer=lambda at: 0.0, spring=cubic, loop=0.0, start=(0.0, 0.0), push=lambda at: 0.0):
+def played(
+    t, drive, softer=lambda at: 0.0, spring=cubic, loop=0.0, start=(0.0, 0.0), push=lambda at: 0.0, exponent=1.0, shape=1.0
+):
     """Return motor position, link position, torque of the transmission and stiffness of its spring, shape (N,) each.
 
     Parameters
@@ -29,20 +31,23 @@ def played(t, drive, softer=lambda at: 0.0, spring=cubic, loop=0.0, start=(0.0, 
     drive : the motor's torque, a function of time [N·m]
     softer : by which part the spring is softer, a function of time
     spring : its torque, a function of the deflection [N·m]
-    loop : largest torque of an element next to the spring that yields smoothly (Dahl's model) [N·m]
+    loop : largest torque of an element next to the spring that yields smoothly (Bouc and Wen; Dahl's model at first) [N·m]
     start : motor and link position at the beginning [rad]
     push : what pushes the link, a function of time [N·m]
+    exponent, shape : of the element, as Ikhouane and Rodellar (2007) normalise it: σ of the loop is the shape
     """
 
     def slope(at, x):
         phi, rate = x[2] - x[0], x[3] - x[1]
         torque = (1.0 - softer(at)) * spring(phi) + x[4]
+        z = x[4] / loop if loop else 0.0
+        yields = shape * abs(rate) * abs(z) ** (exponent - 1.0) * z + (1.0 - shape) * rate * abs(z) ** exponent
         return [
             x[1],
             (drive(at) + torque - DAMPING * x[1]) / INERTIA,
             x[3],
             (push(at) - torque - LINK_DAMPING * x[3] - WEIGHT * np.sin(x[2])) / LINK,
-            YIELDING * (rate - abs(rate) * x[4] / loop) if loop else 0.0,
+            YIELDING * (rate - yields) if loop else 0.0,
         ]
 
     begin = [start[0], 0.0, start[1], 0.0, 0.0]
