@@ -1,5 +1,5 @@
 # make demo   the main job on a sample log: a figure of the stiffness, and a diagnosis of a rig that is wrong
-# make test   everything that must hold: style, types, tests; of long ones every second to fifth case, and of some long files every second or third test; all with ALL=1
+# make test   everything that must hold: style, types, tests; of long ones every second to twentieth case, of long files every second to fourth test; all with ALL=1
 # make docs   the documentation as a site, in site/; LINKS=1 tests links to other sites as well
 # make dist   wheel and source in dist/, tested as a user has them: a plain installation runs every command of the documentation
 # make man    manual pages of all commands, in build/man

@@ -28,7 +28,7 @@ def test_every_command_has_options_that_exist(name, monkeypatch):
             pytest.fail(f"{line}: {error.format_message()}")
 
 
-@pytest.mark.every(12)
+@pytest.mark.every(20)
 @pytest.mark.parametrize("name", [name for name, page in SHOWN.items() if page.steps])
 def test_the_snippets_of_a_page_run(name, request, tmp_path, monkeypatch):
     page = SHOWN[name]

@@ -18,6 +18,8 @@ from vsalog.cli.batch import parse_size
 from vsalog.core.errors import BatchError
 from vsalog.core.memory import cores
 
+pytestmark = pytest.mark.share(2)
+
 
 @pytest.fixture
 def play(monkeypatch, tmp_path):

@@ -17,6 +17,8 @@ from command_line import vsalog_run
 from vsalog.cli import cli
 from vsalog.rig import Rig
 
+pytestmark = pytest.mark.share(2)
+
 TIME = np.arange(0.0, 6.0, 0.005)
 THETA = 0.5 * np.sin(2.1 * TIME) + 0.1 * np.sin(7.3 * TIME)
 PHI = 0.04 * np.sin(3.1 * TIME) + 0.02 * np.sin(11.0 * TIME)

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from knee import RIG, write_log
 
+pytestmark = pytest.mark.share(2)
+
 
 def test_the_bench_itself_works(run, bench):
     done = run("estimate", "log.csv", cwd=bench)

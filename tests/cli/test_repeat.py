@@ -6,6 +6,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+pytestmark = pytest.mark.share(2)
+
 
 @pytest.fixture
 def folder(tmp_path, samples):

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from knee import write_log
 
+pytestmark = pytest.mark.share(2)
+
 
 @pytest.fixture
 def suggested(command):

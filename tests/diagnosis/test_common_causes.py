@@ -13,6 +13,8 @@ from vsalog.diagnosis.common_causes import common_sites, scales
 from vsalog.diagnosis.linear import clash
 from vsalog.rig import Rig
 
+pytestmark = pytest.mark.share(2)
+
 
 def site(part, start, name="value", **options):
     """A cause that puts its number into a dictionary."""

@@ -12,6 +12,8 @@ from vsalog.residuals.sensing import at_joint
 from vsalog.residuals.system import build_system
 from vsalog.residuals.windows import shoot, windows_of
 
+pytestmark = pytest.mark.share(2)
+
 SECONDS = 4.0
 GEARED = ELASTIC.replace("damping = 0.05", "damping = 0.05\ngear_ratio = 10.0")
 RIGS = {

@@ -21,7 +21,15 @@ SHAPES = {
 
 
 def played(
-    t, drive, softer=lambda at: 0.0, spring=cubic, loop=0.0, start=(0.0, 0.0), push=lambda at: 0.0, exponent=1.0, shape=1.0
+    t,
+    drive,
+    softer=lambda at: 0.0,
+    spring=cubic,
+    loop=0.0,
+    start=(0.0, 0.0),
+    push=lambda at: 0.0,
+    exponent=1.0,
+    shape=1.0,
 ):
     """Return motor position, link position, torque of the transmission and stiffness of its spring, shape (N,) each.
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.calibration import encoders, sensed
-from tests.estimators.elastic_joint import DAMPING, INERTIA, SHAPES, cubic, played
+from tests.estimators.elastic_joint import DAMPING, INERTIA, SHAPES, YIELDING, cubic, played
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.core.errors import EstimatorError
 from vsalog.core.signals import JointSignals
@@ -40,7 +40,15 @@ def drive(at):
 
 
 def machine(
-    softer=lambda t: 0.0, seed=0, noise=0.02, step=STEP, spring=cubic, loop=0.0, push=lambda t: 0.0 * t, drive=drive, **form
+    softer=lambda t: 0.0,
+    seed=0,
+    noise=0.02,
+    step=STEP,
+    spring=cubic,
+    loop=0.0,
+    push=lambda t: 0.0 * t,
+    drive=drive,
+    **form,
 ):
     """Return times, signals and true stiffness of a joint, behind encoders whose zeros are anywhere within a step."""
     t = np.arange(round(SECONDS / PERIOD)) * PERIOD
@@ -280,6 +288,14 @@ def test_a_loop_of_any_form_is_fitted(exponent, shape):
     relative, deviations = errors(columns, truth)
     assert np.median(relative) < 0.004
     assert np.mean(deviations < 1.96) > 0.85
+    (found,) = (one for one in fold.findings(state) if one.code == "spring.bouc_wen")
+    own = found.evidence
+    assert found.value == pytest.approx(0.2, rel=0.05)
+    # Rounding of the encoders repeats with the motion: the standard deviations do not have all of it.
+    assert abs(own["width"] - 0.2 / YIELDING) < 5.0 * own["width_std"] < 0.1 * own["width"]
+    assert abs(own["shape"] - shape) < 5.0 * own["shape_std"] < 0.2
+    assert own["least"] <= 1.3 * exponent
+    assert own["most"] >= exponent / 1.3
 
 
 def test_a_loop_that_slips_at_once_is_distinguished_from_one_that_yields_smoothly():

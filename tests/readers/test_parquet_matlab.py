@@ -17,6 +17,8 @@ from scipy.io import savemat
 from vsalog.core.errors import ReadError
 from vsalog.readers import open_reader, read
 
+pytestmark = pytest.mark.share(2)
+
 START = 1_700_000_000_123_456_789
 
 

@@ -236,6 +236,7 @@ def joint_with_loop(loop, recorded, seed):
     return {role: exact[role] + noise[role] * draw.standard_normal(exact[role].size) for role in recorded}
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("alone", [(), ("motor_torque",)], ids=["sensor and motor torque", "sensor"])
 @pytest.mark.parametrize("loop", [(0.5, 0.01), (1.0, 0.01), (2.0, 0.05)])
@@ -244,7 +245,7 @@ def test_a_loop_of_a_moving_joint_is_no_fault_of_the_recording(loop, alone, seed
     assert found_in(without(joint(loop=loop, seed=seed), *alone)) == []
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(6)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("recorded", RECORDED.values(), ids=RECORDED)
 @pytest.mark.parametrize("loop", LOOPS.values(), ids=LOOPS)
@@ -252,7 +253,7 @@ def test_a_loop_is_no_fault_of_the_recording(loop, recorded, seed):
     assert found_in(joint_with_loop(loop, recorded, seed)) == []
 
 
-@pytest.mark.every(4)
+@pytest.mark.every(12)
 @pytest.mark.parametrize(
     ("recorded", "role"), [(recorded, role) for recorded in RECORDED.values() for role in recorded]
 )

@@ -166,6 +166,7 @@ def records():
     ]
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize("size", [(1280, 800), (390, 844)])
 @pytest.mark.parametrize("command", ["estimate", "validate", "validate two", "compare", "diagnose", "batch"])
 def test_every_page_fits_its_window_and_begins_with_a_figure(said, tmp_path, command, size):

@@ -6,6 +6,8 @@ import pytest
 
 from tests.validation.conftest import SAMPLES, call
 
+pytestmark = pytest.mark.share(2)
+
 MOTOR, SPRING = "joint.sea.motor.", "joint.sea.transmission."
 # Each effect and the reference that it reaches.
 EFFECTS = {

@@ -15,6 +15,8 @@ from vsalog.core.document_schema import document_schema, schema_text
 from vsalog.rig.load import preset_text
 from vsalog.validation import document
 
+pytestmark = pytest.mark.share(2)
+
 DOCS = Path(__file__).parents[2] / "docs"
 SEA2 = SAMPLES / "sea_exp2.bag"
 

@@ -113,6 +113,14 @@ TEXTS: dict[str, Text] = {
         " branch; 'vsalog diagnose' separates hysteresis from friction.",
         false_alarm=FALSE_ALARM,
     ),
+    "spring.bouc_wen": Text(
+        "transmission {part}: the loop, or a part of it, is that of Bouc and Wen with ±{value:.3g} N·m, a width of {width:.3g}"
+        " rad (± {width_std:.1g} rad, 1 std), an exponent of {exponent:.3g} ({least:.3g} to {most:.3g}) and a shape of"
+        " {shape:.2g} (± {shape_std:.1g}, 1 std).",
+        "For other estimators and for simulations give the transmission this bouc_wen in the rig: torque = {value:.4g},"
+        " width = {width:.4g}, exponent = {exponent:.3g}, shape = {shape:.3g}.",
+        false_alarm=FALSE_ALARM,
+    ),
     "spring.not_polynomial": Text(
         "the spring is no polynomial of the rig's order, as with a corner or a knee: the estimate follows it by a spline.",
         "Set knots = {knots} under [joint.{joint}.basis] for other estimators.",

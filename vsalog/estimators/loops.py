@@ -85,6 +85,17 @@ class Simplex(NamedTuple):
         sides = np.minimum(sides, high - low)
         return cls(np.clip(place - 0.25 * sides, low, high - sides), sides)
 
+    @classmethod
+    def of(cls, elements: Sequence[Element]) -> Simplex | None:
+        """Return the simplex whose corners elements are; None where they are no such corners."""
+        corners = np.array([(math.log(slip), sharpness, shape) for slip, sharpness, shape in elements])
+        sides = corners[1:] - corners[0]
+        return (
+            cls(corners[0], np.diag(sides).copy())
+            if sides.shape == (3, 3) and not np.any(sides - np.diag(np.diag(sides)))
+            else None
+        )
+
     @property
     def elements(self) -> tuple[Element, ...]:
         """Its corners: the one, and the others in the order of the three numbers."""
@@ -124,6 +135,23 @@ class Loop(NamedTuple):
         """Whether it resists significantly."""
         return self.stiffness > DETECTED * self.stiffness_std
 
+    @property
+    def torque(self) -> float:
+        """Half of its height [N·m]."""
+        return self.stiffness * math.exp(self.place[0])
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """What else a loop has in a rig, with standard deviations; the exponent is no larger than is known."""
+        (slip, sharpness, shape), std = self.place, self.std
+        sharpness = min(max(sharpness, std[1]), 1.0)
+        low, high = min(max(sharpness - std[1], std[1]), 1.0), min(sharpness + std[1], 1.0)
+        return {
+            "width": math.exp(slip), "width_std": math.exp(slip) * float(std[0]),
+            "exponent": 1.0 / sharpness, "least": 1.0 / high, "most": 1.0 / low,
+            "shape": min(max(float(shape), 0.5), 1.0), "shape_std": float(std[2]),
+        }  # fmt: skip
+
     def choices(self, slips: Sequence[float]) -> float:
         """Return the logarithm of how many such simplices there are in the range that was searched."""
         low, high = _bounds(slips)
@@ -138,6 +166,16 @@ class Loop(NamedTuple):
 def elements_of(loops: Sequence[Loop]) -> tuple[Element, ...]:
     """Return the elements of the loops' simplices."""
     return _elements([one.simplex for one in loops])
+
+
+def loops_among(elements: Sequence[Element], stiffnesses: Array, covariance: Array) -> list[Loop]:
+    """Return the loops of simplices' elements whose stiffnesses (n,) were fitted, with their covariance; none of others."""
+    found = []
+    for first in range(0, len(elements) - 3, 4):
+        own = slice(first, first + 4)
+        if (simplex := Simplex.of(elements[own])) is not None:
+            found.append(Loop.of(simplex, stiffnesses[own], covariance[own, own]))
+    return found
 
 
 def with_another(fit: Fit, slips: Sequence[float], known: Sequence[Loop]) -> list[Loop]:

@@ -266,6 +266,7 @@ class Trajectory(NamedTuple):
     torque, torque_std : shape (K, transmissions), of each as a whole, over what it is usually, and its standard deviation
     misfit : root mean square of a residual that does not average out, over that of its torque, the largest of all equations
     others : equation and name → value and standard deviation of an unknown that is no coefficient, where the log shows it
+    stiffnesses, covariance : of the friction elements, shapes (shared,) and (shared, shared); 0 where none is needed [N·m/rad]
     """
 
     samples: int
@@ -278,6 +279,8 @@ class Trajectory(NamedTuple):
     torque_std: Array
     misfit: float
     others: Mapping[tuple[int, str], tuple[float, float]]
+    stiffnesses: Array
+    covariance: Array
 
 
 class SmootherState(NamedTuple):
@@ -1106,6 +1109,7 @@ class Smoother:
         projection = self._projection / self.scale[self.active][:, None]
         torque, deviations = mean[:, self.active] @ projection, np.sqrt(np.square(root @ projection).sum(axis=1))
         external = np.ascontiguousarray(mean[:, order])
+        elements = slice(n, n + self.solver.shared)
         return Trajectory(
             self.samples,
             external,
@@ -1117,6 +1121,8 @@ class Smoother:
             deviations,
             self._misfit(mean),
             others,
+            mean[:, elements].mean(axis=0),
+            np.einsum("kij,kil->jl", full[:, :, elements], full[:, :, elements]) / self.count,
         )
 
 

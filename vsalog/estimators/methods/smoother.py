@@ -32,7 +32,7 @@ from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.function_roles import Functions
 from vsalog.estimators.known_effects import conditioner_of, known_of, slack_of
 from vsalog.estimators.link_equation import LinkEquation
-from vsalog.estimators.loops import Element
+from vsalog.estimators.loops import Element, loops_among
 from vsalog.estimators.methods.qr_rls import integrated_equations
 from vsalog.estimators.methods.residual_rls import sensor_equations
 from vsalog.estimators.needs import deflection_roles, require, sensor_role, torque_roles
@@ -297,16 +297,20 @@ class SmootherFold(RegressionFold):
                     continue
                 # When all elements slip, each resists with its stiffness times the deflection at which it slips.
                 level = sum(value * equation.elements[j % len(equation.elements)].slip for j, value in yielding.items())
+                loops = loops_among(equation.elements, own.trajectory.stiffnesses, own.trajectory.covariance)
                 found.append(
                     Finding(
-                        code="spring.loop",
-                        joint=self.device.joint,
-                        part=view.name,
-                        severity="info",
-                        value=float(level),
+                        code="spring.loop", joint=self.device.joint, part=view.name, severity="info", value=float(level),
                         unit="N*m",
                     )
-                )
+                )  # fmt: skip
+                found += [
+                    Finding(
+                        code="spring.bouc_wen", joint=self.device.joint, part=view.name, severity="info", value=loop.torque,
+                        unit="N*m", evidence=loop.numbers,
+                    )
+                    for loop in loops
+                ]  # fmt: skip
         return found
 
     def _changes(self, equation: CombinedEquation, trajectory: Trajectory) -> list[Finding]:
