@@ -29,8 +29,12 @@ from vsalog.simulation.scenario import Scenario
 from vsalog.simulation.simulate import simulate
 
 PRESETS = ("sea", "vsa2", "awas", "cubic-antagonist")
-# Springs that are no polynomial, and one with a loop.
-APART = {**{name: {"spring": spring} for name, spring in SHAPES.items()}, "loop": {"loop": 0.15}}
+# Springs that are no polynomial, and two with a loop: of Dahl, and of Bouc and Wen.
+APART = {
+    **{name: {"spring": spring} for name, spring in SHAPES.items()},
+    "loop": {"loop": 0.15},
+    "bouc-wen": {"loop": 0.15, "exponent": 2.0, "shape": 0.5},
+}
 CASES = (
     *(f"{preset}{change}" for preset in PRESETS for change in ("", ":-1", ":-5", ":-25")),
     "sea:-1!",

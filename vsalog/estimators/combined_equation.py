@@ -228,10 +228,10 @@ class CombinedEquation:
 
 def _loop_of(element: Element) -> Transmission:
     """Return a transmission whose hysteresis is a friction element of stiffness one."""
-    slip, sharpness, shape = element
-    if sharpness == 0.0:
+    slip = element.slip
+    if element.is_sudden:
         return LinearTransmission(stiffness=1.0, slip=(SlipElement(stiffness=1.0, limit=slip),))
-    loop = BoucWen(torque=slip, width=slip, exponent=1.0 / sharpness, shape=shape)
+    loop = BoucWen(torque=slip, width=slip, exponent=1.0 / element.sharpness, shape=element.shape)
     return LinearTransmission(stiffness=1.0, bouc_wen=loop)
 
 

@@ -23,6 +23,10 @@ from vsalog.filters.random_walk import triangle_of
 Array = NDArray[np.float64]
 
 
+# Sharpness below which an element slips at once [1]: its strain is another by a hundredth of the slip at most.
+SUDDEN = 0.01
+
+
 class Element(NamedTuple):
     """A spring in series with friction: its strain is its deflection at first, and at most that at which it slips.
 
@@ -36,6 +40,11 @@ class Element(NamedTuple):
     slip: float
     sharpness: float = 0.0
     shape: float = 1.0
+
+    @property
+    def is_sudden(self) -> bool:
+        """Whether it slips at once."""
+        return self.sharpness < SUDDEN
 
 
 # Of elements, triangle [R z] of a fit with noise of variance one: the last unknowns are their stiffnesses.
