@@ -59,7 +59,7 @@ class Search(NamedTuple):
     sharpness, shapes : at which a loop is looked for at first [1]: from the smoothest that there is to nearly sudden
     closer : a simplex is than the one before [1]: as of corners
     farther : a simplex is smaller than the one before that a loop was outside of [1]: so that it ends within twice its sides
-    settled : part of its standard deviation by which a loop's place still changes in the end [1]
+    settled : by how much the sum of squares still changes in the end, with noise of variance one [1]: a tenth of one unknown's
     rounds : of simplices that come closer, at most [1]
     same : by which part of their size the strains of elements that look the same differ [1]: the square root of rounding
     """
@@ -68,7 +68,7 @@ class Search(NamedTuple):
     shapes: tuple[float, ...] = (0.5, 1.0)
     closer: float = 0.25
     farther: float = 0.5
-    settled: float = 0.3
+    settled: float = 0.1
     rounds: int = 12
     same: float = 1e-8
 
@@ -166,16 +166,6 @@ class Loop(NamedTuple):
         low, high = _bounds(slips)
         return float(np.log((high - low) / self.simplex.sides).sum())
 
-    @property
-    def closest(self) -> Array:
-        """Sides that a simplex has to have for the place to be in it, shape (3,)."""
-        return self.std
-
-
-def elements_of(loops: Sequence[Loop]) -> tuple[Element, ...]:
-    """Return the elements of the loops' simplices."""
-    return _elements([one.simplex for one in loops])
-
 
 def loops_among(elements: Sequence[Element], stiffnesses: Array, covariance: Array) -> list[Loop]:
     """Return the loops of simplices' elements whose stiffnesses (n,) were fitted, with their covariance; none of others."""
@@ -185,6 +175,11 @@ def loops_among(elements: Sequence[Element], stiffnesses: Array, covariance: Arr
         if (simplex := Simplex.of(elements[own])) is not None:
             found.append(Loop.of(simplex, stiffnesses[own], covariance[own, own]))
     return found
+
+
+def elements_of(loops: Sequence[Loop]) -> tuple[Element, ...]:
+    """Return the elements of the loops' simplices."""
+    return _elements([one.simplex for one in loops])
 
 
 def with_another(fit: Fit, slips: Sequence[float], known: Sequence[Loop]) -> list[Loop]:
@@ -210,14 +205,15 @@ def refined(fit: Fit, slips: Sequence[float], known: Sequence[Loop]) -> list[Loo
 
 def _refined(fit: Fit, simplices: list[Simplex], low: Array, high: Array) -> list[Loop]:
     """Return the loops that simplices show, ever smaller ones; only those that are significant."""
-    found: list[Loop] = []
+    found, before = list[Loop](), math.inf
     for _ in range(SEARCH.rounds):
-        stiffnesses, covariance = _solved(fit(_elements(simplices)), 4 * len(simplices))
+        stiffnesses, covariance, left = _solved(fit(_elements(simplices)), 4 * len(simplices))
         own = [slice(4 * i, 4 * i + 4) for i in range(len(simplices))]
         found = [Loop.of(each, stiffnesses[i], covariance[i, i]) for each, i in zip(simplices, own, strict=True)]
-        simplices = [_next(one, low, high) for one in found]
-        if all(_is_settled(one, after) for one, after in zip(found, simplices, strict=True)):
+        small = all(np.all(SEARCH.closer * one.simplex.sides <= one.std) for one in found)
+        if small and abs(left - before) <= SEARCH.settled:
             break
+        simplices, before = [_next(one, low, high) for one in found], left
     return [one for one in found if one.shown]
 
 
@@ -227,7 +223,7 @@ def _elements(simplices: Sequence[Simplex]) -> tuple[Element, ...]:
 
 def _bounds(slips: Sequence[float]) -> tuple[Array, Array]:
     """Return between what a loop is looked for: logarithm of the slip, sharpness and shape, shape (3,) each."""
-    low, high = (math.log(min(slips)), 0.0, min(SEARCH.shapes)), (math.log(max(slips)), 1.0, max(SEARCH.shapes))
+    low, high = (math.log(min(slips)), 0.0, min(SEARCH.shapes)), (math.log(2.0 * max(slips)), 1.0, max(SEARCH.shapes))
     return np.array(low), np.array(high)
 
 
@@ -238,17 +234,8 @@ def _next(found: Loop, low: Array, high: Array) -> Simplex:
     place = np.clip(np.clip(found.place, first - 2.0 * sides, first + 3.0 * sides), low, high)
     inside = np.all((place >= first) & (place <= first + sides))
     return Simplex.around(
-        place, np.maximum((SEARCH.closer if inside else SEARCH.farther) * sides, found.closest), low, high
+        place, np.maximum((SEARCH.closer if inside else SEARCH.farther) * sides, found.std), low, high
     )
-
-
-def _is_settled(found: Loop, after: Simplex) -> bool:
-    """Return whether the next simplex is nearly the one that has shown a loop."""
-    same = (
-        np.abs(after.first + 0.25 * after.sides - found.simplex.first - 0.25 * found.simplex.sides)
-        < SEARCH.settled * found.std
-    )
-    return bool(np.all(same & (after.sides >= (1.0 - SEARCH.settled) * found.simplex.sides)))
 
 
 def _best(rows: Array, count: int) -> int | None:
@@ -265,8 +252,8 @@ def _best(rows: Array, count: int) -> int | None:
     return at if gains[at] > chdtri(1, FALSE_ALARM / count) else None
 
 
-def _solved(rows: Array, count: int) -> tuple[Array, Array]:
-    """Return the last `count` unknowns of a fit and their covariance; of those that look the same, the shortest."""
+def _solved(rows: Array, count: int) -> tuple[Array, Array, float]:
+    """Return the last `count` unknowns of a fit, their covariance and the sum of squares that is left."""
     R = triangle_of(rows)[-1 - count :, -1 - count :]
     inverse = np.linalg.pinv(R[:count, :count], rcond=SEARCH.same)
-    return np.asarray(inverse @ R[:count, -1]), np.asarray(inverse @ inverse.T)
+    return np.asarray(inverse @ R[:count, -1]), np.asarray(inverse @ inverse.T), float(R[-1, -1] ** 2)

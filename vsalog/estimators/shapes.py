@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple, Protocol, Self
 
@@ -17,10 +17,10 @@ from vsalog.core.significance import FALSE_ALARM
 from vsalog.estimators.combined_equation import CombinedEquation
 from vsalog.estimators.corners import corners_of
 from vsalog.estimators.device import Device, deflection_of, setpoint_borders
-from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.folding import BLOCK
 from vsalog.estimators.loops import Element, Loop, elements_of, refined, with_another
 from vsalog.estimators.smoothing import BasisEvidence, SmootherSolver, SmootherState, Surroundings
+from vsalog.filters.conditioning import Conditioned, Conditioner
 
 Array = NDArray[np.float64]
 
@@ -58,20 +58,15 @@ class ShapedFold(Protocol):
     """A fold of equations of one joint, whose functions can be replaced."""
 
     device: Device
+    conditioner: Conditioner
     equations: tuple[CombinedEquation, ...]
     solver: SmootherSolver
 
     def with_shape(self, basis: PolynomialBasis, elements: tuple[Element, ...], wait: float = 0.0) -> Self:
         """Return the same fold with other functions and friction elements."""
 
-    def start(self) -> FoldState:
-        """Return the state before the first sample."""
-
-    def step(self, state: FoldState, block: JointSignals) -> tuple[FoldState, object]:
-        """Take a block of samples."""
-
-    def finish(self, state: FoldState) -> tuple[FoldState, object]:
-        """Take what filters still hold."""
+    def collected(self, blocks: Iterable[Conditioned]) -> list[SmootherState]:
+        """Return what the solvers collect from blocks."""
 
 
 class _Tried(NamedTuple):
@@ -123,6 +118,7 @@ class ShapeSearch:
 
     def __init__(self, plain: ShapedFold, signals: JointSignals) -> None:
         self._plain, self._signals = plain, spread_over(signals, LONGEST_RUN)
+        self._filtered: dict[PolynomialBasis, list[Conditioned]] = {}
         self._slips = tuple(plain.device.basis.deflection_scale * part for part in SHAPE.parts)
 
     @property
@@ -156,11 +152,19 @@ class ShapeSearch:
     ) -> tuple[ShapedFold, list[SmootherState]]:
         """Return a fold with other functions, and what its solvers have collected from all signals."""
         fold = self._plain.with_shape(basis, elements, wait=self._slips[0])
-        state = fold.start()
-        for part in self._signals.blocks(BLOCK):
-            state, _ = fold.step(state, part)
-        state, _ = fold.finish(state)
-        return fold, state.solvers
+        return fold, fold.collected(self._conditioned(fold))
+
+    def _conditioned(self, fold: ShapedFold) -> list[Conditioned]:
+        """Return the filtered signals for a fold's functions, which some filters take in; those of the last ones are kept."""
+        basis = fold.device.basis
+        if basis not in self._filtered:
+            filters, blocks = fold.conditioner.start(), list[Conditioned]()
+            for part in self._signals.blocks(BLOCK):
+                filters, ready = fold.conditioner.step(filters, part)
+                blocks += ready
+            blocks += fold.conditioner.finish(filters)[1]
+            self._filtered = {basis: [block for block in blocks if len(block.rows)]}
+        return self._filtered[basis]
 
     def _informed(self, basis: PolynomialBasis, elements: tuple[Element, ...], like: Surroundings) -> Array:
         """Return the rows of a fit of the first equation, as of `SmootherSolver.information`."""

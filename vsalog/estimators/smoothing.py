@@ -241,7 +241,7 @@ class Surroundings(NamedTuple):
     Attributes
     ----------
     others : numbers of the other unknowns, after the coefficients and the friction elements
-    noise, weights : of the rows
+    noise, weights, steepness : of the rows
     course : shape (K, transmissions), of the torques in the middles of intervals, which the functions are multiplied by
     deviations : shape (n,), of the coefficients before the log
     """
@@ -249,6 +249,7 @@ class Surroundings(NamedTuple):
     others: NDArray[np.intp]
     noise: tuple[RowNoise, ...]
     weights: tuple[Weights | None, ...]
+    steepness: tuple[Array, ...]
     course: Array
     deviations: Array
 
@@ -365,11 +366,7 @@ class SmootherSolver:
             np.full((count, n), np.nan),
         )
         if state.boxes is not None:
-            boxes = tuple(
-                box_block(own, np.hstack((part.columns, part.slopes)), part.use, rows.fresh, self.box)
-                for own, part in zip(state.boxes, rows.parts, strict=True)
-            )
-            return state._replace(boxes=boxes, samples=state.samples + count), values, variances, unknowns, {}
+            return self.collected(state, rows), values, variances, unknowns, {}
         found = state.trajectory
         if found is None:
             return state, values, variances, unknowns, {}
@@ -377,6 +374,15 @@ class SmootherSolver:
             found.mean, found.root, found.linear, found.samples, state.samples, E, spread, values, variances, unknowns
         )
         return state._replace(samples=state.samples + count), values, variances, unknowns, {}
+
+    def collected(self, state: SmootherState, rows: EquationRows) -> SmootherState:
+        """Collect a block."""
+        assert state.boxes is not None
+        boxes = tuple(
+            box_block(own, np.hstack((part.columns, part.slopes)), part.use, rows.fresh, self.box)
+            for own, part in zip(state.boxes, rows.parts, strict=True)
+        )
+        return state._replace(boxes=boxes, samples=state.samples + len(rows.y))
 
     def smoothed(self, state: SmootherState) -> SmootherState:
         """Estimate from what was collected, and go back to the first sample."""
@@ -641,29 +647,33 @@ class Smoother:
         best = self._settled_round(True, LIMITS.rounds)
         n, first = self.solver.coefficients, self.solver.coefficients + self.solver.shared
         likeliest = max(best.smoothness, key=lambda own: own.evidence).prior
+        self._take(best.nominal)
+        among = Surroundings(
+            best.active[best.active >= first] - first,
+            best.noise,
+            best.weights,
+            tuple(self.steepness),
+            best.course,
+            likeliest[:n] * self.scale[:n],
+        )
         return BasisEvidence(
             best.evidence if self._resists(best.smoothed) else -np.inf,
             _probability_of_first(best.smoothness),
             self.active.size > always,
-            Surroundings(
-                best.active[best.active >= first] - first,
-                best.noise,
-                best.weights,
-                best.course,
-                likeliest[:n] * self.scale[:n],
-            ),
+            among,
         )
 
     def information(self, among: Surroundings) -> Array:
         """Return rows as of `SmootherSolver.information`."""
         n, views = self.solver.coefficients, self.solver.transmissions
         first = n + self.solver.shared
-        self.active = np.r_[first + among.others, :first]
+        self.active, self.steepness = np.r_[first + among.others, :first], list(among.steepness)
         middles = (np.arange(len(among.course)) + 0.5) * self.samples / len(among.course)
         for part, own in zip(self.boxes, self.collected, strict=True):
             course = np.column_stack([np.interp(own.place, middles, each) for each in among.course.T])
             part.rows[:, :n] = own.rows[:, :n] * np.repeat(course, n // views, axis=1)
         rows = self._measurements(self._triangles(among.noise, among.weights)).reshape(-1, self.active.size + 1)
+        rows = np.vstack((rows, np.r_[np.zeros(self.active.size), np.sqrt(self.left)]))
         triangle = np.zeros((self.active.size + 1,) * 2)
         found = triangle_of(rows) / np.r_[self.scale[self.active], 1.0]
         triangle[: len(found)] = found

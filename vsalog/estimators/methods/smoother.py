@@ -6,7 +6,7 @@ together (`smoothing.py`); the first as in Flacco 2012 eq. 21, the others as in 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -46,6 +46,7 @@ from vsalog.estimators.smoothing import (
     SHARED,
     Choice,
     SmootherSolver,
+    SmootherState,
     Trajectory,
 )
 from vsalog.estimators.transmission_torque import carried_by
@@ -223,6 +224,16 @@ class SmootherFold(RegressionFold):
             slips=tuple(own.slip for own in elements) * count,
         )
         return fold
+
+    def collected(self, blocks: Iterable[Conditioned]) -> list[SmootherState]:
+        """Return what the solvers collect from blocks, without an estimate of any."""
+        state = self.start()
+        for block in blocks:
+            directed = self._with_branches(state, block)
+            for i, equation in enumerate(self.equations):
+                state.equations[i], rows = equation.rows(state.equations[i], directed)
+                state.solvers[i] = self.solver.collected(state.solvers[i], rows)
+        return state.solvers
 
     def start(self) -> FoldState:
         """Return the state before the first sample."""
