@@ -84,6 +84,10 @@ def test_a_loop_of_the_spring_is_found_and_written(run, tmp_path):
     assert done.returncode == 0, done.stderr
     found = {f["code"]: f for f in json.loads(done.stdout)["joints"][0]["findings"]}
     assert found["spring.loop"]["value"] == pytest.approx(0.1, rel=0.05)
+    loop = found["spring.bouc_wen"]["evidence"]
+    assert loop["width"] == pytest.approx(np.deg2rad(0.5), rel=0.05)
+    assert loop["exponent"] == pytest.approx(1.0, rel=0.2)
+    assert loop["shape"] == pytest.approx(1.0, rel=0.1)
     trace = columns(tmp_path / "x.stiffness.parquet", "1")
     stiffness = 20.0 + 3.0 * 2000.0 * trace.deflection**2
     assert np.median(np.abs(trace.stiffness / stiffness - 1.0)) < 0.003

@@ -152,14 +152,13 @@ class Loop(NamedTuple):
     @property
     def numbers(self) -> dict[str, float]:
         """What else a loop has in a rig, with standard deviations; the exponent is no larger than is known."""
-        (slip, sharpness, shape), std = self.place, self.std
-        sharpness = min(max(sharpness, std[1]), 1.0)
-        low, high = min(max(sharpness - std[1], std[1]), 1.0), min(sharpness + std[1], 1.0)
-        return {
-            "width": math.exp(slip), "width_std": math.exp(slip) * float(std[0]),
-            "exponent": 1.0 / sharpness, "least": 1.0 / high, "most": 1.0 / low,
-            "shape": min(max(float(shape), 0.5), 1.0), "shape_std": float(std[2]),
-        }  # fmt: skip
+        (slip, sharpness, shape), std = (float(own) for own in self.place), self.std
+        doubt = float(std[1])
+        width, width_std = math.exp(slip), math.exp(slip) * float(std[0])
+        exponents = [1.0 / min(max(own, doubt), 1.0) for own in (sharpness, sharpness + doubt, sharpness - doubt)]
+        names = "width", "width_std", "exponent", "least", "most", "shape", "shape_std"
+        shape = min(max(shape, min(SEARCH.shapes)), max(SEARCH.shapes))
+        return dict(zip(names, (width, width_std, *exponents, shape, float(std[2])), strict=True))
 
     def choices(self, slips: Sequence[float]) -> float:
         """Return the logarithm of how many such simplices there are in the range that was searched."""

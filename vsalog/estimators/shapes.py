@@ -132,14 +132,20 @@ class ShapeSearch:
         best = straight if spline == basis else self._tried(spline)
         # Fewer functions resolve a change in shorter intervals: in long ones it may look like another shape.
         best = straight if straight.is_needed_after(best) else best
-        if _is_curve(best.fold) and not best.is_polynomial:
+        if basis.branches:
+            # A loop already: a corner of it would be one of either branch.
+            return self._chosen(best)
+        sudden = self._tried(spline, tuple(Element(slip) for slip in self._slips))
+        loop = sudden.is_needed_after(max(straight, best, key=lambda own: own.evidence))
+        if _is_curve(best.fold) and not (sudden if loop else best).is_polynomial:
             best = self._with_corners(best, spline)
-        # Branches are a loop already.
-        if not basis.branches:
-            best = self._with_loops(best, max(straight, best, key=lambda own: own.evidence), spline)
+        return self._chosen(self._with_loops(best, max(straight, best, key=lambda own: own.evidence), sudden))
+
+    def _chosen(self, best: _Tried) -> tuple[PolynomialBasis, tuple[Element, ...], float]:
+        """Return the functions of the best one; of a spline those of a polynomial, if that is the more probable."""
         basis, own = best.basis, best.fold.equations[0]
-        if basis.knots > plain.device.basis.knots and best.is_polynomial:
-            basis = replace(basis, knots=plain.device.basis.knots)
+        if basis.knots > self._plain.device.basis.knots and best.is_polynomial:
+            basis = replace(basis, knots=self._plain.device.basis.knots)
         return basis, own.elements, own.wait if own.elements else 0.0
 
     def _tried(self, basis: PolynomialBasis, elements: tuple[Element, ...] = (), choices: float = 0.0) -> _Tried:
@@ -204,18 +210,21 @@ class ShapeSearch:
         cornered = self._tried(replace(spline, corners=pairs), choices=choices)
         return cornered if cornered.is_needed_after(best) else best
 
-    def _with_loops(self, best: _Tried, probable: _Tried, spline: PolynomialBasis) -> _Tried:
-        """Return the best one with friction elements, if these are needed after the most probable one without."""
-        sudden = tuple(Element(slip) for slip in self._slips)
-        cornered = best.basis.corners != spline.corners
-        first = self._tried(best.basis if cornered else spline, sudden, best.choices if cornered else 0.0)
-        if not first.is_needed_after(probable):
+    def _with_loops(self, best: _Tried, probable: _Tried, sudden: _Tried) -> _Tried:
+        """Return the best one with friction elements, if these are needed after the most probable one without.
+
+        Parameters
+        ----------
+        best, probable : the best one, and the most probable one
+        sudden : a spline with elements that slip at once
+        """
+        if best.basis.corners == sudden.basis.corners:
+            return self._looped(sudden) if sudden.is_needed_after(probable) else best
+        cornered = self._tried(best.basis, sudden.fold.equations[0].elements, best.choices)
+        if not cornered.is_needed_after(probable):
             return best
-        tried = [self._looped(first)]
-        if cornered:
-            # What looked like a corner may be where an element slips.
-            tried.append(self._looped(self._tried(spline, sudden)))
-        return max(tried, key=lambda own: own.evidence)
+        # What looked like a corner may be where an element slips.
+        return max(self._looped(cornered), self._looped(sudden), key=lambda own: own.evidence)
 
     def _looped(self, best: _Tried) -> _Tried:
         """Return the best one of a basis with friction elements, by one with elements that slip at once."""
