@@ -392,6 +392,16 @@ def test_a_joint_at_rest_does_not_look_like_one_whose_spring_changed():
     assert np.mean(inside) > 0.9
 
 
+def test_rounding_of_coarse_encoders_does_not_bias_a_spring_that_stiffens():
+    """The average of a function of a rounded deflection is another; without its correction the bias is 0.15 %."""
+    off = []
+    for seed in range(8):
+        t, signals, truth = machine(seed=seed, step=40.0 * STEP)
+        columns, _, _ = estimated(t, without(signals, "motor_torque"))
+        off.append(np.median(columns["stiffness"] / truth - 1.0))
+    assert abs(np.mean(off)) < 0.001
+
+
 def test_a_steady_change_is_estimated_as_by_a_fit_that_knows_it_to_be_steady():
     """Least squares of functions of which each may change linearly in time, but for colour of the noise and outliers."""
     off, best = [], []

@@ -420,7 +420,7 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
     rates = ("link_position",) if _has_link(device, offered) else ()
     conditioner = conditioner_of(device, signals, tuning, needed, motor=motors, rates=rates, exact=True, near=near)
     if conditioner.kind != "kinematic":
-        noises = tuple(_noise_before(signals, view) for view in views)
+        noises = tuple(_noise_before(signals, view, conditioner.window) for view in views)
         conditioner = conditioner.behind(Functions(views, device.basis, noises, conditioner.before))
     sensors = sensor_equations(device, signals, tuning, conditioner) if sensed else ()
     known = all(view.motor.reflected_inertia is not None for view in views)
@@ -505,10 +505,10 @@ def _pushed(
     return LinkEquation(pushed, inertia, device.link.damping, weight, signals.period, conditioner.exact)
 
 
-def _noise_before(signals: JointSignals, view: TransmissionView) -> float:
-    """Return the variance of a deflection's noise before the filters [rad²]."""
+def _noise_before(signals: JointSignals, view: TransmissionView, window: int) -> float:
+    """Return the variance of a deflection's noise before filters of a window [rad²]."""
     roles = (signals.roles[role][:ENOUGH] for role in view.deflection_roles(signals.roles))
-    return sum(sensor_error(own, 1).rms(np.ones(1)) ** 2 for own in roles)
+    return sum(sensor_error(own, window).rms(np.ones(1)) ** 2 for own in roles)
 
 
 def _has_a_setpoint_per_run(signals: JointSignals) -> bool:
