@@ -23,10 +23,6 @@ from vsalog.filters.random_walk import triangle_of
 Array = NDArray[np.float64]
 
 
-# Sharpness below which an element slips at once [1]: its strain is another by a hundredth of the slip at most.
-SUDDEN = 0.01
-
-
 class Element(NamedTuple):
     """A spring in series with friction: its strain is its deflection at first, and at most that at which it slips.
 
@@ -44,7 +40,7 @@ class Element(NamedTuple):
     @property
     def is_sudden(self) -> bool:
         """Whether it slips at once."""
-        return self.sharpness < SUDDEN
+        return self.sharpness < SEARCH.sudden
 
 
 # Of elements, triangle [R z] of a fit with noise of variance one: the last unknowns are their stiffnesses.
@@ -57,6 +53,7 @@ class Search(NamedTuple):
     Attributes
     ----------
     sharpness, shapes : at which a loop is looked for at first [1]: from the smoothest that there is to nearly sudden
+    sudden : sharpness below which an element slips at once [1]: its strain is another by a hundredth of the slip at most
     closer : a simplex is than the one before [1]: as of corners
     farther : a simplex is smaller than the one before that a loop was outside of [1]: so that it ends within twice its sides
     settled : by how much the sum of squares still changes in the end, with noise of variance one [1]: a tenth of one unknown's
@@ -66,6 +63,7 @@ class Search(NamedTuple):
 
     sharpness: tuple[float, ...] = (0.25, 0.5, 1.0)
     shapes: tuple[float, ...] = (0.5, 1.0)
+    sudden: float = 0.01
     closer: float = 0.25
     farther: float = 0.5
     settled: float = 0.1
@@ -112,6 +110,25 @@ class Simplex(NamedTuple):
         return tuple(Element(math.exp(slip), float(sharpness), float(shape)) for slip, sharpness, shape in corners)
 
 
+class Form(NamedTuple):
+    """What a rig has of a loop but its torque.
+
+    Attributes
+    ----------
+    width, width_std : and its standard deviation [rad]
+    exponent, least, most : and between what it is with a standard deviation [1]
+    shape, shape_std : and its standard deviation [1]
+    """
+
+    width: float
+    width_std: float
+    exponent: float
+    least: float
+    most: float
+    shape: float
+    shape_std: float
+
+
 class Loop(NamedTuple):
     """A loop that a simplex has shown.
 
@@ -150,15 +167,15 @@ class Loop(NamedTuple):
         return self.stiffness * math.exp(self.place[0])
 
     @property
-    def numbers(self) -> dict[str, float]:
-        """What else a loop has in a rig, with standard deviations; the exponent is no larger than is known."""
-        (slip, sharpness, shape), std = (float(own) for own in self.place), self.std
-        doubt = float(std[1])
-        width, width_std = math.exp(slip), math.exp(slip) * float(std[0])
-        exponents = [1.0 / min(max(own, doubt), 1.0) for own in (sharpness, sharpness + doubt, sharpness - doubt)]
-        names = "width", "width_std", "exponent", "least", "most", "shape", "shape_std"
+    def form(self) -> Form:
+        """What a rig has of it; the exponent is no larger than is known."""
+        slip, sharpness, shape = (float(own) for own in self.place)
+        width_std, doubt, shape_std = math.exp(slip) * float(self.std[0]), float(self.std[1]), float(self.std[2])
+        exponent, least, most = (
+            1.0 / min(max(own, doubt), 1.0) for own in (sharpness, sharpness + doubt, sharpness - doubt)
+        )
         shape = min(max(shape, min(SEARCH.shapes)), max(SEARCH.shapes))
-        return dict(zip(names, (width, width_std, *exponents, shape, float(std[2])), strict=True))
+        return Form(math.exp(slip), width_std, exponent, least, most, shape, shape_std)
 
     def choices(self, slips: Sequence[float]) -> float:
         """Return the logarithm of how many such simplices there are in the range that was searched."""

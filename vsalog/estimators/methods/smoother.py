@@ -318,9 +318,14 @@ class SmootherFold(RegressionFold):
                 found += [
                     Finding(
                         code="spring.bouc_wen", joint=self.device.joint, part=view.name, severity="info", value=loop.torque,
-                        unit="N*m", evidence=loop.numbers,
+                        unit="N*m",
+                        evidence={
+                            "width": form.width, "width_std": form.width_std, "exponent": form.exponent, "least": form.least,
+                            "most": form.most, "shape": form.shape, "shape_std": form.shape_std,
+                        },
                     )
                     for loop in loops
+                    for form in [loop.form]
                 ]  # fmt: skip
         return found
 
