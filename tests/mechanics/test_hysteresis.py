@@ -85,7 +85,7 @@ def test_noise_below_the_slack_wears_nothing_down():
 def test_slack_costs_no_accuracy_in_a_motion():
     transmission = LinearTransmission(stiffness=1.0, bouc_wen=BoucWen(torque=1.0, width=0.02, exponent=1.5))
     plain, slack = (told(transmission, phi(TIME), slack=s)[0][2000:] for s in (0.0, 1e-4))
-    assert np.max(np.abs(plain - slack)) < 0.01
+    assert np.max(np.abs(plain - slack)) < 1e-6
 
 
 @pytest.mark.parametrize("size", [1, 7, 1000])

@@ -29,7 +29,10 @@ def loop_level(transmission: Transmission) -> float:
 
 
 def loop_start(transmission: Transmission) -> Array:
-    """Return the state before the first sample, shape (2, 2 + n): a deflection, and there the loop and n slip elements, twice."""
+    """Return the state before the first sample, shape (2, 2 + n): a deflection, there the loop and n slip elements; and again.
+
+    The second row has the direction in which the deflection was reached in the place of the deflection.
+    """
     state = np.full((2, 2), np.nan)
     if isinstance(transmission, UnknownTransmission):
         return state
@@ -41,8 +44,8 @@ def loop_start(transmission: Transmission) -> Array:
 def loop_block(state: Array, transmission: Transmission, phi: Array, slack: float = 0.0) -> tuple[Array, Array, Array]:
     """Return the torque of a transmission's loops over its deflection.
 
-    Noise alone, going to and fro, would erase a loop's memory. It is therefore kept until the deflection has moved by
-    more than `slack`, and the motion until then starts from there.
+    Noise alone, going to and fro, would erase a loop's memory. It is therefore kept, at the farthest deflection, until the
+    deflection has come back by more than `slack`, and the motion until then starts from there.
 
     Parameters
     ----------
@@ -86,11 +89,9 @@ def _compiled_follow(stamp: str) -> Callable[..., Any]:
             u = beyond_gap(x, half_gap)[0]
             begin = np.isnan(state[0, 0])
             du = 0.0 if begin else u - state[0, 0]
-            kept = begin or abs(du) > slack
+            kept = begin or abs(du) > slack or du * state[1, 0] > 0.0
             middle, doubt = 0.0, 0.0
             for extreme in range(2):
-                if kept:
-                    state[extreme, 0] = u
                 total = 0.0
                 if torque > 0.0:
                     z = loop_after(state[extreme, 1], du, width, exponent, shape)
@@ -106,6 +107,8 @@ def _compiled_follow(stamp: str) -> Callable[..., Any]:
                 middle += 0.5 * total
                 doubt += 0.5 * total if extreme == 0 else -0.5 * total
             out[0, k], out[1, k] = middle, doubt
+            if kept:
+                state[0, 0], state[1, 0] = u, np.sign(du)
 
     return follow
 
