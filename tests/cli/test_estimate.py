@@ -73,6 +73,20 @@ def test_a_dead_sensor_is_done_without_where_that_can_be(run, samples, tmp_path)
     assert run("estimate", "dead.csv", "--rig", rig, "-e", "direct").returncode == 2
 
 
+def test_a_loop_of_one_tendon_alone_is_found(run, tmp_path):
+    """The other has none: it was taken for a spring that changes, a fifth off."""
+    loop = 'joint.cubic.transmission_1.bouc_wen={torque="0.1 N*m",width="0.02 rad"}'
+    made = run("simulate", "cubic-antagonist", "--duration", "12 s", "--seed", "3", "--actual", loop, "-o", "x.mcap")
+    assert made.returncode == 0, made.stderr
+    done = run("estimate", "x.mcap", "--json")
+    assert done.returncode == 0, done.stderr
+    found = [
+        f for f in json.loads(done.stdout)["joints"][0]["findings"] if f["code"].startswith(("spring", "stiffness"))
+    ]
+    assert [(f["code"], f["part"]) for f in found] == [("spring.loop", "1")]
+    assert found[0]["value"] == pytest.approx(0.1, rel=0.05)
+
+
 def test_a_loop_of_the_spring_is_found_and_written(run, tmp_path):
     """Bouc and Wen's, which the preset does not have; the spring's own stiffness is that of the preset."""
     loop = 'joint.sea.transmission.bouc_wen={torque="0.1 N*m",width="0.5 deg"}'

@@ -11,6 +11,7 @@ from benchmarks.calibration import encoders, sensed
 from tests.estimators.elastic_joint import DAMPING, INERTIA, SHAPES, YIELDING, cubic, played
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.core.errors import EstimatorError
+from vsalog.core.resolution import step_of
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimation.joint import choose
@@ -70,8 +71,16 @@ def bound(t, signals):
     signals = {role: x for role, x in signals.items() if role != "external_torque" or np.ptp(x) > 1.0}
     starts = np.zeros(t.size, dtype=bool)
     starts[0] = True
+    steps = {role: step_of(x) or 0.0 for role, x in signals.items() if "position" in role}
     return JointSignals(
-        "sea", PERIOD, np.round(t * 1e9).astype(np.int64), t, signals, starts, np.zeros(t.size, dtype=np.int32)
+        "sea",
+        PERIOD,
+        np.round(t * 1e9).astype(np.int64),
+        t,
+        signals,
+        starts,
+        np.zeros(t.size, dtype=np.int32),
+        resolution=steps,
     )
 
 
@@ -280,7 +289,7 @@ def test_what_a_wide_loop_remembers_of_the_time_before_the_log_is_not_the_spring
     assert np.median(errors(columns, truth)[0]) < 0.005
 
 
-@pytest.mark.parametrize(("exponent", "shape"), [(1.0, 0.5), (2.0, 1.0), (2.0, 0.5), (3.0, 0.7)])
+@pytest.mark.parametrize(("exponent", "shape"), [(1.0, 0.5), (2.0, 1.0), (2.0, 0.5), (3.0, 0.7), (2.0, 2.0)])
 def test_a_loop_of_any_form_is_fitted(exponent, shape):
     """By nine elements that slip at once or after Dahl the stiffness was 0.2 to 1 % off, in a band of 50 to 70 %."""
     t, signals, truth = machine(loop=0.2, exponent=exponent, shape=shape)
@@ -293,9 +302,19 @@ def test_a_loop_of_any_form_is_fitted(exponent, shape):
     assert found.value == pytest.approx(0.2, rel=0.05)
     # Rounding of the encoders repeats with the motion: the standard deviations do not have all of it.
     assert abs(own["width"] - 0.2 / YIELDING) < 5.0 * own["width_std"] < 0.1 * own["width"]
-    assert abs(own["shape"] - shape) < 5.0 * own["shape_std"] < 0.2
+    assert abs(own["shape"] - shape) < 5.0 * own["shape_std"] < 0.25
     assert own["least"] <= 1.3 * exponent
     assert own["most"] >= exponent / 1.3
+
+
+def test_a_loop_as_wide_as_the_swing_is_told_from_the_spring():
+    """It remembers for long what was before the log; as if it had forgotten, the stiffness was 1 % off."""
+    t, signals, truth = machine(loop=0.9, shape=0.7)
+    columns, fold, state = estimated(t, signals)
+    assert np.median(errors(columns, truth)[0]) < 0.005
+    (found,) = (one for one in fold.findings(state) if one.code == "spring.bouc_wen")
+    assert found.value == pytest.approx(0.9, rel=0.03)
+    assert found.evidence["width"] == pytest.approx(0.06, rel=0.03)
 
 
 def test_a_loop_that_slips_at_once_is_distinguished_from_one_that_yields_smoothly():
@@ -308,7 +327,9 @@ def test_a_loop_that_slips_at_once_is_distinguished_from_one_that_yields_smoothl
     )
     (found,) = (one for one in fold.findings(state) if one.code == "spring.loop")
     assert found.value == pytest.approx(0.15, rel=0.1)
-    assert min(own.sharpness for own in fold.equations[0].elements) < 0.05
+    (slip,) = (one for one in fold.findings(state) if one.code == "spring.slip")
+    assert slip.value == pytest.approx(0.15, rel=0.02)
+    assert abs(slip.evidence["stiffness"] - 15.0) < 5.0 * slip.evidence["stiffness_std"] < 1.0
     assert np.median(errors(columns, truth)[0]) < 0.005
 
 

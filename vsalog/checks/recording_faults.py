@@ -217,7 +217,8 @@ SYMPTOMS = (
     "cross_check.torque_scale", "cross_check.torque_unrelated",
     "estimate.partly_excited", "filter.noisy_rate", "motor.inertia_differs", "residual.follows_motion", "residual.not_noise",
     "sampling.too_slow", "sampling.too_slow_for_total", "spring.bouc_wen", "spring.corner", "spring.loop",
-    "spring.not_polynomial", "spring.setpoint_not_polynomial", "stiffness.changed",
+    "spring.not_polynomial", "spring.setpoint_not_polynomial", "spring.slip",
+    "stiffness.changed",
     "stiffness.drifts", "stiffness.negative", "stiffness.scale", "torque.gain_differs",
 )  # fmt: skip
 

@@ -121,6 +121,13 @@ TEXTS: dict[str, Text] = {
         " width = {width:.4g}, exponent = {exponent:.3g}, shape = {shape:.3g}.",
         false_alarm=FALSE_ALARM,
     ),
+    "spring.slip": Text(
+        "transmission {part}: the loop, or a part of it, is that of a spring of {stiffness:.4g} N·m/rad (± {stiffness_std:.1g}, 1"
+        " std) in series with dry friction that slips at {value:.3g} N·m.",
+        "For other estimators and for simulations add this element to slip of the transmission in the rig: stiffness ="
+        " {stiffness:.4g}, limit = {value:.4g}.",
+        false_alarm=FALSE_ALARM,
+    ),
     "spring.not_polynomial": Text(
         "the spring is no polynomial of the rig's order, as with a corner or a knee: the estimate follows it by a spline.",
         "Set knots = {knots} under [joint.{joint}.basis] for other estimators.",

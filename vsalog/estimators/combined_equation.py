@@ -42,7 +42,7 @@ class CombinedEquation:
     link : that of the link, None for none
     known : whether the rig has the motors' inertias; else these and the dampings are unknowns
     elements : friction elements of a transmission, each with a stiffness that is unknown
-    wait : deflection after which an element slips that has to have forgotten what was before the log, 0 for none [rad]
+    wait : an element that has to have forgotten what was before the log
     slack : how far noise may move a deflection [rad]
     """
 
@@ -53,7 +53,7 @@ class CombinedEquation:
     link: LinkEquation | None
     known: bool
     elements: tuple[Element, ...] = ()
-    wait: float = 0.0
+    wait: Element | None = None
     slack: float = 0.0
 
     motor: ClassVar[None] = None
@@ -185,9 +185,7 @@ class CombinedEquation:
     @property
     def _memory(self) -> tuple[Transmission, ...]:
         """The friction element of each transmission that remembers longest; none where none is waited for."""
-        if not self.wait:
-            return ()
-        return (_loop_of(Element(self.wait)),) * len(self.transmissions)
+        return () if self.wait is None else (_loop_of(self.wait),) * len(self.transmissions)
 
     def _motor_part(self, i: int, rows: EquationRows, loops: Array, slopes: Array) -> Part:
         assert rows.plain is not None

@@ -54,6 +54,8 @@ class Search(NamedTuple):
     ----------
     sharpness, shapes : at which a loop is looked for at first [1]: from the smoothest that there is to nearly sudden
     sudden : sharpness below which an element slips at once [1]: its strain is another by a hundredth of the slip at most
+    blurred : sharpness that filters and rounding of encoders give one that slips at once, at most [1]: 0.04 with steps of 1/60 of its
+        slip
     closer : a simplex is than the one before [1]: as of corners
     farther : a simplex is smaller than the one before that a loop was outside of [1]: so that it ends within twice its sides
     settled : by how much the sum of squares still changes in the end, with noise of variance one [1]: a tenth of one unknown's
@@ -62,8 +64,9 @@ class Search(NamedTuple):
     """
 
     sharpness: tuple[float, ...] = (0.25, 0.5, 1.0)
-    shapes: tuple[float, ...] = (0.5, 1.0)
+    shapes: tuple[float, ...] = (0.5, 1.0, 2.0)
     sudden: float = 0.01
+    blurred: float = 0.05
     closer: float = 0.25
     farther: float = 0.5
     settled: float = 0.1
@@ -165,6 +168,11 @@ class Loop(NamedTuple):
     def torque(self) -> float:
         """Half of its height [N·m]."""
         return self.stiffness * math.exp(self.place[0])
+
+    @property
+    def is_sudden(self) -> bool:
+        """Whether the log does not show that it slips at all smoothly."""
+        return bool(self.place[1] - DETECTED * self.std[1] < SEARCH.blurred)
 
     @property
     def form(self) -> Form:

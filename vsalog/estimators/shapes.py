@@ -62,7 +62,7 @@ class ShapedFold(Protocol):
     equations: tuple[CombinedEquation, ...]
     solver: SmootherSolver
 
-    def with_shape(self, basis: PolynomialBasis, elements: tuple[Element, ...], wait: float = 0.0) -> Self:
+    def with_shape(self, basis: PolynomialBasis, elements: tuple[Element, ...], wait: Element | None = None) -> Self:
         """Return the same fold with other functions and friction elements."""
 
     def collected(self, blocks: Iterable[Conditioned]) -> list[SmootherState]:
@@ -120,10 +120,12 @@ class ShapeSearch:
         self._plain, self._signals = plain, spread_over(signals, LONGEST_RUN)
         self._filtered: dict[PolynomialBasis, list[Conditioned]] = {}
         self._slips = tuple(plain.device.basis.deflection_scale * part for part in SHAPE.parts)
+        # Elements that remember longest: of those that are compared at first, and one as wide as the largest deflection.
+        self._short, self._long = Element(self._slips[0]), Element(2.0 * self._slips[0], 1.0)
 
     @property
-    def found(self) -> tuple[PolynomialBasis, tuple[Element, ...], float]:
-        """What `with_shape` takes: basis, friction elements, and after which deflection these have forgotten what was before."""
+    def found(self) -> tuple[PolynomialBasis, tuple[Element, ...], Element | None]:
+        """What `with_shape` takes: basis, friction elements, and one that has to have forgotten what was before."""
         plain = self._plain
         straight = self._with_setpoint_pieces(self._tried(plain.device.basis))
         basis = straight.basis
@@ -141,23 +143,31 @@ class ShapeSearch:
             best = self._with_corners(best, spline)
         return self._chosen(self._with_loops(best, max(straight, best, key=lambda own: own.evidence), sudden))
 
-    def _chosen(self, best: _Tried) -> tuple[PolynomialBasis, tuple[Element, ...], float]:
-        """Return the functions of the best one; of a spline those of a polynomial, if that is the more probable."""
-        basis, own = best.basis, best.fold.equations[0]
-        if basis.knots > self._plain.device.basis.knots and best.is_polynomial:
-            basis = replace(basis, knots=self._plain.device.basis.knots)
-        return basis, own.elements, own.wait if own.elements else 0.0
+    def _chosen(self, best: _Tried) -> tuple[PolynomialBasis, tuple[Element, ...], Element | None]:
+        own = best.fold.equations[0]
+        return self._probable_basis(best), own.elements, own.wait if own.elements else None
 
-    def _tried(self, basis: PolynomialBasis, elements: tuple[Element, ...] = (), choices: float = 0.0) -> _Tried:
-        fold, states = self._collected(basis, elements)
+    def _probable_basis(self, best: _Tried) -> PolynomialBasis:
+        """Return the basis of the best one; of a spline that of a polynomial, if this is the more probable."""
+        basis, knots = best.basis, self._plain.device.basis.knots
+        return replace(basis, knots=knots) if basis.knots > knots and best.is_polynomial else basis
+
+    def _tried(
+        self,
+        basis: PolynomialBasis,
+        elements: tuple[Element, ...] = (),
+        choices: float = 0.0,
+        wait: Element | None = None,
+    ) -> _Tried:
+        fold, states = self._collected(basis, elements, wait)
         found = tuple(fold.solver.evidence(own) for own in states)
         return _Tried(fold, found, choices)
 
     def _collected(
-        self, basis: PolynomialBasis, elements: tuple[Element, ...]
+        self, basis: PolynomialBasis, elements: tuple[Element, ...], wait: Element | None
     ) -> tuple[ShapedFold, list[SmootherState]]:
         """Return a fold with other functions, and what its solvers have collected from all signals."""
-        fold = self._plain.with_shape(basis, elements, wait=self._slips[0])
+        fold = self._plain.with_shape(basis, elements, wait or self._short)
         return fold, fold.collected(self._conditioned(fold))
 
     def _conditioned(self, fold: ShapedFold) -> list[Conditioned]:
@@ -172,9 +182,11 @@ class ShapeSearch:
             self._filtered = {basis: [block for block in blocks if len(block.rows)]}
         return self._filtered[basis]
 
-    def _informed(self, basis: PolynomialBasis, elements: tuple[Element, ...], like: Surroundings) -> Array:
+    def _informed(
+        self, basis: PolynomialBasis, elements: tuple[Element, ...], like: Surroundings, wait: Element | None = None
+    ) -> Array:
         """Return the rows of a fit of the first equation, as of `SmootherSolver.information`."""
-        fold, states = self._collected(basis, elements)
+        fold, states = self._collected(basis, elements, wait)
         return fold.solver.information(states[0], like)
 
     def _with_setpoint_pieces(self, best: _Tried) -> _Tried:
@@ -231,30 +243,41 @@ class ShapeSearch:
         if len(self._plain.device.transmissions) > 1:
             smooth = self._tried(best.basis, tuple(Element(slip, 1.0) for slip in self._slips), best.choices)
             return max(best, smooth, key=lambda own: own.evidence)
+        short, best = best, self._tried(best.basis, best.fold.equations[0].elements, best.choices, self._long)
+        if best.found[0].surroundings is None:
+            return short
         others, loops = best.choices, list[Loop]()
+        # A polynomial determines a loop more closely than a spline: it is looked for as it will be used.
+        basis = self._probable_basis(best)
+        looped: _Tried | None = None
 
         def with_elements(more: Sequence[Loop]) -> _Tried:
             # Any simplex could have been that of a loop.
             choices = others + sum(own.choices(self._slips) for own in more)
-            return self._tried(best.basis, elements_of(more), choices)
+            return self._tried(basis, elements_of(more), choices, self._long)
 
         def strains(elements: tuple[Element, ...]) -> Array:
-            like = best.surroundings
-            rows, count = self._informed(best.basis, elements, like), like.deviations.size
-            before = np.zeros((count, rows.shape[1]))
-            np.fill_diagonal(before[:, -1 - len(elements) - count :], 1.0 / like.deviations)
+            like = best if looped is None else max(best, looped, key=lambda own: own.evidence)
+            rows = self._informed(basis, elements, like.surroundings, self._long)
+            if like.basis != basis:
+                return rows
+            deviations = like.surroundings.deviations
+            before = np.zeros((deviations.size, rows.shape[1]))
+            np.fill_diagonal(before[:, -1 - len(elements) - deviations.size :], 1.0 / deviations)
             return np.vstack((rows, before))
 
+        # One loop alone may be less than nine elements are, where there are several.
         while len(more := with_another(strains, self._slips, loops)) > len(loops):
-            if not (better := with_elements(more)).is_needed_after(best):
+            better = with_elements(more)
+            if looped is not None and not better.is_needed_after(looped):
                 break
-            best, loops = better, more
+            looped, loops = better, more
             # What the noise was taken for had the misfit of the fit before in it.
             while more := refined(strains, self._slips, loops):
-                if (better := with_elements(more)).evidence - best.evidence <= SHAPE.gain:
+                if (better := with_elements(more)).evidence - looped.evidence <= SHAPE.gain:
                     break
-                best, loops = better, more
-        return best
+                looped, loops = better, more
+        return best if looped is None else max(best, looped, key=lambda own: own.evidence)
 
 
 def _is_curve(fold: ShapedFold) -> bool:

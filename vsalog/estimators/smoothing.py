@@ -640,11 +640,13 @@ class Smoother:
         return evidence + sum(own.logarithm for own in weights if own is not None)
 
     def evidence(self) -> BasisEvidence:
-        """Return how probable the functions are, for noise as the residuals show it."""
+        """Return how probable the functions are, for noise as residuals show it; without friction elements that do not resist."""
         always = self.active.size
         if sum(len(part.rows) for part in self.boxes) <= always:
             return BasisEvidence(-np.inf, 1.0, False, None)
         best = self._settled_round(True, LIMITS.rounds)
+        if not self._resists(best.smoothed):
+            return Smoother(self.solver, self.collected, self.samples, loops=False, shown=self.shown).evidence()
         n, first = self.solver.coefficients, self.solver.coefficients + self.solver.shared
         likeliest = max(best.smoothness, key=lambda own: own.evidence).prior
         self._take(best.nominal)
@@ -657,7 +659,7 @@ class Smoother:
             likeliest[:n] * self.scale[:n],
         )
         return BasisEvidence(
-            best.evidence if self._resists(best.smoothed) else -np.inf,
+            best.evidence,
             _probability_of_first(best.smoothness),
             self.active.size > always,
             among,

@@ -210,7 +210,9 @@ class SmootherFold(RegressionFold):
         fold.choices = tuple(None if own.trajectory is None else own.trajectory.choice for own in state.solvers)
         return fold
 
-    def with_shape(self, basis: PolynomialBasis, elements: tuple[Element, ...], wait: float = 0.0) -> SmootherFold:
+    def with_shape(
+        self, basis: PolynomialBasis, elements: tuple[Element, ...], wait: Element | None = None
+    ) -> SmootherFold:
         """Return the same fold with other functions and friction elements, as a `CombinedEquation` has them."""
         fold, count = copy(self), self.solver.transmissions
         fold.device = replace(self.device, basis=basis)
@@ -317,6 +319,14 @@ class SmootherFold(RegressionFold):
                 )  # fmt: skip
                 found += [
                     Finding(
+                        code="spring.slip", joint=self.device.joint, part=view.name, severity="info", value=loop.torque,
+                        unit="N*m", evidence={"stiffness": loop.stiffness, "stiffness_std": loop.stiffness_std},
+                    )
+                    for loop in loops
+                    if loop.is_sudden
+                ]  # fmt: skip
+                found += [
+                    Finding(
                         code="spring.bouc_wen", joint=self.device.joint, part=view.name, severity="info", value=loop.torque,
                         unit="N*m",
                         evidence={
@@ -325,6 +335,7 @@ class SmootherFold(RegressionFold):
                         },
                     )
                     for loop in loops
+                    if not loop.is_sudden
                     for form in [loop.form]
                 ]  # fmt: skip
         return found
