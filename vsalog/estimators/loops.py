@@ -54,8 +54,7 @@ class Search(NamedTuple):
     ----------
     sharpness, shapes : at which a loop is looked for at first [1]: from the smoothest that there is to nearly sudden
     sudden : sharpness below which an element slips at once [1]: its strain is another by a hundredth of the slip at most
-    blurred : sharpness that filters and rounding of encoders give one that slips at once, at most [1]: 0.04 with steps of 1/60 of its
-        slip
+    blurred : sharpness that filters and rounding of encoders give one that slips at once [1]: 0.04 with steps of 1/60 of its slip
     closer : a simplex is than the one before [1]: as of corners
     farther : a simplex is smaller than the one before that a loop was outside of [1]: so that it ends within twice its sides
     settled : by how much the sum of squares still changes in the end, with noise of variance one [1]: a tenth of one unknown's
