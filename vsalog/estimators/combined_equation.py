@@ -43,6 +43,7 @@ class CombinedEquation:
     known : whether the rig has the motors' inertias; else these and the dampings are unknowns
     elements : friction elements of a transmission, each with a stiffness that is unknown
     wait : an element that has to have forgotten what was before the log
+    reach : largest deflection of each transmission, in that of the largest [1]: its element slips after as much less
     slack : how far noise may move a deflection [rad]
     """
 
@@ -54,6 +55,7 @@ class CombinedEquation:
     known: bool
     elements: tuple[Element, ...] = ()
     wait: Element | None = None
+    reach: tuple[float, ...] = ()
     slack: float = 0.0
 
     motor: ClassVar[None] = None
@@ -185,7 +187,9 @@ class CombinedEquation:
     @property
     def _memory(self) -> tuple[Transmission, ...]:
         """The friction element of each transmission that remembers longest; none where none is waited for."""
-        return () if self.wait is None else (_loop_of(self.wait),) * len(self.transmissions)
+        if self.wait is None:
+            return ()
+        return tuple(_loop_of(self.wait._replace(slip=own * self.wait.slip)) for own in self.reach)
 
     def _motor_part(self, i: int, rows: EquationRows, loops: Array, slopes: Array) -> Part:
         assert rows.plain is not None

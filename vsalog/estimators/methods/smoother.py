@@ -460,6 +460,7 @@ def build(device: Device, signals: JointSignals, tuning: SmootherTuning) -> Smoo
             pushed,
             known,
             slack=slack_of(own[0], signals, tuning),
+            reach=tuple(_reach(device, signals, view) for view in own),
         )
         for i, own in enumerate(together)
     ]
@@ -525,6 +526,12 @@ def _noise_before(signals: JointSignals, view: TransmissionView, window: int) ->
     """Return the variance of a deflection's noise before filters of a window [rad²]."""
     roles = (signals.roles[role][:ENOUGH] for role in view.deflection_roles(signals.roles))
     return sum(sensor_error(own, window).rms(np.ones(1)) ** 2 for own in roles)
+
+
+def _reach(device: Device, signals: JointSignals, view: TransmissionView) -> float:
+    """Return the largest deflection of a transmission, in that of the largest [1]; one where it never moves."""
+    largest = float(np.nanmax(np.abs(deflection_of(signals.roles, view)), initial=0.0))
+    return min(largest / device.basis.deflection_scale, 1.0) or 1.0
 
 
 def _has_a_setpoint_per_run(signals: JointSignals) -> bool:
