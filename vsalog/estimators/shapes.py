@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.basis import PolynomialBasis
 from vsalog.core.look import LONGEST_RUN, spread_over
+from vsalog.core.precision import ROUNDING
 from vsalog.core.signals import JointSignals
 from vsalog.core.significance import FALSE_ALARM
 from vsalog.estimators.combined_equation import CombinedEquation
@@ -95,8 +96,9 @@ class _Tried(NamedTuple):
 
     @property
     def is_polynomial(self) -> bool:
-        """Whether pieces of the deflection's range are probably not needed."""
-        return all(own.polynomial > 0.5 for own in self.found)
+        """Whether pieces of the deflection's range are probably not needed, by all equations together."""
+        p = np.clip([own.polynomial for own in self.found], ROUNDING, 1.0 - ROUNDING)
+        return bool(np.sum(np.log(p / (1.0 - p))) > 0.0)
 
     @property
     def surroundings(self) -> Surroundings:
