@@ -42,7 +42,7 @@ def played(
     loop : largest torque of an element next to the spring that yields smoothly (Bouc and Wen; Dahl's model at first) [N·m]
     start : motor and link position at the beginning [rad]
     push : what pushes the link, a function of time [N·m]
-    exponent, shape : of the element, as Ikhouane and Rodellar (2007) normalise it: σ of the loop is the shape
+    exponent, shape : of the element, as Ikhouane and Rodellar (2007) normalise it, whose σ is the shape
     """
 
     def slope(at, x):

@@ -208,7 +208,7 @@ def elements_of(loops: Sequence[Loop]) -> tuple[Element, ...]:
 def with_another(fit: Fit, slips: Sequence[float], known: Sequence[Loop]) -> list[Loop]:
     """Return the loops that are known and another one, if it is significant with a false alarm rate of `FALSE_ALARM`.
 
-    Its elements slip at deflections between the least and the largest of `slips` [rad].
+    Its elements slip at deflections between the least and twice the largest of `slips` [rad].
     """
     low, high = _bounds(slips)
     grid = [Element(slip) for slip in slips]
@@ -253,7 +253,7 @@ def _bounds(slips: Sequence[float]) -> tuple[Array, Array]:
 def _next(found: Loop, low: Array, high: Array) -> Simplex:
     """Return a simplex around the loop that one has shown: a smaller one if it is inside."""
     sides, first = found.simplex.sides, found.simplex.first
-    # As far as one side at a time: a fit is linear no farther.
+    # As far as two sides at a time: a fit is linear no farther.
     place = np.clip(np.clip(found.place, first - 2.0 * sides, first + 3.0 * sides), low, high)
     inside = np.all((place >= first) & (place <= first + sides))
     return Simplex.around(

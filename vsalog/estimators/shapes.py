@@ -184,13 +184,6 @@ class ShapeSearch:
             self._filtered = {basis: [block for block in blocks if len(block.rows)]}
         return self._filtered[basis]
 
-    def _informed(
-        self, basis: PolynomialBasis, elements: tuple[Element, ...], like: Surroundings, wait: Element | None = None
-    ) -> Array:
-        """Return the rows of a fit of the first equation, as of `SmootherSolver.information`."""
-        fold, states = self._collected(basis, elements, wait)
-        return fold.solver.information(states[0], like)
-
     def _with_setpoint_pieces(self, best: _Tried) -> _Tried:
         if self._plain.solver.constant or best.basis.setpoint_order == 1 or best.basis.setpoint_knots:
             return best
@@ -208,10 +201,11 @@ class ShapeSearch:
 
         def ramps(corners: tuple[float, ...]) -> Array:
             nonlocal like
-            basis = replace(plain, corners=corners)
+            fold, states = self._collected(replace(plain, corners=corners), (), None)
             # Of the first fit, which has most of them.
-            like = like or self._tried(basis).surroundings
-            rows = self._informed(basis, (), like)
+            like = like or fold.solver.evidence(states[0]).surroundings
+            assert like is not None
+            rows = fold.solver.information(states[0], like)
             # Coefficients are of the scaled deflection.
             rows[:, -1 - len(corners) : -1] *= plain.deflection_scale
             return rows
@@ -260,7 +254,8 @@ class ShapeSearch:
 
         def strains(elements: tuple[Element, ...]) -> Array:
             like = best if looped is None else max(best, looped, key=lambda own: own.evidence)
-            rows = self._informed(basis, elements, like.surroundings, self._long)
+            fold, states = self._collected(basis, elements, self._long)
+            rows = fold.solver.information(states[0], like.surroundings)
             if like.basis != basis:
                 return rows
             deviations = like.surroundings.deviations
