@@ -103,7 +103,7 @@ def corners_of(fit: Fit, low: float, high: float) -> list[Corner]:
     pairs = _merged([(grid[i], grid[i + 1]) for i in _selected(fit(tuple(grid)))])
     found: list[Corner] = []
     for _ in range(SEARCH.rounds if pairs else 0):
-        slopes, covariance = _solved(fit(tuple(at for pair in pairs for at in pair)), 2 * len(pairs))
+        slopes, covariance, _ = solved(fit(tuple(at for pair in pairs for at in pair)), 2 * len(pairs))
         own = [slice(2 * i, 2 * i + 2) for i in range(len(pairs))]
         found = [Corner.between(*pair, slopes[i], covariance[i, i]) for pair, i in zip(pairs, own, strict=True)]
         shown = [one for one in found if low < one.place < high]
@@ -176,8 +176,8 @@ def _range_of(columns: Array) -> Array:
     return np.asarray(u[:, s > ROUNDING * s.max(initial=0.0)])
 
 
-def _solved(rows: Array, count: int) -> tuple[Array, Array]:
-    """Return the last `count` unknowns of a fit and their covariance."""
-    R = triangle_of(rows)
-    inverse = np.linalg.pinv(R[-1 - count : -1, -1 - count : -1])
-    return np.asarray(inverse @ R[-1 - count : -1, -1]), np.asarray(inverse @ inverse.T)
+def solved(rows: Array, count: int) -> tuple[Array, Array, float]:
+    """Return the last `count` unknowns of a fit, their covariance and the sum of squares that is left."""
+    R = triangle_of(rows)[-1 - count :, -1 - count :]
+    inverse = np.linalg.pinv(R[:count, :count])
+    return np.asarray(inverse @ R[:count, -1]), np.asarray(inverse @ inverse.T), float(R[-1, -1] ** 2)

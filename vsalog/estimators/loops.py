@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from vsalog.core.significance import DETECTED, FALSE_ALARM
+from vsalog.estimators.corners import solved
 from vsalog.filters.random_walk import triangle_of
 
 Array = NDArray[np.float64]
@@ -59,7 +60,6 @@ class Search(NamedTuple):
     farther : a simplex is smaller than the one before that a loop was outside of [1]: so that it ends within twice its sides
     settled : by how much the sum of squares still changes in the end, with noise of variance one [1]: a tenth of one unknown's
     rounds : of simplices that come closer, at most [1]
-    same : by which part of their size the strains of elements that look the same differ [1]: the square root of rounding
     """
 
     sharpness: tuple[float, ...] = (0.25, 0.5, 1.0)
@@ -70,7 +70,6 @@ class Search(NamedTuple):
     farther: float = 0.5
     settled: float = 0.1
     rounds: int = 12
-    same: float = 1e-8
 
 
 SEARCH = Search()
@@ -230,7 +229,7 @@ def _refined(fit: Fit, simplices: list[Simplex], low: Array, high: Array) -> lis
     """Return the loops that simplices show, ever smaller ones; only those that are significant."""
     found, before = list[Loop](), math.inf
     for _ in range(SEARCH.rounds):
-        stiffnesses, covariance, left = _solved(fit(_elements(simplices)), 4 * len(simplices))
+        stiffnesses, covariance, left = solved(fit(_elements(simplices)), 4 * len(simplices))
         own = [slice(4 * i, 4 * i + 4) for i in range(len(simplices))]
         found = [Loop.of(each, stiffnesses[i], covariance[i, i]) for each, i in zip(simplices, own, strict=True)]
         small = all(np.all(SEARCH.closer * one.simplex.sides <= one.std) for one in found)
@@ -273,10 +272,3 @@ def _best(rows: Array, count: int) -> int | None:
     gains = np.where(along > 0.0, along, 0.0) ** 2
     at = int(np.argmax(gains))
     return at if gains[at] > chdtri(1, FALSE_ALARM / count) else None
-
-
-def _solved(rows: Array, count: int) -> tuple[Array, Array, float]:
-    """Return the last `count` unknowns of a fit, their covariance and the sum of squares that is left."""
-    R = triangle_of(rows)[-1 - count :, -1 - count :]
-    inverse = np.linalg.pinv(R[:count, :count], rcond=SEARCH.same)
-    return np.asarray(inverse @ R[:count, -1]), np.asarray(inverse @ inverse.T), float(R[-1, -1] ** 2)
