@@ -25,6 +25,11 @@ def field_descriptions(cls: type) -> dict[str, str]:
     return found
 
 
+def structure_description(cls: type) -> str:
+    """Return what a structure's docstring says before its "Attributes", which releases of msgspec indent in different ways."""
+    return (inspect.getdoc(cls) or "").partition("\n\nAttributes\n")[0]
+
+
 def document_schema(module: ModuleType) -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of a document.
 
@@ -40,6 +45,7 @@ def document_schema(module: ModuleType) -> dict[str, Any]:
     definitions: dict[str, Any] = schema["$defs"]
     for name, definition in definitions.items():
         words = field_descriptions(getattr(module, name))
+        definition["description"] = structure_description(getattr(module, name))
         for key, part in definition.get("properties", {}).items():
             if key in words:
                 part["description"] = words[key]

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import inspect as python_inspect
 import json
 from collections.abc import Iterator
 from typing import Any
@@ -13,7 +12,7 @@ from typing import Any
 import msgspec
 from msgspec import inspect
 
-from vsalog.core.document_schema import field_descriptions
+from vsalog.core.document_schema import field_descriptions, structure_description
 from vsalog.rig.schema import RigFile
 from vsalog.rig.uncertain import TOLERANCE_SIGN
 
@@ -77,7 +76,7 @@ def _inside(kind: inspect.Type) -> Iterator[inspect.Type]:
 
 def _describe(definition: dict[str, Any], struct: inspect.StructType) -> None:
     """Put descriptions on a structure's definition and its keys, and let quantities be texts."""
-    definition["description"] = (python_inspect.getdoc(struct.cls) or "").partition("\n\nAttributes\n")[0]
+    definition["description"] = structure_description(struct.cls)
     descriptions = field_descriptions(struct.cls)
     for field in struct.fields:
         schema = _without_null(definition["properties"][field.encode_name])
