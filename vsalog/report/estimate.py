@@ -26,7 +26,7 @@ from vsalog.figures.paper import write_figures
 from vsalog.report.document import Block, Cell, Document, Facts, Notes, Section, Table, Verdict, Words, led, provenance
 from vsalog.report.html import page_of
 from vsalog.report.outputs import Outputs, sealed
-from vsalog.writers.atomic import atomic_path, make_folder
+from vsalog.writers.atomic import atomic_path, made_folder
 from vsalog.writers.trace import TraceWriter
 from vsalog.writers.trace_mcap import write_trace_mcap
 
@@ -88,8 +88,8 @@ def write_estimate(
         )
     provenance = job.provenance() if provenance is None else provenance
     kept: list[Trace] = []
-    make_folder(outputs.trace.parent)
     with ExitStack() as stack:
+        stack.enter_context(made_folder(outputs.trace.parent))
         apart = None
         if layout is not None and outputs.page is not None:
             # Figures are drawn of a trace as it is.

@@ -20,7 +20,7 @@ from vsalog.estimation.job import sha256
 from vsalog.report.document import Document
 from vsalog.report.html import page_of
 from vsalog.rig.find import rig_beside
-from vsalog.writers.atomic import check_path, make_folder, together, write_text
+from vsalog.writers.atomic import check_path, made_folder, together, write_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,10 +131,9 @@ def write_report(
     """
     page, data = report_paths(folder, name, page)
     texts = {"report": (page, page_of(document)), "data": (data, document_text(document.data)), **(others or {})}
-    make_folder(data.parent)
-    for path, _ in texts.values():
-        check_path(path)
-    with together():
+    with made_folder(data.parent), together():
+        for path, _ in texts.values():
+            check_path(path)
         for path, text in texts.values():
             write_text(path, text)
     return {what: str(path) for what, (path, _) in texts.items()}

@@ -111,18 +111,28 @@ def check_path(path: Path) -> None:
         raise WriteError(f"{path}: is a device, not a file; name a file")
 
 
-def make_folder(folder: Path) -> None:
-    """Make a folder, and those above it.
+@contextmanager
+def made_folder(folder: Path) -> Iterator[None]:
+    """Make a folder and those above it, and remove what was made if files for it are not completed.
 
     Raises
     ------
     WriteError
         It cannot be made.
     """
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WriteError(f"{folder}: cannot be made a folder: {error.strerror}") from error
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise WriteError(f"{folder}: cannot be made a folder: {error.strerror}") from error
+        yield
+    except BaseException:
+        # A folder that holds a file stays.
+        for path in missing:
+            with suppress(OSError):
+                path.rmdir()
+        raise
 
 
 def write_text(path: Path, text: str) -> None:
