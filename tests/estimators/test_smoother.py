@@ -467,7 +467,33 @@ def test_another_inertia_than_the_rig_s_is_found_and_costs_little():
     assert np.median(errors(columns, truth)[0]) < 0.003
 
 
-@pytest.mark.parametrize(("role", "gain"), [("torque_sensor", 1.1), ("torque_sensor", 0.7), ("motor_torque", 0.9)])
+@pytest.mark.parametrize(("part", "torque"), [("motor", "motor_torque"), ("link", "external_torque")])
+def test_an_inertia_that_was_found_explains_the_residual(part, torque):
+    t, signals, truth = machine(push=push)
+    own = SEA.joint["sea"]
+    light = msgspec.structs.replace(getattr(own, part), inertia=0.7 * getattr(own, part).inertia)
+    joint = msgspec.structs.replace(own, **{part: light})
+    columns, fold, state = estimated(
+        t, without(signals, "torque_sensor", "motor_torque", "external_torque") | {torque: signals[torque]}, joint
+    )
+
+    assert {f.code for f in fold.findings(state) if f.severity != "info"} == {f"{part}.inertia_differs"}
+    assert np.median(errors(columns, truth)[0]) < 0.003
+    # The torque that is left for the spring is that of a sensor which was not used.
+    off = (columns["flexibility_torque"] - signals["torque_sensor"])[columns["excited"]]
+    assert np.nanstd(off) < 0.03 * np.std(signals["torque_sensor"])
+
+
+GAINS = [
+    ("torque_sensor", 1.1),
+    ("torque_sensor", 0.7),
+    ("torque_sensor", -1.0),
+    ("motor_torque", 0.9),
+    ("motor_torque", -1.0),
+]
+
+
+@pytest.mark.parametrize(("role", "gain"), GAINS)
 def test_the_torque_whose_gain_is_off_is_found_and_costs_nothing(role, gain):
     t, signals, truth = machine()
     columns, fold, state = estimated(t, signals | {role: gain * signals[role]})
@@ -477,6 +503,11 @@ def test_the_torque_whose_gain_is_off_is_found_and_costs_nothing(role, gain):
     assert "spring.not_polynomial" not in {f.code for f in fold.findings(state)}
     assert found.value == pytest.approx(gain, abs=3.0 * found.evidence["std"] + 1e-3)
     assert np.median(errors(columns, truth)[0]) < 0.002
+    # As of a sound log, whatever a gain multiplies.
+    sound, _, _ = estimated(t, signals)
+    assert np.nanmedian(np.abs(columns["stiffness"] - sound["stiffness"]) / sound["stiffness_std"]) < 0.5
+    off = columns["flexibility_torque"] - sound["flexibility_torque"]
+    assert np.nanstd(off) < 0.002 * np.nanstd(sound["flexibility_torque"])
 
 
 @pytest.mark.parametrize("level", [0.05, 0.5])

@@ -100,7 +100,6 @@ class RegressionFold:
             solvers=state.solvers,
             regions={name: region.whole() for name, region in state.regions.items()},
             learning=False,
-            residual_rows=state.residual_rows,
         )
 
     def step(self, state: FoldState, block: JointSignals) -> tuple[FoldState, list[Trace]]:
@@ -175,12 +174,13 @@ class RegressionFold:
         # The sum of several transmissions' stiffnesses has a functional of its own: correlation is not lost.
         summed = 4 * len(where) if len(where) > 1 else 1
         solver_state, values, variances, unknowns, extra = self.solver.block(solver_state, rows, use, E, spread)
-        if rows.motion is not None:
+        # The residual is that of the last pass, in which all unknowns are known.
+        if rows.motion is not None and state.learning == (self.passes == 1):
             names = tuple(view.name for view in equation.transmissions)
             F, y = (rows.F, rows.y) if rows.plain is None else rows.plain
             state.residual_rows[names] = motion_rows_block(
                 state.residual_rows.get(names, motion_rows_start(equation.size)),
-                F, E[:, summed], y, rows.motion, use, block.rows.starts, self.conditioner.window, block.rows.period,
+                F, E[:, summed], y, rows.motion, rows.use, block.rows.starts, self.conditioner.window, block.rows.period,
             )  # fmt: skip
         deviations = np.sqrt(variances)
         columns: dict[str, dict[str, Any]] = {}

@@ -180,7 +180,7 @@ class Choice(NamedTuple):
     noise : of each equation; none where it is to be fitted to other rows
     active : numbers of the unknowns that are estimated
     smoothness : hypotheses of how smooth a spring is; of the first it is a polynomial
-    nominal : coefficients, and other unknowns that equations share, on average
+    nominal : shape (size,), all unknowns, on average
     direction : shape (transmissions, active), the torque of each transmission as a whole
     usual : shape (active,), size of each unknown
     steady : shape (transmissions,), what the torque of each as a whole gains from interval to interval, as a part of it
@@ -479,13 +479,14 @@ class Smoother:
         self.smoothness: tuple[Smoothness, ...] = ()
         self.prior = self.usual = np.zeros(0)
         self.direction = np.zeros((solver.transmissions, 0))
-        # A torque is what the unknowns add up to and what the rig has of the motor.
-        self.rest = [
-            part.rows[:, n + solver.shared + own.index(GAIN)].copy()
-            for part, own in zip(self.boxes, solver.unknowns, strict=True)
-        ]
-        self._follow(np.zeros(solver.transmissions) if choice is None else choice.steady)
-        self._take(_least_squares(self.boxes[0])[: n + solver.shared] if choice is None else choice.nominal)
+        self.nominal, self.steady = np.zeros(self.size), np.zeros(solver.transmissions)
+        if choice is None:
+            self._form()
+            self.nominal[: n + solver.shared] = _least_squares(self.boxes[0])[: n + solver.shared]
+            self._take(self.nominal)
+        else:
+            self.steady = choice.steady
+            self._take(choice.nominal)
 
     def _scale(self) -> Array:
         """Return the prior's standard deviation of each unknown, shape (size,)."""
@@ -503,19 +504,31 @@ class Smoother:
         return scale
 
     def _take(self, nominal: Array) -> None:
-        """Take what gains multiply from unknowns that the equations share, shape (n + shared,)."""
-        self.nominal, size = nominal, nominal.size
-        for part, own, rest in zip(self.boxes, self.solver.unknowns, self.rest, strict=True):
-            part.rows[:, size + own.index(GAIN)] = rest + part.rows[:, :size] @ nominal
+        """Form the rows around values of all unknowns, shape (size,)."""
+        self.nominal = nominal
+        self._form()
         self.steepness = [self._steepness(own) for own in self.slopes]
 
     def _follow(self, steady: Array) -> None:
         """Let the torques of an interval's rows change steadily, by parts (transmissions,) from interval to interval."""
-        n, views = self.solver.coefficients, self.solver.transmissions
         self.steady = steady
-        for part, own, where in zip(self.boxes, self.collected, self.where, strict=True):
+        self._form()
+
+    def _form(self) -> None:
+        """Form the rows, to first order: (1 + gain) (torques + what the rig has of the motor) + offset = measured torque."""
+        n, views = self.solver.coefficients, self.solver.transmissions
+        equations = zip(self.boxes, self.collected, self.where, self.columns, self.solver.unknowns, strict=True)
+        for part, own, where, columns, names in equations:
             after = (own.place + 0.5) * self.count / self.samples - 0.5 - where
-            part.rows[:, :n] = own.rows[:, :n] * np.repeat(1.0 + after[:, None] * steady, n // views, axis=1)
+            rows, first = own.rows[:, :-n].copy(), columns.size - len(names)
+            rows[:, :n] *= np.repeat(1.0 + after[:, None] * self.steady, n // views, axis=1)
+            gain, nominal = first + names.index(GAIN), self.nominal[columns]
+            torques = np.delete(np.arange(columns.size), [gain, first + names.index("offset")])
+            torque = rows[:, torques] @ nominal[torques]
+            rows[:, torques] *= 1.0 + nominal[gain]
+            rows[:, gain] += torque
+            rows[:, -1] += nominal[gain] * torque
+            part.rows[:] = rows
 
     def _steady(self, course: Array, change: Change) -> Array:
         """Return by which part torques change from interval to interval where they do not jump, shape (transmissions,)."""
@@ -622,7 +635,7 @@ class Smoother:
             self._follow(self._steady(course, _likeliest(found)) if shown else np.zeros_like(self.steady))
             noise, weights = self._noise(self._whole(self.roughest.mean), _likeliest(found))
             at = mean.mean(axis=0)
-            self._take(at[: self.nominal.size])
+            self._take(at)
             deviation = self._whole(np.sqrt(np.square(smoothed.root).sum(axis=1))).mean(axis=0)
             if np.all(np.abs(at - before) <= LIMITS.settled * deviation):
                 break

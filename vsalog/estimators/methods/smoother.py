@@ -111,8 +111,10 @@ class SmootherFold(RegressionFold):
     def _solve(
         self, state: FoldState, equation: Equation, solver_state: Any, rows: EquationRows, block: Conditioned
     ) -> tuple[Any, dict[str, dict[str, Any]], Array]:
-        solver_state, columns, variance = super()._solve(state, equation, solver_state, rows, block)
         assert isinstance(equation, CombinedEquation)
+        if solver_state.trajectory is not None:
+            rows = self._with_others(equation, rows, solver_state.trajectory)
+        solver_state, columns, variance = super()._solve(state, equation, solver_state, rows, block)
         for i, view in enumerate(equation.transmissions):
             own = columns[view.name]
             if solver_state.trajectory is not None and (
@@ -132,6 +134,21 @@ class SmootherFold(RegressionFold):
             own["stiffness_std"] = np.hypot(own["stiffness_std"], np.sqrt(more))
             variance = variance + more
         return solver_state, columns, variance
+
+    def _with_others(self, equation: CombinedEquation, rows: EquationRows, trajectory: Trajectory) -> EquationRows:
+        """Return rows of the torque that is left for the springs by the first equation's other unknowns, as they were found."""
+        names = equation.unknowns[0]
+        found = {
+            name: value
+            for (part, name), (value, _) in trajectory.others.items()
+            if not part and name in names and (part, name) not in self.solver.leading
+        }
+        gain = 1.0 + found.pop(GAIN, 0.0)
+        columns = rows.parts[0].columns[:, -1 - len(names) : -1]
+        others = columns @ np.array([found.get(name, 0.0) for name in names])
+        plain = None if rows.plain is None else (rows.plain[0], rows.plain[1] + others)
+        fed = {name: (own - others) / gain for name, own in rows.fed.items()}
+        return replace(rows, y=(rows.y - others) / gain, fed=fed, plain=plain)
 
     def _yielding(self, equation: CombinedEquation, trajectory: Trajectory, transmission: int) -> dict[int, float]:
         """Return the stiffness of each friction element of a transmission, by its number among all; none that were not needed."""
