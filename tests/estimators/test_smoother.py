@@ -597,6 +597,36 @@ def test_inertia_and_damping_are_estimated_where_the_rig_has_none():
         assert fold.model(state).motor["inertia_1"] == pytest.approx(INERTIA, rel=0.02)
 
 
+def test_the_band_is_that_of_the_unknowns_that_are_estimated():
+    """An offset that the log does not show leaves a root with fewer rows than columns."""
+    t, signals, _ = machine()
+    own = SEA.joint["sea"]
+    joint = msgspec.structs.replace(own, motor=msgspec.structs.replace(own.motor, inertia=None, damping=0.0))
+    _, fold, state = estimated(t, signals, joint)
+    (solver,) = state.solvers
+    found = solver.trajectory
+    intervals, rows, size = found.root.shape
+    assert rows < size
+    # Memory behind the root's: what is read there shows.
+    memory = np.full((intervals + 1, rows, size), 1e6)
+    memory[:-1] = found.root
+    functionals = np.random.default_rng(1).normal(size=(found.samples, 1, size))
+
+    _, _, variances, _, _ = fold.solver.block(
+        solver._replace(samples=0, trajectory=found._replace(root=memory[:-1])),
+        None,
+        None,
+        functionals,
+        np.ones(1, dtype=bool),
+    )
+
+    place = (np.arange(found.samples) + 0.5) * intervals / found.samples - 0.5
+    nearest = np.clip(np.round(place).astype(int), 0, intervals - 1)
+    expected = np.square(np.einsum("kij,kj->ki", found.root[nearest], functionals[:, 0])).sum(axis=1)
+    clear = np.abs(place % 1.0 - 0.5) > 1e-6
+    np.testing.assert_allclose(variances[clear, 0], expected[clear], rtol=1e-9)
+
+
 def test_a_motor_of_unknown_inertia_does_not_calibrate_the_sensor():
     """Which of two torques is wrong cannot be told: the sensor's counts."""
     own = SEA.joint["sea"]

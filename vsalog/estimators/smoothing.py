@@ -1218,7 +1218,8 @@ def _evaluate(
             if not spread[s]:
                 continue
             variance = 0.0
-            for h in range(n):
+            # Unknowns that are not estimated leave a root with fewer rows than columns.
+            for h in range(root.shape[1]):
                 total = 0.0
                 for i in range(h, n):
                     total += root[nearest, h, i] * E[k, s, i]
