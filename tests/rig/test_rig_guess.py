@@ -134,6 +134,19 @@ def test_numbered_links_are_joints_and_numbered_motors_are_antagonists():
     assert channels_of(pair)["motor_position_2"] == "theta2"
 
 
+def test_a_number_after_a_subscript_counts_joints():
+    columns = {"theta_m": MOTOR, "theta_l": LINK, "tau_m": MOTOR_TORQUE, "tau_s": TORQUE}
+    arm = guess_roles(table({f"{name}{i}": i * values for i in (1, 2) for name, values in columns.items()}))
+    assert [(j.name, j.kind) for j in arm.joints] == [("joint_1", "elastic"), ("joint_2", "elastic")]
+    roles = {
+        "motor_position": "theta_m2",
+        "motor_torque": "tau_m2",
+        "link_position": "theta_l2",
+        "torque_sensor": "tau_s2",
+    }
+    assert channels_of(arm.joints[1]) == roles
+
+
 def test_an_arm_with_one_position_per_joint_is_rigid_and_says_what_is_missing():
     fields = {"position": LINK, "effort": TORQUE, "velocity": MOTOR}
     columns = {f"{field}[arm_{i}_joint]": v + i for i in range(3) for field, v in fields.items()}

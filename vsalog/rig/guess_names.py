@@ -383,7 +383,7 @@ def _part(words: list[str], quantity: str) -> tuple[str, int | None, list[str]]:
     """Return part, its number, and the words that are neither: the joint's name."""
     found, index = set[str](), None
     left: list[str] = []
-    previous = ""
+    previous, is_subscript = "", False
     for i, word in enumerate(words):
         follower = words[i + 1] if i + 1 < len(words) else ""
         subscript = _subscript(words, i)
@@ -391,7 +391,7 @@ def _part(words: list[str], quantity: str) -> tuple[str, int | None, list[str]]:
             # "joint_1" is a name, "motor_1" is the first of a joint's motors.
             if previous == "joint":
                 left.extend(["joint", word])
-            elif previous in _NUMBERED:
+            elif previous in _NUMBERED or is_subscript:
                 index = int(word)
             else:
                 left.append(word)
@@ -403,7 +403,7 @@ def _part(words: list[str], quantity: str) -> tuple[str, int | None, list[str]]:
             pass
         elif word not in _VOCABULARY and not (word == "joint" and follower.isdigit()):
             left.append(word)
-        previous = word
+        previous, is_subscript = word, subscript is not None
     if quantity in ("position", "velocity", "current") and "spring" not in words:
         found.discard("sensor")  # a measured angle is the joint's; a spring's is a deflection
     part = next((part for part in _SUREST if part in found), "")
