@@ -41,6 +41,9 @@ def only_joint(log):
         (("rotor_enc", "output_enc", "actuator_effort", "loadcell_moment"), {}),
         (("motor", "link", "motor torque", "sensor torque"), {"motor": "deg", "link": "deg"}),
         (("elbow_motor_pos", "elbow_link_pos", "elbow_motor_trq", "elbow_sensor_trq"), {}),
+        (("phi_m", "phi_l", "tau_m", "tau_s"), {}),
+        (("phi_motor", "phi_link", "tau_motor", "tau_spring"), {}),
+        (("φ_mot", "φ_load", "tau_mot", "LoadCell"), {"φ_mot": "deg", "φ_load": "deg"}),
     ],
 )
 def test_names_in_tables(names, units):
@@ -52,6 +55,13 @@ def test_names_in_tables(names, units):
         zip(sorted(roles), [n for _, n in sorted(zip(roles, names, strict=True))], strict=True)
     )
     assert all(0.0 < guess.confidence <= 1.0 and guess.reasons for guess in joint.roles.values())
+
+
+def test_phi_without_a_part_is_the_deflection():
+    columns = {"theta_m": MOTOR, "theta_l": LINK, "phi": DEFLECTION, "tau_s": TORQUE}
+    assert channels_of(only_joint(table(columns)))["deflection"] == "phi"
+    both = channels_of(only_joint(table({"phi_m": MOTOR, "phi_l": LINK, "phi_m_des": PUSH})))
+    assert both["commanded_position"] == "phi_m_des"
 
 
 @pytest.mark.parametrize(

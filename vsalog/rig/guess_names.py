@@ -306,7 +306,7 @@ def _is_velocity(field: list[str], unit: str | None) -> bool:
 
 def _is_joint_velocity(field: list[str], words: list[str], unit: str | None) -> bool:
     """Return whether a channel is the rate of a position: no body's velocity, error, or rate of something else."""
-    derived = any(word in DEFLECTION or (word in OTHER and word not in VELOCITY) for word in field)
+    derived = _is_deflection(field) or any(word in OTHER and word not in VELOCITY for word in field)
     is_bodys = not BODY.isdisjoint(field) or not BODY_TOPICS.isdisjoint(words)
     return _is_velocity(field, unit) and not derived and not is_bodys
 
@@ -344,18 +344,23 @@ def _is_command(words: list[str]) -> bool:
 
 
 def _named_quantity(words: list[str]) -> str | None:
-    for quantity, vocabulary in (
-        ("deflection", DEFLECTION),
-        ("torque", TORQUE),
-        ("current", CURRENT - {"i"}),
-    ):
+    if _is_deflection(words):
+        return "deflection"
+    for quantity, vocabulary in (("torque", TORQUE), ("current", CURRENT - {"i"})):
         if any(word in vocabulary for word in words):
             return quantity
     if any(word in SETPOINT for word in words) or _is_symbol(words):
         return "setpoint"
-    if any(word in POSITION for word in words):
+    if any(word in POSITION or word == "phi" for word in words):
         return "position"
     return "current" if any(w == "i" and b not in TERMS for b, w in zip(["", *words], words, strict=False)) else None
+
+
+def _is_deflection(words: list[str]) -> bool:
+    """Return whether a name is of a deflection: φ is one alone, and next to a motor or link, as in phi_m, that one's angle."""
+    return any(
+        word in DEFLECTION and (word != "phi" or _part(words, "position")[0] not in ("motor", "link")) for word in words
+    )
 
 
 def _by_unit(unit: str | None) -> str | None:
@@ -376,7 +381,7 @@ def _subscript(words: list[str], i: int) -> str | None:
     behind = words[i - 1] if i else ""
     if behind in SUBSCRIPTS and i > 1:
         behind = words[i - 2]
-    return SUBSCRIPTS.get(words[i]) if behind in TORQUE | POSITION | VELOCITY else None
+    return SUBSCRIPTS.get(words[i]) if behind in TORQUE | POSITION | VELOCITY | {"phi"} else None
 
 
 def _part(words: list[str], quantity: str) -> tuple[str, int | None, list[str]]:
