@@ -70,9 +70,35 @@ def test_no_load_is_guessed_of_a_torque_that_follows_nothing(tmp_path):
     assert (joint.load, joint.roles["motor_torque"].has_sign) == (None, False)
 
 
+def hint(text):
+    """Return the stiffness that a rig proposes as a comment [N·m/rad]."""
+    filled = text.replace('type = "unknown"', 'type = "linear"').replace("# stiffness = ", "stiffness = ")
+    return Rig.from_toml(filled).joints["joint"].transmission.stiffness
+
+
 def test_the_spring_that_an_identification_may_begin_with_is_a_gap_next_to_a_torque_sensor(tmp_path):
     recording, guess, _ = guessed(tmp_path, elastic_drive())
     text = rig_template(recording, guess)
     assert Rig.from_toml(text).joints["joint"].transmission == UnknownTransmission()
-    filled = text.replace('type = "unknown"', 'type = "linear"').replace("# stiffness = ", "stiffness = ")
-    assert Rig.from_toml(filled).joints["joint"].transmission.stiffness == pytest.approx(100.0, rel=0.05)
+    assert hint(text) == pytest.approx(100.0, rel=0.05)
+
+
+@pytest.mark.parametrize("unit", ["N*m", "N*mm"])
+def test_the_spring_is_proposed_by_the_torque_sensor_and_not_by_a_current(tmp_path, unit):
+    columns = elastic_drive()
+    columns["i_q [A]"] = columns.pop("motor_torque") / 2.5
+    columns[f"torque_sensor [{unit}]"] = -columns.pop("torque_sensor") * (1000.0 if unit == "N*mm" else 1.0)
+    recording, guess, joint = guessed(tmp_path, columns)
+    assert joint.roles["motor_torque"].is_current
+    assert joint.stiffness == pytest.approx(100.0, rel=0.05)
+    assert hint(rig_template(recording, guess)) == pytest.approx(100.0, rel=0.05)
+
+
+def test_no_spring_is_proposed_by_a_current_without_a_torque_constant(tmp_path):
+    columns = elastic_drive()
+    columns["i_q [A]"] = columns.pop("motor_torque") / 2.5
+    recording, guess, joint = guessed(tmp_path, columns, ["torque_sensor"])
+    assert joint.load is not None
+    assert "# stiffness =" not in rig_template(recording, guess, with_beginnings=False)
+    stated = rig_template(recording, guess, {"joint": {"motor.torque_constant": "2.5"}}, with_beginnings=False)
+    assert hint(stated) == pytest.approx(100.0, rel=0.05)

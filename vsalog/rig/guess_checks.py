@@ -12,7 +12,7 @@ from vsalog.core.finding import Evidence, Finding
 from vsalog.core.recording import Channel
 from vsalog.rig import guess_data
 from vsalog.rig.guess_data import CORRELATED, Line, Ratio
-from vsalog.rig.guess_load import motor_load
+from vsalog.rig.guess_load import factor_of, motor_load
 from vsalog.rig.guess_types import Kind, RoleGuess
 
 DEGREES = math.degrees(1.0)
@@ -20,10 +20,17 @@ DEGREES = math.degrees(1.0)
 
 @dataclass(slots=True)
 class Checked:
-    """Roles with sides and signs filled in, and the findings."""
+    """Roles with sides and signs filled in, and the findings.
+
+    Attributes
+    ----------
+    gear_ratio : of the motor; None for none, with NaN for an unknown one
+    stiffness : slope of the torque sensor over the deflection [N·m/rad]; None where it does not follow, or a scale is unknown
+    """
 
     roles: dict[str, RoleGuess]
     gear_ratio: Ratio | None = None
+    stiffness: float | None = None
     findings: list[Finding] = field(default_factory=list)
 
     @property
@@ -33,9 +40,12 @@ class Checked:
         return wholes[0] if len(wholes) == 1 else None
 
     @property
-    def known_gear_ratio(self) -> int | None:
+    def known_gear_ratio(self) -> float | None:
         """1 where there is no gear, None where no other estimate of it is good enough for a deflection."""
-        return 1 if self.gear_ratio is None else self.whole_gear_ratio
+        if self.gear_ratio is None:
+            return 1.0
+        is_stated = self.gear_ratio.low == self.gear_ratio.high
+        return self.gear_ratio.value if is_stated else self.whole_gear_ratio
 
     @property
     def gear_ratios(self) -> tuple[float, ...]:
@@ -63,6 +73,7 @@ def confirm(roles: Mapping[str, RoleGuess], channels: Mapping[str, Channel], kin
             _torque(checked, channels, suffix)
     if "motor_torque" in checked.roles:
         _motor_torque(checked, channels)
+    checked.stiffness = _sensed_stiffness(checked, channels)
     return checked
 
 
@@ -77,7 +88,7 @@ def _gear(checked: Checked, channels: Mapping[str, Channel]) -> None:
     guess = msgspec.structs.replace(checked.roles["motor_position"], has_sign=True)
     if found.slope < 0.0:
         guess = _changed(guess, "it moves against the link", sign=-1)
-    size = _motor_per_link(checked, channels, "")
+    size = _motor_per_link(checked, channels)
     springs = [channels[role] for role in ("deflection", "torque_sensor") if role in channels]
     for some in () if size is None else (springs, []):
         moves = guess_data.ratio_between(motor, link, some)
@@ -157,22 +168,40 @@ def _over_deflection(
     if deflection is not None:
         return f"'{deflection.name}'", guess_data.torque_over_deflection(torque, deflection)
     motor, link = channels.get(f"motor_position{suffix}"), channels.get("link_position")
-    size = None if motor is None or link is None else _motor_per_link(checked, channels, suffix)
-    if motor is None or link is None or size is None:
+    if motor is None or link is None:
         return "", None
-    size *= checked.roles[f"motor_position{suffix}"].sign
-    lines = [guess_data.torque_over_difference(torque, link, motor, size * ratio) for ratio in checked.gear_ratios]
+    of_link = factor_of(link, checked.roles["link_position"], None)
+    of_motor = [factor_of(motor, checked.roles[f"motor_position{suffix}"], gear) for gear in checked.gear_ratios]
+    lines = [
+        guess_data.torque_over_difference(torque, link, motor, of_link / size)
+        for size in of_motor
+        if size is not None and of_link is not None
+    ]
     known = [line for line in lines if line is not None]
-    if not known or len(known) < len(lines) or len({line.correlation > 0.0 for line in known}) > 1:
+    if not known or len(known) < len(of_motor) or len({line.correlation > 0.0 for line in known}) > 1:
         return "", None
     return "link − motor position", min(known, key=lambda line: abs(line.correlation))
 
 
-def _motor_per_link(checked: Checked, channels: Mapping[str, Channel], suffix: str) -> float | None:
+def _sensed_stiffness(checked: Checked, channels: Mapping[str, Channel]) -> float | None:
+    """Return the slope of the torque sensor over the deflection in SI, as for `Checked`."""
+    angle = "deflection" if "deflection" in channels else "link_position"
+    if "torque_sensor" not in checked.roles or angle not in channels:
+        return None
+    torque = channels["torque_sensor"]
+    _, line = _over_deflection(torque, checked, channels, "")
+    of_torque = factor_of(torque, checked.roles["torque_sensor"], checked.known_gear_ratio, "N*m")
+    of_angle = factor_of(channels[angle], checked.roles[angle], None)
+    is_exact = angle == "deflection" or checked.known_gear_ratio is not None
+    if line is None or abs(line.correlation) < CORRELATED or of_torque is None or of_angle is None or not is_exact:
+        return None
+    return float(abs(line.slope * of_torque / of_angle))
+
+
+def _motor_per_link(checked: Checked, channels: Mapping[str, Channel]) -> float | None:
     """Return the motor's reading for a link's reading of 1 at equal angles, by their units."""
     motor, link = (
-        guess_data.si_of(channels[role], checked.roles[role].unit)
-        for role in (f"motor_position{suffix}", "link_position")
+        guess_data.si_of(channels[role], checked.roles[role].unit) for role in ("motor_position", "link_position")
     )
     return None if motor is None or link is None else link / motor
 

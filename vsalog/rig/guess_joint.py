@@ -87,6 +87,7 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
         findings=tuple(findings),
         not_needed=tuple(role for role, (_, needed) in whys.items() if not needed),
         load=load,
+        stiffness=checked.stiffness,
     )
 
 

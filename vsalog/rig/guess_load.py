@@ -37,6 +37,25 @@ class Averaging(NamedTuple):
 AVERAGING = Averaging()
 
 
+def factor_of(channel: Channel, guess: RoleGuess, gear: float | None, like: str = "rad") -> float | None:
+    """Return the factor from a guessed channel to SI on the joint's side; None where its scale is not known.
+
+    Parameters
+    ----------
+    channel, guess : of one role
+    gear : ratio; None for an unknown one
+    like : the role's unit
+    """
+    if guess.counts_per_turn is not None:
+        size: float | None = 2.0 * math.pi / guess.counts_per_turn
+    else:
+        size = si_of(channel, guess.unit, like)
+    if size is None or (guess.side == "rotor" and gear is None):
+        return None
+    by = 1.0 if guess.side == "joint" or gear is None else gear if like == "N*m" else 1.0 / gear
+    return guess.sign * size * by
+
+
 def motor_load(
     roles: Mapping[str, RoleGuess],
     channels: Mapping[str, Channel],
@@ -56,15 +75,7 @@ def motor_load(
     """
 
     def factor(role: str, like: str = "rad") -> float | None:
-        guess = roles[role]
-        if guess.counts_per_turn is not None:
-            size: float | None = 2.0 * math.pi / guess.counts_per_turn
-        else:
-            size = si_of(channels[role], guess.unit, like)
-        if size is None or (guess.side == "rotor" and gear is None):
-            return None
-        by = 1.0 if guess.side == "joint" or gear is None else gear if like == "N*m" else 1.0 / gear
-        return guess.sign * size * by
+        return factor_of(channels[role], roles[role], gear, like)
 
     def sum_of(*parts: tuple[str, float]) -> list[tuple[Channel, float]] | None:
         found = [(channels[role], sign * size) for role, sign in parts if role in roles and (size := factor(role))]

@@ -99,7 +99,9 @@ class JointGuess(Struct, frozen=True):
     roles : role → channel
     missing : role → why there is none
     not_needed : those of the missing roles that an estimate does not need
-    load : what the motor's torque moves, with the deflection as its spring; None where its scale or that of an angle is not known
+    load : what the motor's torque moves, with the deflection as its spring; None where its scale or that of an angle is not
+        known; of a current, per N·m/A of the torque constant
+    stiffness : slope of the torque sensor over the deflection [N·m/rad]; None where it does not follow, or a scale is unknown
     gear_ratio : rotor turns per joint turn, estimated from two positions: no datum
     whole_gear_ratio : the only whole number in its interval; None where there is none, or several
     runs : if the log contains several
@@ -118,6 +120,7 @@ class JointGuess(Struct, frozen=True):
     findings: tuple[Finding, ...] = ()
     not_needed: tuple[str, ...] = ()
     load: Load | None = None
+    stiffness: float | None = None
 
     @property
     def is_driven(self) -> bool:

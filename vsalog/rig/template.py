@@ -199,7 +199,7 @@ def _joint(name: str, joint: JointGuess, answers: Answers, command: Command) -> 
     for motor in _MOTORS[joint.kind]:
         yield from _motor(f"{path}.{motor}", motor, joint, answers, begin)
     for transmission in _TRANSMISSIONS.get(joint.kind, ()):
-        yield from _transmission(f"{path}.{transmission}", joint, begin)
+        yield from _transmission(f"{path}.{transmission}", joint, answers, begin)
     if joint.kind == "serial":
         yield from _lever(path, begin)
     if joint.kind != "rigid":
@@ -283,9 +283,9 @@ def _motor(path: str, key: str, joint: JointGuess, answers: Answers, begin: bool
         yield ""
         return
     yield f"[{path}]"
-    inertia = None if joint.load is None or joint.load.inertia <= 0.0 else joint.load.inertia
     if begin and f"{key}.inertia" not in answers:
-        size, why = ("1", "made up") if inertia is None else (f"{inertia:.3g}", "by torque and motion")
+        inertia = 0.0 if joint.load is None else joint.load.inertia
+        size, why = (f"{inertia:.3g}", _by_motion(joint, answers)) if inertia > 0.0 else ("1", "made up")
         yield _line(f'inertia = "{size} kg*m^2"', why)
     else:
         why = "not in any log; needed where the torque comes from the motor's side"
@@ -318,26 +318,43 @@ def _known(answers: Answers, key: str, example: str, why: str) -> str:
     return f"{name} = {answers[key]}" if key in answers else _gap(name, example, why)
 
 
-def _transmission(path: str, joint: JointGuess, begin: bool) -> Iterator[str]:
+def _stiffness(joint: JointGuess, answers: Answers, begin: bool) -> tuple[float, str] | None:
+    """Return a guess of the stiffness [N·m/rad] and its evidence: by the torque sensor, else by the motor's torque.
+
+    A current is a torque only where the rig states a torque constant: an answer, or the one of the initial values.
+    """
+    if joint.stiffness is not None:
+        return joint.stiffness, "by torque sensor and deflection"
+    if joint.load is None or joint.load.spring <= 0.0 or not (begin or _has_torque(joint, answers)):
+        return None
+    return joint.load.spring, _by_motion(joint, answers)
+
+
+def _has_torque(joint: JointGuess, answers: Answers) -> bool:
+    return not joint.roles["motor_torque"].is_current or "motor.torque_constant" in answers
+
+
+def _by_motion(joint: JointGuess, answers: Answers) -> str:
+    return "by torque and motion" if _has_torque(joint, answers) else "by current and motion, for this torque_constant"
+
+
+def _transmission(path: str, joint: JointGuess, answers: Answers, begin: bool) -> Iterator[str]:
     yield f"[{path}]"
+    found = _stiffness(joint, answers, begin)
     choices = "linear, cubic, polynomial, exponential" + (", vsa2 or awas" if joint.kind == "serial" else " or vsa2")
     law = f"{choices} where the spring's law is known; then its parameters go here too"
     if not begin:
         yield _line('type = "unknown"', law)
-        if joint.load is not None and joint.load.spring > 0.0:
-            size = f'"{joint.load.spring:.3g} N*m/rad"'
-            yield _gap(
-                "stiffness", size, "by torque and motion; with type = \"linear\" 'vsalog identify' can begin there"
-            )
+        if found is not None:
+            why = f"{found[1]}; with type = \"linear\" 'vsalog identify' can begin there"
+            yield _gap("stiffness", f'"{found[0]:.3g} N*m/rad"', why)
     elif joint.kind == "serial":
         yield _line('type = "awas"', law)
         yield 'spring_stiffness = "40 kN/m"'
     else:
         yield _line('type = "linear"', law)
-        if joint.load is None or joint.load.spring <= 0.0:
-            yield _line('stiffness = "400 N*m/rad"', "made up")
-        else:
-            yield _line(f'stiffness = "{joint.load.spring:.3g} N*m/rad"', "by torque and motion")
+        size, why = found or (400.0, "made up")
+        yield _line(f'stiffness = "{size:.3g} N*m/rad"', why)
     yield ""
 
 
