@@ -191,10 +191,21 @@ def asked(folder, log, answers):
     return process.returncode, out.decode(), err.decode()
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_ask_takes_the_sign_from_the_log_once_the_scales_are_answered(sign, tmp_path):
+    log = write(tmp_path, {**COUNTED, "LoadCell (Nm)": sign * TORQUE})
+    code, text, prompts = asked(tmp_path, log, ["4096", "65536", "rotor", "50", "0.06", ""])
+    assert code == 0, prompts
+    sensor = "LoadCell" if sign == 1 else {"channel": "LoadCell", "sign": -1}
+    assert tomllib.loads(text)["joint"]["joint"]["signals"]["torque_sensor"] == sensor
+    assert "sign of" not in prompts
+    assert "'Enc1'" not in prompts.partition("joint joint")[2]
+
+
 def test_ask_fills_the_gaps_and_asks_again_for_what_cannot_be(tmp_path):
     log = write(tmp_path, COUNTED)
     # A word, a negative number, another unit and what is no choice are asked for again; an empty line leaves the gap.
-    answers = ["many", "-3", "4096", "65536", "shaft", "rotor", "50", "0.06 N*m", "60 mNm/A", "2", "-1"]
+    answers = ["many", "-3", "4096", "65536", "shaft", "rotor", "50", "0.06 N*m", "60 mNm/A", ""]
     code, text, prompts = asked(tmp_path, log, answers)
     assert code == 0, prompts
     joint = tomllib.loads(text)["joint"]["joint"]
@@ -202,10 +213,10 @@ def test_ask_fills_the_gaps_and_asks_again_for_what_cannot_be(tmp_path):
     assert joint["signals"]["motor_position"] == {"channel": "Enc1", "counts_per_turn": 4096, "side": "rotor"}
     assert joint["signals"]["link_position"] == {"channel": "Enc2", "counts_per_turn": 65536}
     assert joint["signals"]["motor_torque"] == "Iq_meas"
-    assert joint["signals"]["torque_sensor"] == {"channel": "LoadCell", "sign": -1}
+    assert joint["signals"]["torque_sensor"] == "LoadCell"
     assert prompts.count("counts per turn of 'Enc1'") == 3
-    # Behind the gear its ratio does not matter.
-    code, text, prompts = asked(tmp_path, log, ["4096", "65536", "joint", "", "1"])
+    # Behind the gear its ratio does not matter; with these counts no torque follows the deflection, so its sign is asked for.
+    code, text, prompts = asked(tmp_path, log, ["4096", "65536", "joint", "", "2", "1"])
     assert code == 0
     assert "gear ratio" not in prompts.partition("joint joint")[0]
     assert tomllib.loads(text)["joint"]["joint"]["signals"]["motor_position"] == {

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from elastic_drive import DAMPING, INERTIA, elastic_drive, write_log
+from finding_codes import codes
 
 from vsalog.readers import read
 from vsalog.rig import Rig
 from vsalog.rig.guess import guess_roles
+from vsalog.rig.guess_answers import with_answers
 from vsalog.rig.schema import UnknownTransmission
 from vsalog.rig.template import rig_template
 
@@ -61,6 +63,32 @@ def test_answers_give_the_scales_that_a_log_lacks(tmp_path):
     written = Rig.from_toml(rig_template(recording, guess, {"joint": answers})).joints["joint"]
     assert written.transmission.stiffness == pytest.approx(100.0, rel=0.05)
     assert written.motor.inertia == pytest.approx(INERTIA, rel=0.05)
+
+
+@pytest.mark.parametrize("gear", [1.0, 50.5])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_answers_show_the_sign_of_a_torque_sensor(tmp_path, gear, sign):
+    columns = elastic_drive()
+    turns = {"motor_position": gear, "link_position": 1.0}
+    columns |= {name: np.round(by * columns[name] * 16384 / (2.0 * np.pi)) for name, by in turns.items()}
+    columns["torque_sensor"] = sign * columns["torque_sensor"]
+    recording, _, joint = guessed(tmp_path, columns)
+    assert not joint.roles["torque_sensor"].has_sign
+    side = "joint" if gear == 1.0 else "rotor"
+    answers = {f"signals.{role}.counts_per_turn": "16384" for role in turns} | {
+        "signals.motor_position.side": f'"{side}"'
+    }
+    known = with_answers(joint, recording, answers | ({} if gear == 1.0 else {"motor.gear_ratio": str(gear)}))
+    assert (known.roles["torque_sensor"].sign, known.roles["torque_sensor"].has_sign) == (sign, True)
+    assert known.stiffness == pytest.approx(100.0, rel=0.05)
+    assert "guess.raw_counts" in codes(joint)
+    assert "guess.raw_counts" not in codes(known)
+    # One encoder without its counts is no angle, and one on an unknown side of a gear is none of the joint.
+    for key in answers:
+        partly = with_answers(joint, recording, {k: v for k, v in answers.items() if k != key})
+        assert (partly.roles["torque_sensor"].has_sign, partly.stiffness) == (False, None)
+    answered = with_answers(joint, recording, answers | {"signals.torque_sensor.sign": "1"})
+    assert answered.roles["torque_sensor"].sign == 1
 
 
 def test_no_load_is_guessed_of_a_torque_that_follows_nothing(tmp_path):

@@ -14,6 +14,7 @@ from vsalog.cli import complete
 from vsalog.cli.options import LogPath, reading_options
 
 if TYPE_CHECKING:
+    from vsalog.core.recording import Recording
     from vsalog.rig.guess_gaps import Gap
     from vsalog.rig.guess_types import Guess
 
@@ -84,7 +85,7 @@ def init(
             f"{log.name}: no channel looks like a joint's position or deflection, and fewer than {LEAST_CHANNELS} move;"
             f" '{command('inspect', log)}' lists them"
         )
-    answers = _answers(guess) if ask else {}
+    guess, answers = _ask(guess, recording) if ask else (guess, {})
     text = rig_template(recording, guess, answers) if preset is None else preset_template(recording, guess, preset)
     rig = Rig.from_toml(text, "the guessed rig")  # what is handed over must load
     lacking = [] if preset is None else list(channels_lacking(rig, recording))
@@ -99,17 +100,26 @@ def init(
         print_document(document, console_for("stderr"))
 
 
-def _answers(guess: Guess) -> dict[str, dict[str, str]]:
-    """Ask for what a guess lacks; return per joint and key the answer as TOML writes it."""
+def _ask(guess: Guess, recording: Recording) -> tuple[Guess, dict[str, dict[str, str]]]:
+    """Ask for what a guess lacks; return what it is with the answers, and those per joint and key as TOML writes them.
+
+    Each answer may settle the next question: with all scales known the numbers show the signs.
+    """
+    from msgspec.structs import replace
+
     from vsalog.core.printable import printable
     from vsalog.report.inspect import question_of
+    from vsalog.rig.guess_answers import with_answers
     from vsalog.rig.guess_gaps import gaps_of
     from vsalog.rig.template import named_joints
 
     answers: dict[str, dict[str, str]] = {}
+    joints = []
     for name, joint in named_joints(guess):
-        answers[name] = {}
-        for gap in gaps_of(joint, answers[name]):
+        known = answers[name] = {}
+        asked: set[str] = set()
+        now = joint
+        while (gap := next((gap for gap in gaps_of(now, known) if gap.key not in asked), None)) is not None:
             shown = "" if gap.guess is None else f"{gap.guess:g}"
             answer = click.prompt(
                 printable(question_of(name, gap)),
@@ -118,9 +128,12 @@ def _answers(guess: Guess) -> dict[str, dict[str, str]]:
                 value_proc=partial(_value, gap),
                 err=True,
             )
+            asked.add(gap.key)
             if answer:
-                answers[name][gap.key] = answer
-    return answers
+                known[gap.key] = answer
+                now = with_answers(joint, recording, known)
+        joints.append(now)
+    return replace(guess, joints=tuple(joints)), answers
 
 
 def _value(gap: Gap, text: str) -> str:

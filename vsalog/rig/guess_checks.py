@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import msgspec
 
@@ -73,6 +74,22 @@ def confirm(roles: Mapping[str, RoleGuess], channels: Mapping[str, Channel], kin
             _torque(checked, channels, suffix)
     if "motor_torque" in checked.roles:
         _motor_torque(checked, channels)
+    checked.stiffness = _sensed_stiffness(checked, channels)
+    return checked
+
+
+def confirm_again(roles: Mapping[str, RoleGuess], channels: Mapping[str, Channel], gear_ratio: Ratio | None) -> Checked:
+    """Return the roles of a joint with one motor, with the signs that the numbers show since the scales are known.
+
+    Parameters
+    ----------
+    roles, channels : as for `confirm`; a sign that is known is kept
+    gear_ratio : as for `Checked`
+    """
+    checked = Checked(dict(roles), gear_ratio)
+    for role, check in (("torque_sensor", partial(_torque, suffix="")), ("motor_torque", _motor_torque)):
+        if role in roles and not roles[role].has_sign:
+            check(checked, channels)
     checked.stiffness = _sensed_stiffness(checked, channels)
     return checked
 

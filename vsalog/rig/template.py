@@ -7,27 +7,22 @@ from __future__ import annotations
 
 import re
 import textwrap
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
-from msgspec.structs import replace
 
-from vsalog.core.errors import UnitError
 from vsalog.core.finding_texts import sentence
 from vsalog.core.printable import printable
 from vsalog.core.recording import Recording
 from vsalog.core.resolution import noise_of, step_of
 from vsalog.core.units import shown
 from vsalog.rig.checks import RUN
+from vsalog.rig.guess_answers import with_answers
 from vsalog.rig.guess_gaps import SIDES, SIGNS, Answers, Command, command_for, counts_key, gaps_of
-from vsalog.rig.guess_load import motor_load
 from vsalog.rig.guess_types import Guess, JointGuess, RoleGuess
 from vsalog.rig.load import Rig
 from vsalog.rig.schema import Joint, Signal
-from vsalog.rig.uncertain import parse_stated
 
 COLUMN = 48
 """Character at which comments begin, if the line leaves room."""
@@ -63,39 +58,10 @@ def rig_template(
     lines = [*_head(recording, guess), ""]
     for name, joint in named_joints(guess):
         known = answers.get(name, {})
-        joint = _with_load(joint, recording, known) if known else joint
+        joint = with_answers(joint, recording, known)
         lines.extend(_joint(name, joint, known, command_for(joint, known) if with_beginnings else "estimate"))
         lines.extend([] if joint.roles else _channels(recording))
     return "\n".join(lines).rstrip("\n") + "\n"
-
-
-def _with_load(joint: JointGuess, recording: Recording, answers: Answers) -> JointGuess:
-    """Return a guessed joint with the load of its motor by the answers, without which a scale may be missing."""
-    said = {key: _number(value) for key, value in answers.items()}
-    roles = {
-        role: replace(
-            guess,
-            side=said.get(f"signals.{role}.side", guess.side),
-            sign=said.get(f"signals.{role}.sign", guess.sign),
-            counts_per_turn=said.get(counts_key(role), guess.counts_per_turn),
-        )
-        for role, guess in joint.roles.items()
-    }
-    channels = {role: recording.channels.get(guess.channel) for role, guess in roles.items()}
-    known = {role: channel for role, channel in channels.items() if channel is not None}
-    gear = said.get("motor.gear_ratio", 1.0 if joint.gear_ratio is None else joint.whole_gear_ratio)
-    there = {role: guess for role, guess in roles.items() if role in known}
-    constant = said.get("motor.torque_constant", 1.0)
-    return replace(joint, load=motor_load(there, known, gear, "deflection", constant))
-
-
-def _number(answer: str) -> Any:
-    """Return an answer's value: a number in SI, or a word."""
-    value = tomllib.loads(f"value = {answer}")["value"]
-    try:
-        return parse_stated(value).to("N*m/A") if isinstance(value, str) else value
-    except UnitError:
-        return value
 
 
 def _channels(recording: Recording) -> Iterator[str]:
