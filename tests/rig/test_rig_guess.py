@@ -57,6 +57,33 @@ def test_names_in_tables(names, units):
     assert all(0.0 < guess.confidence <= 1.0 and guess.reasons for guess in joint.roles.values())
 
 
+@pytest.mark.parametrize("angle", ["alpha", "beta", "psi", "th", "Winkel"])
+@pytest.mark.parametrize("torque", ["T", "M", "tau"])
+@pytest.mark.parametrize("ends", ["mot load mot se", "m l m s"])
+def test_the_symbol_of_a_quantity_names_no_joint(angle, torque, ends):
+    symbols = (angle, angle, torque, torque)
+    parts = tuple(f"{symbol}_{end}" for symbol, end in zip(symbols, ends.split(), strict=True))
+    names = dict(zip(parts, ("motor_position", "link_position", "motor_torque", "torque_sensor"), strict=True))
+    units = dict(zip(parts, ("rad", "rad", "Nm", "Nm"), strict=True))
+    values = dict(zip(parts, (MOTOR, LINK, MOTOR_TORQUE, TORQUE), strict=True))
+    joint = only_joint(table(values, units=units))
+    assert joint.name == "joint"
+    assert {name: role for role, name in channels_of(joint).items()} == names
+    # A number in front of the part, or a word in front of the symbol, is the joint's.
+    for prefix, number, name in (("", "1", "joint_1"), ("hip_", "", "hip")):
+        renamed = {part: prefix + part.replace("_", f"{number}_") for part in parts}
+        joint = only_joint(table({renamed[p]: values[p] for p in parts}, units={renamed[p]: units[p] for p in parts}))
+        assert joint.kind == "elastic"
+        assert joint.name in (name, "joint")
+        assert set(channels_of(joint).values()) == set(renamed.values())
+
+
+def test_two_symbols_with_the_same_part_name_two_joints():
+    columns = {"alpha_m": MOTOR, "alpha_l": LINK, "beta_m": 2 * MOTOR, "beta_l": 2 * LINK}
+    joints = guess_roles(table(columns, units=dict.fromkeys(columns, "rad"))).joints
+    assert [(j.name, j.kind) for j in joints] == [("alpha", "elastic"), ("beta", "elastic")]
+
+
 def test_phi_without_a_part_is_the_deflection():
     columns = {"theta_m": MOTOR, "theta_l": LINK, "phi": DEFLECTION, "tau_s": TORQUE}
     assert channels_of(only_joint(table(columns)))["deflection"] == "phi"

@@ -106,12 +106,26 @@ def _by_joint(candidates: list[Candidate]) -> dict[str, list[Candidate]]:
     for candidate in candidates:
         if candidate.meaning.quantity != "velocity":
             groups["_".join(candidate.meaning.joint)].append(candidate)
+    _merge_symbols(groups)
     _merge_numbered(groups)
     _merge_links(groups)
     _merge_strays(groups)
     _merge_nameless(groups)
     _add_velocities(groups, [c for c in candidates if c.meaning.quantity == "velocity"])
     return {name: _parts_by_topic(group) for name, group in _named(_split_numbered(groups)).items()}
+
+
+def _merge_symbols(groups: dict[str, list[Candidate]]) -> None:
+    """A word that may be a quantity's symbol names no joint, unless two of them have the same part: alpha_m and beta_m."""
+    without: dict[str, list[str]] = defaultdict(list)
+    for key, group in groups.items():
+        symbols = {c.meaning.symbol for c in group}
+        name = "_".join(word for word in group[0].meaning.joint if word not in symbols)
+        without[f"joint_{name}" if name.isdigit() else name].append(key)
+    for name, keys in without.items():
+        held = [{(c.meaning.quantity, c.meaning.part, c.meaning.index) for c in groups[key]} for key in keys]
+        if keys != [name] and sum(map(len, held)) == len(set().union(*held)):
+            groups[name] = [c for key in keys for c in groups.pop(key)]
 
 
 def _merge_numbered(groups: dict[str, list[Candidate]]) -> None:

@@ -18,7 +18,7 @@ def _words(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
-POSITION = _words("position positions pos angle angles ang encoder encoders enc theta q rotation")
+POSITION = _words("position positions pos angle angles ang encoder encoders enc theta q rotation winkel")
 DEFLECTION = _words("deflection defl deformation torsion delta phi twistangle")
 TORQUE = _words("torque torques effort efforts tau moment trq torq tor tq loadcell")
 CURRENT = _words("current currents curr cur amps iq i")
@@ -63,7 +63,9 @@ FILLER = _words(
 ) | (MEASURED | ABSOLUTE | AXES)
 # A letter after the symbol of a quantity, as in theta_m and tau_J_d.
 SUBSCRIPTS = {"m": "motor", "l": "link", "j": "link", "s": "sensor", "d": "command", "c": "secondary"}
-_SHORT = {"jnt": "joint", "jt": "joint", "joi": "joint"}
+_SHORT = {"jnt": "joint", "jt": "joint", "joi": "joint", "th": "theta"}
+# Words that may be the symbol of what a channel's unit says that it is: alpha_m [rad], T_m [N*m].
+SYMBOLS = {"position": _words("alpha beta gamma psi"), "torque": _words("t m")}
 # Two words for one.
 _TOGETHER = {
     ("load", "cell"): "loadcell", ("i", "q"): "iq", ("i", "d"): "id", ("set", "point"): "setpoint", ("state", "ext"): "state",
@@ -145,6 +147,7 @@ class Meaning:
     part : ``motor``, ``link``, ``sensor``, ``series``, ``secondary``, ``external`` or ""
     index : the number after the part, e.g. 2 of ``motor_2``; None without one
     joint : the remaining words: the joint's name
+    symbol : the one of these that may be the symbol of the quantity, which only the unit shows; else ""
     label : the element's name in a message that names its elements, else ""
     in_command_topic : by the topic's name these are commands
     in_motor_topic : by the topic's name these are a motor's
@@ -165,6 +168,7 @@ class Meaning:
     is_variant: bool = False
     is_element: bool = False
     unit: str | None = None
+    symbol: str = ""
 
 
 def words_of(name: str) -> list[str]:
@@ -231,6 +235,9 @@ def meaning_of(channel: Channel, *, with_stream: bool = True) -> Meaning:
         is_variant=not VARIANTS.isdisjoint(field_words),
         is_element=element is not None,
         unit=None if channel.unit else by_name,
+        symbol=""
+        if _named_quantity([*named, *field_words])
+        else next((w for w in joint if w in SYMBOLS.get(quantity, ())), ""),
     )
 
 
@@ -376,12 +383,14 @@ def _by_unit(unit: str | None) -> str | None:
     return _QUANTITY_OF_KIND.get(kind, "other")
 
 
-def _subscript(words: list[str], i: int) -> str | None:
+def _subscript(words: list[str], i: int, quantity: str = "") -> str | None:
     """Return the meaning of a letter after a quantity's symbol: ``m`` in theta_m, ``d`` in dq_d and tau_J_d."""
-    behind = words[i - 1] if i else ""
-    if behind in SUBSCRIPTS and i > 1:
-        behind = words[i - 2]
-    return SUBSCRIPTS.get(words[i]) if behind in TORQUE | POSITION | VELOCITY | {"phi"} else None
+    symbols = TORQUE | POSITION | VELOCITY | {"phi"} | SYMBOLS.get(quantity, frozenset())
+    before = [word for word in words[:i] if not word.isdigit()]
+    behind = before[-1] if before else ""
+    if behind in SUBSCRIPTS and len(before) > 1:
+        behind = before[-2]
+    return SUBSCRIPTS.get(words[i]) if behind in symbols else None
 
 
 def _part(words: list[str], quantity: str) -> tuple[str, int | None, list[str]]:
@@ -391,7 +400,7 @@ def _part(words: list[str], quantity: str) -> tuple[str, int | None, list[str]]:
     previous, is_subscript = "", False
     for i, word in enumerate(words):
         follower = words[i + 1] if i + 1 < len(words) else ""
-        subscript = _subscript(words, i)
+        subscript = _subscript(words, i, quantity)
         if word.isdigit():
             # "joint_1" is a name, "motor_1" is the first of a joint's motors.
             if previous == "joint":
