@@ -77,6 +77,22 @@ def test_the_command_that_init_names_can_use_the_rig_as_it_is(log, command, tmp_
     assert done.exit_code == 0, done.output
 
 
+@pytest.mark.parametrize("preset", [[], ["--preset", "sea"]])
+@pytest.mark.parametrize("given", [[], ["--rate", "200", "--end", "5"]])
+def test_the_command_that_init_names_reads_a_log_without_a_time(preset, given, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    columns = {"motor_position": THETA, "link_position": THETA + PHI, "motor_torque": DRIVE, "torque_sensor": TORQUE}
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt("exp1.csv", rows, delimiter=",", header=",".join(columns), comments="")
+    made = CliRunner().invoke(cli, ["init", "exp1.csv", "-o", "my.toml", *preset, *given])
+    (words,) = commands_in(made.stderr)
+    rate = words[words.index("--rate") + 1]
+    assert rate == ("200.0" if given else "HZ")
+    assert ("--end" in words) == bool(given)
+    done = CliRunner().invoke(cli, ["200" if word == "HZ" else word for word in words])
+    assert done.exit_code == 0, done.output
+
+
 def test_the_stiffness_is_found_up_to_the_torque_constant_where_a_current_is_all(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write(tmp_path, LOGS["current"])

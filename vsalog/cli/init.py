@@ -93,7 +93,9 @@ def init(
         click.echo(text, nl=False)
     else:
         write_text(output, text)
-    document = init_document(guess, log, output, answers, preset, lacking)
+    given = {"--rate": rate, "--time": None if time == "auto" else time, "--start": start, "--end": end}
+    reading = [str(word) for option, value in given.items() if value is not None for word in (option, value)]
+    document = init_document(guess, log, output, answers, preset, lacking, reading)
     if verbosity() == Verbosity.QUIET:
         print_findings([*guess.findings, *(finding for joint in guess.joints for finding in joint.findings)])
     else:

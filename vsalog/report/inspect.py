@@ -247,6 +247,7 @@ def init_document(
     answers: Mapping[str, Answers] = MappingProxyType({}),
     preset: str | None = None,
     lacking: Sequence[str] = (),
+    reading: Sequence[str] = (),
 ) -> Document:
     """Return the evidence for a guessed rig, and what to do with it.
 
@@ -258,14 +259,19 @@ def init_document(
     answers : per joint, the answers about its gaps
     preset : whose numbers the rig has
     lacking : keys of the preset's roles whose channels the log lacks
+    reading : the options with which the log was read
     """
+    if is_timeless := any(finding.code == "clock.missing" for finding in guess.findings):
+        reading = (*reading, "--rate", "HZ")
     items: list[Block] = [*guessed_joints(guess.joints), *_findings(guess.findings)]
     file = "RIG" if written is None else str(written)
     if preset is None:
-        items += _uses(guess, log, file, answers)
+        items += _uses(guess, log, file, answers, reading)
     elif written is not None:
         first = f"fill in the channels of {', '.join(lacking)}" if lacking else "check it"
-        items.append(Words(f"{printable(file)} written; {first}, then run '{command('estimate', log, '--rig', file)}'"))
+        line = command("estimate", log, "--rig", file, *reading)
+        items.append(Words(f"{printable(file)} written; {first}, then run '{line}'"))
+    items += [Words("HZ stands for the sample rate, which the log does not contain")] if is_timeless else []
     return Document(f"A rig for {log.name}", "Guesses", tuple(items))
 
 
@@ -298,7 +304,9 @@ def _lacking(gap: Gap) -> str:
     return _ASKED[gap.key.rpartition(".")[2]].format(channel=gap.channel, unit=gap.unit)
 
 
-def _uses(guess: Guess, log: Path, file: str, answers: Mapping[str, Answers]) -> Iterator[Words]:
+def _uses(
+    guess: Guess, log: Path, file: str, answers: Mapping[str, Answers], reading: Sequence[str]
+) -> Iterator[Words]:
     """Yield which commands can use the rig, and which additions would allow more."""
     names: dict[Command, list[str]] = {}
     lacking: dict[str, list[str]] = {}
@@ -326,7 +334,7 @@ def _uses(guess: Guess, log: Path, file: str, answers: Mapping[str, Answers]) ->
             stated = (f"joint.{toml_key(name)}.{key}={proposed[name, key]:g}" for name, key in lacked)
             only += [word for key in stated for word in ("--set", key)]
             first = f"if {missing} as proposed here, "
-        line = command(what, *([] if what == "simulate" else [log, "--rig"]), file, *only)
+        line = command(what, *([file] if what == "simulate" else [log, "--rig", file, *reading]), *only)
         yield Words(f"{', '.join(joints)}: {first}'{line}' {_WHAT_FOR[what]}")
 
 
