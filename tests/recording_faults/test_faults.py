@@ -76,6 +76,18 @@ def test_a_motor_in_degrees_may_be_one_before_a_gear(sea):
     assert [finding.code for finding in joint_faults(log, guess)] == ["signal.unit"]
 
 
+def test_raw_counts_are_compared_to_no_other_channel(sea):
+    names, log = roles_of(sea)["joint"], sea
+    for role, turn in (("motor_position", 50 * 4096), ("link_position", 65536)):
+        log = with_values(log, names[role], np.round(sea.channels[names[role]].values * turn / (2.0 * np.pi)))
+        bare = replace(log.channels[names[role]], unit=None)
+        log = replace(log, channels={**log.channels, bare.name: bare})
+    log = with_values(log, names["torque_sensor"], -sea.channels[names["torque_sensor"]].values)
+    guess = guess_roles(log)
+    assert [one.code for one in guess.joints[0].findings].count("guess.raw_counts") == 2
+    assert list(joint_faults(log, guess)) == []
+
+
 def test_a_delay_that_looks_like_a_sign_is_named_in_spite_of_the_guess(samples):
     log = read(samples / "awas_exp1.mcap")
     name = roles_of(log)["joint"]["motor_position"]

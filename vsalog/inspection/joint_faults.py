@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from contextlib import suppress
 
@@ -25,7 +26,7 @@ from vsalog.rig.schema import Joint, Motor, RigidJoint
 from vsalog.rig.template import named_joints, rig_template
 
 GEAR = ("signal.scale", "encoder.unit", "encoder.deflection_unit", "encoder.zero")
-"""Findings that a gear between two positions gives rise to."""
+"""Findings that a gear between two positions, or counts, give rise to."""
 
 BOUND = ("sensor.stuck", "recording.outliers")
 """Findings of binding that are about what was recorded, and not about the rig."""
@@ -56,7 +57,7 @@ def joint_faults(recording: Recording, guess: Guess) -> Iterator[Finding]:
         yield exchanged
     stated = dict(named_joints(guess))
     for name, signals in bound.items():
-        found = _alone(recording, name, joints[name], signals, put_right[name])
+        found = _alone(recording, joints[name], stated[name], signals, put_right[name])
         yield from (finding for finding in found if not _is_stated(finding, stated[name], joints[name]))
 
 
@@ -83,13 +84,14 @@ def _as_counted(joint: Joint) -> Joint:
 
 
 def _is_stated(finding: Finding, guess: JointGuess, checked: Joint) -> bool:
-    """Return whether the guess states a finding itself: a sign that was not applied, or a gear whose ratio it leaves open."""
+    """Return whether the guess states a finding itself: a sign that was not applied, or a scale that it leaves open."""
     roles = {role for some in finding.part.split(" or ") for role in some.split(" and ")}
     if finding.code == "signal.sign":
         signs = {role: signal.sign for role, signal in offered_roles(checked).items()}
         return any(guess.roles[role].sign != signs.get(role) for role in roles & set(guess.roles))
-    is_open = guess.gear_ratio is not None and guess.whole_gear_ratio is None
-    return is_open and finding.code in GEAR and any("position" in role for role in roles)
+    has_gear = guess.gear_ratio is not None and guess.whole_gear_ratio is None
+    is_open = has_gear and any("position" in role for role in roles)
+    return finding.code in GEAR and (is_open or any(count in role for role in roles for count in _counts(guess)))
 
 
 def _rig_of_all_channels(recording: Recording, guess: Guess) -> str:
@@ -111,10 +113,11 @@ def _checked(joint: JointGuess) -> Iterator[tuple[str, RoleGuess]]:
 
 
 def _alone(
-    recording: Recording, name: str, joint: Joint, signals: JointSignals, put_right: JointSignals
+    recording: Recording, joint: Joint, guess: JointGuess, signals: JointSignals, put_right: JointSignals
 ) -> Iterator[Finding]:
     """Yield the faults of one joint's channels; `put_right` has exchanged channels corrected."""
-    currents = [role for role, signal in offered_roles(joint).items() if signal.unit == "A"]
+    name = signals.joint
+    currents = [role for role, one in guess.roles.items() if one.is_current]
     found = [finding for finding in signals.findings if finding.code in BOUND]
     found += channel_findings([recording], name, joint)
     rigid = isinstance(joint, RigidJoint)
@@ -123,7 +126,18 @@ def _alone(
         if rigid
         else signal_findings(device_of(name, joint), put_right)
     )
-    yield from without_superseded((*found, *findings_of(put_right, currents)), RecordingFaults.supersedes)
+    compared = findings_of(_without_counts(put_right, guess), currents)
+    yield from without_superseded((*found, *compared), RecordingFaults.supersedes)
+
+
+def _without_counts(signals: JointSignals, guess: JointGuess) -> JointSignals:
+    """Return the signals without raw counts, which are in proportion to no other channel."""
+    kept = {role: values for role, values in signals.roles.items() if role not in _counts(guess)}
+    return signals if len(kept) == len(signals.roles) else dataclasses.replace(signals, roles=kept)
+
+
+def _counts(guess: JointGuess) -> set[str]:
+    return {role for role, one in guess.roles.items() if one.unit == "counts"}
 
 
 def _currents_as_torques(joint: Joint) -> Joint:
