@@ -88,6 +88,16 @@ def test_raw_counts_are_compared_to_no_other_channel(sea):
     assert list(joint_faults(log, guess)) == []
 
 
+def test_a_current_with_its_unit_in_the_log_is_no_torque(sea):
+    torque = sea.channels[roles_of(sea)["joint"]["motor_torque"]]
+    current = replace(torque, name="motor current", unit="A", values=0.4 * torque.values)
+    kept = {name: channel for name, channel in sea.channels.items() if channel is not torque}
+    log = replace(sea, channels={**kept, current.name: current})
+    guess = guess_roles(log)
+    assert guess.joints[0].roles["motor_torque"].is_current
+    assert list(joint_faults(log, guess)) == []
+
+
 def test_a_delay_that_looks_like_a_sign_is_named_in_spite_of_the_guess(samples):
     log = read(samples / "awas_exp1.mcap")
     name = roles_of(log)["joint"]["motor_position"]
