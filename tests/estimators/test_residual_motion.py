@@ -36,7 +36,7 @@ def motion():
     return theta, speed, acceleration, phi
 
 
-def look(phi, torque, speed, blocks=(TIME.size,), position=None):
+def look(phi, torque, speed, blocks=(TIME.size,), position=None, window=51):
     """The sums over a log of a linear spring, cut into blocks."""
     F, slopes, state = phi[:, None], np.ones((TIME.size, 1)), motion_rows_start(1)
     position = np.zeros(TIME.size) if position is None else position
@@ -44,7 +44,7 @@ def look(phi, torque, speed, blocks=(TIME.size,), position=None):
     for begin, end in pairwise((0, *blocks)):
         cut = slice(begin, end)
         state = motion_rows_block(
-            state, F[cut], slopes[cut], torque[cut], (position[cut], speed[cut]), use[cut], starts[cut], 51, PERIOD
+            state, F[cut], slopes[cut], torque[cut], (position[cut], speed[cut]), use[cut], starts[cut], window, PERIOD
         )
     return state
 
@@ -88,16 +88,18 @@ def test_what_is_an_unknown_of_the_equation_is_not_suspected():
     assert followers(state, 0.001, 0.0, (POSITION,)) == []
 
 
-def test_a_wrong_gain_of_the_motor_s_encoder_is_found_with_its_size():
+# Of a long window there are three averages of four, in which nothing can be told from anything.
+@pytest.mark.parametrize(("part", "window"), [(0.03, 51), (1.0, 51), (1.0, TIME.size // 14)])
+def test_a_wrong_gain_of_the_motor_s_encoder_is_found_with_its_size(part, window):
     theta, speed, _, phi = motion()
-    # The encoder reads 3 % too far, so that the deflection comes out that much of the position smaller.
-    found = followers(
-        look(phi - 0.03 * theta, STIFFNESS * phi + noise(), 1.03 * speed, position=1.03 * theta), 0.001, 0.0
-    )
+    # The encoder reads a part too far, so that the deflection comes out that much of the position smaller.
+    read = (1.0 + part) * theta
+    rows = look(phi - part * theta, STIFFNESS * phi + 0.1 * noise(), (1.0 + part) * speed, position=read, window=window)
+    found = followers(rows, 0.001, 0.0)
     assert found[0].suspect == POSITION
-    assert found[0].coefficient / found[0].stiffness == pytest.approx(0.03, rel=0.05)
+    assert found[0].coefficient / found[0].stiffness == pytest.approx(part / (1.0 + part), rel=0.05)
     explained_by = following("a", "1", found, None, 0.001).evidence["explained_by"]
-    assert "the motor's encoder reading 2.9% too much" in explained_by
+    assert f"the motor's encoder reading {part:.1%} too much" in explained_by
 
 
 def test_nothing_is_reported_of_a_spring_that_is_one():

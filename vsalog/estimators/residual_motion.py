@@ -164,6 +164,7 @@ def followers(state: MotionRows, claimed: float, step: float, suspects: tuple[st
     whole, long = state.short.blocks.sum(axis=0), state.long.blocks.sum(axis=0)
     plain = least_squares(whole, known, y)
     moments, changing, unexplained = _changing(state)
+    few = state.long.rows <= len(known) + 1
     found: list[Follower] = []
     for suspect in suspects:
         place = state.column(suspect)
@@ -174,8 +175,9 @@ def followers(state: MotionRows, claimed: float, step: float, suspects: tuple[st
         now = _stiffness(unknowns[: state.size], state)
         moved = _stiffness((unknowns[:-1] - plain)[: state.size], state) / now if now > 0.0 else np.inf
         torque = abs(unknowns[-1]) * float(np.sqrt(whole[place, place] / state.short.rows))
+        # Fewer long averages than unknowns say nothing.
         if (
-            lasts(float(lasting[-1] * np.sign(unknowns[-1])), abs(float(unknowns[-1])))
+            (few or lasts(float(lasting[-1] * np.sign(unknowns[-1])), abs(float(unknowns[-1]))))
             and torque > ROUNDED * step * now
             and max(least_change(claimed), _rounded(whole, plain, state, place, step)) < moved < np.inf
         ):
@@ -300,13 +302,13 @@ def _causes(found: Follower, motor: tuple[float, float] | None) -> str:
             causes.append(f"{k:.3g} N·m·s/rad of damping missing in the rig")
         elif motor is not None and motor[1] - k >= 0.0:
             causes.append(f"a motor's damping of {motor[1] - k:.3g} N·m·s/rad, not {motor[1]:.3g}")
-    elif found.suspect == POSITION:
-        causes.append(
-            f"the motor's encoder reading {abs(k) / found.stiffness:.1%} too {'much' if k > 0.0 else 'little'}"
-        )
-    elif motor is None and k > 0.0:
+    elif found.suspect == POSITION and k < found.stiffness:
+        # What is added to the deflection is a part of the position as it was read.
+        error = k / (found.stiffness - k)
+        causes.append(f"the motor's encoder reading {abs(error):.1%} too {'much' if error > 0.0 else 'little'}")
+    elif found.suspect == ACCELERATION and motor is None and k > 0.0:
         causes.append(f"an inertia of {k:.3g} kg·m² between spring and torque sensor")
-    elif motor is not None and motor[0] - k > 0.0:
+    elif found.suspect == ACCELERATION and motor is not None and motor[0] - k > 0.0:
         causes.append(f"a motor's inertia of {motor[0] - k:.3g} kg·m², not {motor[0]:.3g}")
     else:
         causes.append(f"the {found.suspect} in the equation")
