@@ -6,6 +6,7 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from benchmarks.calibration import encoders, sensed
 from tests.estimators.elastic_joint import DAMPING, INERTIA, SHAPES, YIELDING, cubic, played
@@ -455,6 +456,22 @@ def test_a_spring_that_does_not_change_is_not_said_to():
         t, signals, _ = machine(seed=10 + seed)
         _, fold, state = estimated(t, signals)
         assert not [one for one in fold.findings(state) if one.code in ("stiffness.changed", "motor.inertia_differs")]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_slow_noise_of_a_torque_is_no_change_of_the_spring(seed):
+    """Of an amplifier that drifts within a fifth of a second: it lasts as long as an interval of the estimate."""
+    t, signals, truth = machine(seed=seed)
+    after = np.exp(-PERIOD / 0.2)
+    white = np.random.default_rng(100 + seed).normal(size=t.size)
+    slow = lfilter([np.sqrt(1.0 - after**2)], [1.0, -after], white) * 0.02 * np.std(signals["motor_torque"])
+    alone = without(signals, "torque_sensor") | {"motor_torque": signals["motor_torque"] + slow}
+    columns, fold, state = estimated(t, alone)
+
+    assert "stiffness.changed" not in {f.code for f in fold.findings(state)}
+    relative, deviations = errors(columns, truth)
+    assert np.median(relative) < 0.02
+    assert np.nanmedian(deviations) < 2.0
 
 
 def test_another_inertia_than_the_rig_s_is_found_and_costs_little():

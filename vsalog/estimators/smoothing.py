@@ -564,14 +564,23 @@ class Smoother:
         return found._external(*found._averaged(triangles, choice), choice)
 
     def _settled(self) -> tuple[Smoother, Array, Choice, Smoothed]:
-        """Return a smoother and what it has chosen; if the spring changes, one whose first noise has no steady change in it."""
+        """Return a smoother and what it has chosen; of a spring that changes only if it is a thousand times as probable as none.
+
+        Noise at first is white: coloured noise looks like a change, and a spring that follows it leaves white noise. Either is
+        therefore fitted with its own noise, and their evidence is compared.
+        """
         best = self._settled_round(self.changing, LIMITS.most_rounds)
         if self.changing or best.no_change > FALSE_ALARM:
             found = self._chosen(best)
             if self.changing or found[1].change.constant:
                 return self, *found
-        again = Smoother(self.solver, self.collected, self.samples, loops=self.loops, shown=self.shown, changing=True)
-        return again, *again._chosen(again._settled_round(True, LIMITS.most_rounds))
+        same = self.collected, self.samples, None, self.loops, self.shown
+        changing, constant = Smoother(self.solver, *same, True), Smoother(replace(self.solver, constant=True), *same)
+        changed = changing._settled_round(True, LIMITS.most_rounds)
+        unchanged = constant._settled_round(False, LIMITS.most_rounds)
+        if max(best.evidence, changed.evidence) - unchanged.evidence > -math.log(FALSE_ALARM):
+            return changing, *changing._chosen(changed)
+        return constant, *constant._chosen(unchanged)
 
     def _refitted(self, choice: Choice) -> tuple[tuple[RowNoise, ...], list[Weights | None]]:
         """Return the noise of these rows and the weights of each, for hypotheses that are chosen."""

@@ -136,12 +136,15 @@ class SmootherFold(RegressionFold):
         return solver_state, columns, variance
 
     def _with_others(self, equation: CombinedEquation, rows: EquationRows, trajectory: Trajectory) -> EquationRows:
-        """Return rows of the torque that is left for the springs by the first equation's other unknowns, as they were found."""
+        """Return rows of the torque that is left for the springs by the first equation's other unknowns, as they were found.
+
+        An offset stays: it follows no motion, and the trace's residual shows it.
+        """
         names = equation.unknowns[0]
         found = {
             name: value
             for (part, name), (value, _) in trajectory.others.items()
-            if not part and name in names and (part, name) not in self.solver.leading
+            if not part and name in names and name != "offset" and (part, name) not in self.solver.leading
         }
         gain = 1.0 + found.pop(GAIN, 0.0)
         columns = rows.parts[0].columns[:, -1 - len(names) : -1]
