@@ -50,6 +50,17 @@ def test_a_thousand_logs_in_small(tmp_path, call):
     assert "4 done (4 of them before), 0 failed" in out
 
 
+def test_a_failure_names_the_rig_of_the_log_without_its_folder(tmp_path, call):
+    make_logs(tmp_path / "logs", 1)
+    (path,) = (tmp_path / "logs").rglob("rig.toml")
+    path.write_text(path.read_text().replace("theta", "phi"))
+    code, out, _ = call("logs/**/*.csv", "-o", "out", "--json")
+    ((reason, kind),) = ((f["reason"], f["kind"]) for f in json.loads(out)["failed"])
+    assert (code, kind) == (2, "input")
+    assert "rig.toml" in reason
+    assert str(tmp_path) not in reason
+
+
 def test_one_log_is_one_log(tmp_path, call):
     (tmp_path / "junk.csv").write_bytes(b"")
     code, out, err = call("junk.csv", "-o", "out")

@@ -1,5 +1,6 @@
 """What commands say on stderr: which rig they used, which other one lies there, and as much as is asked for."""
 
+import json
 import re
 from pathlib import Path
 
@@ -99,6 +100,48 @@ def test_a_refusal_is_one_line(command, bench):
     (bench / "log.rig.toml").write_text(OTHER.replace("theta", "phi"))
     code, _, err = command("estimate", "log.csv", cwd=bench)
     assert (code, len(err.splitlines())) == (2, 1)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("estimate", "log.csv"),
+        ("estimate", "log.csv", "-q"),
+        ("plot", "log.csv", "-o", "figure.svg"),
+        ("compare", "log.csv"),
+        ("validate", "log.model.toml", "log.csv"),
+        ("diagnose", "log.csv"),
+        ("identify", "log.csv"),
+        ("simulate", "--replay", "log.csv", "-o", "replayed.csv"),
+        ("export", "rig.toml", "--to", "mjcf"),
+    ],
+)
+def test_a_refusal_names_the_rig_that_was_used(command, bench, words):
+    """It may be another experiment's."""
+    assert command("estimate", "log.csv", cwd=bench)[0] == 0
+    (bench / "rig.toml").write_text(RIG.replace('"theta"', '"phi"').replace('"q"', '"z"'))
+    code, out, err = command(*words, cwd=bench)
+    assert (code, out) == (2, "")
+    assert "rig.toml" in err
+
+
+def test_a_log_that_cannot_be_read_is_no_fault_of_the_rig(command, bench):
+    (bench / "log.csv").write_text("")
+    code, _, err = command("estimate", "log.csv", "--rig", "rig.toml", cwd=bench)
+    assert code == 2
+    assert "rig.toml" not in err
+
+
+def test_the_json_has_the_path_of_the_rig(command, bench):
+    def rig(*words):
+        code, out, err = command("estimate", "log.csv", "--json", *words, cwd=bench)
+        assert code == 0, err
+        return json.loads(out)["rig"]
+
+    assert rig() == {"name": "", "path": "rig.toml", "guessed": False}
+    assert rig("--set", "joint.knee.motor.inertia=0.2", "--set", "name=x")["path"] == "rig.toml"
+    (bench / "rig.toml").unlink()
+    assert (rig()["path"], rig()["guessed"]) == (None, True)
 
 
 def test_steps_within_steps_share_in_the_outer_one():

@@ -8,6 +8,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,11 +33,12 @@ from vsalog.batch.records import (
     write_record,
 )
 from vsalog.batch.storage import Store, StoreError, file_system, is_address
-from vsalog.core.errors import ReadError, VsalogError, WriteError
+from vsalog.core.errors import ReadError, VsalogError, WriteError, words_of
 from vsalog.core.memory import resident
 from vsalog.estimation.job import sha256
 from vsalog.readers.remote import download
-from vsalog.rig.find import rig_beside
+from vsalog.report.rigs import rig_in_errors, rig_words
+from vsalog.rig.find import RigFound, rig_beside
 
 
 def do(task: Task) -> Answer:
@@ -111,13 +113,15 @@ def _fresh(task: Task, store: Store, path: Path, start: float) -> Record:
     with store.scratch() as scratch:
         try:
             before = _state(path)
-            files, fields = COMMANDS[task.settings.do](log, path, task.settings, scratch)
+            with rig_in_errors(_rig_words):
+                files, fields = COMMANDS[task.settings.do](log, path, task.settings, scratch)
             if _state(path) != before:
                 raise ReadError(
                     f"{log.name}: changed while it was processed; run again with --resume when it is complete"
                 )
         except VsalogError as error:
-            raise type(error)(_named(str(error), path, log)) from error
+            kind = WriteError if isinstance(error, WriteError) else VsalogError
+            raise kind(_named(words_of(error), path, log)) from error
         fields = _named(msgspec.to_builtins(fields), path, log)
         outputs = {what: Output(name=name, size=file.stat().st_size) for what, (file, name) in files.items()}
         for file, name in files.values():
@@ -132,6 +136,11 @@ def _state(path: Path) -> list[tuple[str, int, int, int]]:
         raise ReadError(f"{path}: there is no such file")
     files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
     return [(str(p), s.st_size, s.st_mtime_ns, s.st_ino) for p in files for s in (p.stat(),)]
+
+
+def _rig_words(found: RigFound) -> str:
+    """Name a rig without its folder, which is private as the log's is."""
+    return rig_words(replace(found, path=None))
 
 
 def _named(value: Any, path: Path, log: Log) -> Any:

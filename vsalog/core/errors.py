@@ -91,8 +91,10 @@ class BatchError(VsalogError):
 
 
 def words_of(error: VsalogError | OSError) -> str:
-    """Return the message of an error; for one of the system, with its file."""
-    return str(error) if isinstance(error, VsalogError) else f"{error.filename or 'output'}: {error.strerror}"
+    """Return the message of an error with its notes; for one of the system, with its file."""
+    words = str(error) if isinstance(error, VsalogError) else f"{error.filename or 'output'}: {error.strerror}"
+    notes = getattr(error, "__notes__", ())
+    return "; ".join([words.rstrip("."), *notes]) if notes else words
 
 
 def near_names(name: str, known: Iterable[str], count: int = 3) -> list[str]:

@@ -382,7 +382,7 @@ def _without_setpoint(rig: Rig, joints: Sequence[str]) -> Rig:
     for name in joints:
         joint = changed[name]
         changed[name] = msgspec.structs.replace(joint, signals=msgspec.structs.replace(joint.signals, setpoint=None))
-    return Rig(msgspec.structs.replace(rig.file, joint=changed), rig.where)
+    return rig.with_joints(changed)
 
 
 def sha256(path: Path) -> str:

@@ -237,7 +237,11 @@ def estimate_data(job: Job, estimates: Sequence[JointEstimate], outputs: Outputs
     named = {what: None if path is None else printable(str(path)) for what, path in files.items()}
     return {
         "logs": [printable(str(log)) for log in job.logs],
-        "rig": {"name": job.rig.name, "guessed": job.guessed},
+        "rig": {
+            "name": job.rig.name,
+            "path": None if job.rig.path is None else printable(str(job.rig.path)),
+            "guessed": job.guessed,
+        },
         **({"outputs": named} if named else {}),
         "joints": [
             {

@@ -20,7 +20,7 @@ from vsalog.core.printable import plural, printable
 from vsalog.core.progress import Advanced, watched
 from vsalog.core.units import shown
 from vsalog.report.compiling import ANNOUNCED, Compiling, compiling
-from vsalog.report.rigs import rig_words, unused_rigs_words
+from vsalog.report.rigs import rig_in_errors, rig_words, unused_rigs_words
 from vsalog.report.verbosity import Verbosity, verbosity
 from vsalog.rig.find import RigFound
 
@@ -91,6 +91,8 @@ class Progress:
 
     def __enter__(self) -> Progress:
         self._stack.enter_context(watched(self._hear))
+        if self._rigs:
+            self._stack.enter_context(rig_in_errors(self._rig))
         self._stack.enter_context(self._bar)
         return self
 
@@ -98,7 +100,7 @@ class Progress:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._end_step()
-        self._stack.close()
+        self._stack.__exit__(kind, error, trace)
         if error is None:
             for line in self._lines:
                 self._console.print(escape(line), soft_wrap=True)
@@ -138,10 +140,13 @@ class Progress:
         else:
             self._lines.append(line)
 
+    def _rig(self, found: RigFound) -> str:
+        return rig_words(found, verbosity() >= Verbosity.VERBOSE)
+
     def _hear(self, event: object) -> None:
         if isinstance(event, RigFound) and self._rigs:
             if verbosity() > Verbosity.QUIET:
-                self._tell(rig_words(event, verbosity() >= Verbosity.VERBOSE))
+                self._tell(self._rig(event))
             if unused := unused_rigs_words(event):
                 self._tell(f"warning: {unused}")
         elif isinstance(event, Advanced) and self._shown:

@@ -60,7 +60,7 @@ def find_rig(log: Path, rig_text: str | None, given: Rig | str | Path | None = N
     if found is None:
         return None
     rig = Rig.load(found)
-    tell_rig(rig, "next to log", log, found)
+    tell_rig(rig, "next to log", log)
     return rig
 
 
@@ -72,30 +72,22 @@ def given_rig(source: Rig | str | Path, log: Path | None = None) -> Rig:
     RigError
         There is no such file or preset, or its content is not possible.
     """
-    path = None if isinstance(source, Rig) else _file(source)
-    rig = source if isinstance(source, Rig) else Rig.load(source if path is None else path)
-    tell_rig(rig, "given", log, path)
+    rig = source if isinstance(source, Rig) else Rig.load(source)
+    tell_rig(rig, "given", log)
     return rig
 
 
-def tell_rig(rig: Rig, place: Place, log: Path | None = None, path: Path | None = None) -> None:
+def tell_rig(rig: Rig, place: Place, log: Path | None = None) -> None:
     """Report which rig is used, and which others exist where one is searched."""
     if not is_watched():
         return
-    others = () if log is None else tuple(other for other in _there(log) if not _same(other, path, rig))
-    tell(RigFound(place, rig.where, path, others))
+    others = () if log is None else tuple(other for other in _there(log) if not _same(other, rig))
+    tell(RigFound(place, rig.where, rig.path, others))
 
 
 def rig_beside(log: Path) -> Path | None:
     """Return the rig file next to a log; None where there is none."""
     return next((path for path in _beside(log) if path.is_file()), None)
-
-
-def _file(source: str | Path) -> Path | None:
-    try:
-        return Path(source) if Path(source).is_file() else None
-    except (OSError, ValueError):  # a text is longer than any name
-        return None
 
 
 def _beside(log: Path) -> tuple[Path, Path]:
@@ -111,9 +103,9 @@ def _there(log: Path) -> Iterator[Path]:
             yield path
 
 
-def _same(other: Path, path: Path | None, rig: Rig) -> bool:
+def _same(other: Path, rig: Rig) -> bool:
     """Return whether a file is the rig's own, or has the same content."""
-    if path is not None and other.samefile(path):
+    if rig.path is not None and rig.path.exists() and other.samefile(rig.path):
         return True
     try:
         return Rig.load(other).to_toml() == rig.to_toml()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -32,11 +32,13 @@ class Rig:
     file : its structures
     where : its name in messages: the file's name, a log's name, or ``preset vsa2``
     stated : the tolerances it states, by the paths of their keys from the file's root; `tolerances` is easier to read
+    path : of its file; None where it is in no file of its own
     """
 
     file: RigFile
     where: str = "rig"
     stated: Mapping[KeyPath, Tolerance] = field(default_factory=dict)
+    path: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.file, RigFile):
@@ -58,7 +60,7 @@ class Rig:
             return cls.from_toml(source, "rig")
         path = Path(source)
         if path.is_file():
-            return cls.from_toml(read_text(path, "rig file", RigError), path.name)
+            return replace(cls.from_toml(read_text(path, "rig file", RigError), path.name), path=path)
         if isinstance(source, str) and source in presets():
             return cls.preset(source)
         hint = did_you_mean(str(source), presets())
@@ -122,7 +124,7 @@ class Rig:
         """Return the rig with other joints; a quantity whose value stays the same keeps its tolerance."""
         file = msgspec.structs.replace(self.file, joint=dict(joints))
         kept = {path: t for path, t in self.stated.items() if value_at(file, path) == value_at(self.file, path)}
-        return Rig(file, self.where if where is None else where, kept)
+        return replace(self, file=file, where=self.where if where is None else where, stated=kept)
 
     def to_toml(self) -> str:
         """Write the rig as TOML that loads to an equal rig: everything in SI, defaults left out, tolerances with ±."""
@@ -164,11 +166,12 @@ class Rig:
         tables = self._tables()
         for key, value in settings.items():
             tables = _put(tables, _split_key(key, where), _setting(value), where, self.file)
-        return _build(tables, where).renamed(self.where)
+        changed = _build(tables, where)
+        return replace(self, file=changed.file, stated=changed.stated)
 
     def renamed(self, where: str) -> Rig:
         """Return the rig with another name for messages."""
-        return Rig(self.file, where, self.stated)
+        return replace(self, where=where)
 
     def _tables(self) -> Table:
         tables = toml_tables(self.file)
