@@ -10,9 +10,10 @@ from vsalog.cli.help import EXAMPLES, grouped
 
 FOLDER = Path(__file__).parent / "reference" / "cli"
 EXIT_CODES = """\
-0: done. 2: the input or the command line is at fault; one line on stderr says what, where and what to do, and
-nothing was written. 3: done, but a threshold that was asked for was missed (`validate --max-nrmse`,
-`diagnose --fail-on-cause`, `--fail-on-unchecked`). 1: a bug in vsalog; `vsalog --debug …` shows a traceback.
+0: done. 2: the input or the command line is at fault; one line on stderr says what, where and what to do, with the rig that
+was used, and nothing was written. 3: done, but a threshold that was asked for was missed (`validate --max-nrmse`,
+`diagnose --fail-on-cause`, `--fail-on-unchecked`). 130, 143: interrupted, terminated. 141: the reader of the output closed it,
+as `head` does. 1: a bug in vsalog; `vsalog --debug …` shows a traceback.
 
 Findings do not change the code, not even those that invalidate a joint: the results are written, and none of their rows counts
 as excited. Scripts read `severity` of the findings that `--json` prints."""

@@ -157,6 +157,18 @@ def test_an_output_that_is_also_an_input(words, inputs):
     assert {p.name: hashlib.sha256(p.read_bytes()).digest() for p in inputs.rglob("*") if p.is_file()} == before
 
 
+@pytest.mark.parametrize("words", ["inspect log.csv", "inspect log.csv --json", "explain --list", "inspect --help"])
+def test_a_reader_that_closes_the_output_is_no_error(words, tmp_path):
+    """As `head` does: no traceback, and not the code of a bug."""
+    lay(tmp_path)
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", "vsalog", *words.split()]
+    done = subprocess.run(command, cwd=tmp_path, check=False, stdout=writer, stderr=subprocess.PIPE)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (141, b"")
+
+
 @pytest.mark.parametrize(("log", "code"), [("log.csv", 0), ("nothing.csv", 2)])
 def test_streams_that_are_closed_are_no_error(log, code, tmp_path):
     """As by `>&-`: nobody listens, and no file that is opened later takes the place of the output."""

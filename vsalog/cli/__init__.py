@@ -40,6 +40,10 @@ if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
 
+CLOSED = 141
+"""Exit code where the reader of the output closed it: 128 and the number of SIGPIPE, as of other tools."""
+
+
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]}, params=message_options())
 @click.version_option(__version__, prog_name="vsalog")
 def cli() -> None:
@@ -68,7 +72,7 @@ def main() -> NoReturn:
     """Run the command line.
 
     Exit code 2 and a message on stderr where the input or the command line is to blame, 130 and 143 when interrupted or
-    terminated, 1 for a bug of ours.
+    terminated, 141 when the reader of the output closed it, 1 for a bug of ours.
     """
     # The matrices are small: threads of linear algebra would only wait for one another, at a third of a command's processor time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -114,6 +118,9 @@ def _run() -> int:
         code = cli(prog_name="vsalog", standalone_mode=False)
         sys.stdout.flush()
     except SystemExit as end:
+        # rich and click end with 1, a bug's code, where a reader such as "head" closed the pipe.
+        if isinstance(end.__context__, BrokenPipeError):
+            return CLOSED
         return end.code if isinstance(end.code, int) else 1
     except click.ClickException as error:
         error.show()
@@ -122,7 +129,7 @@ def _run() -> int:
         click.echo("vsalog: interrupted; no file is half written", err=True)
         return 130
     except BrokenPipeError:
-        return 0  # the reader of our output closed the pipe
+        return CLOSED
     except Exception as error:
         if debugging():
             traceback.print_exc()
