@@ -10,7 +10,7 @@ from rich.console import Console
 
 from vsalog.core.progress import Advanced, tell
 from vsalog.report import progress as module
-from vsalog.report.progress import Progress
+from vsalog.report.progress import BatchProgress, Progress
 from vsalog.report.verbosity import Verbosity, ask
 
 
@@ -52,6 +52,26 @@ def test_a_step_has_a_bar_with_the_time_left(screen):
     # A hundredth took 0.3 s or more.
     assert any(f"{seconds} s left" in screen.getvalue() for seconds in range(25, 60))
     assert "at most" not in screen.getvalue()
+
+
+def test_a_bar_is_one_line_of_the_terminal(screen):
+    def drawn():
+        """Return what the last bar drew before it was erased."""
+        return screen.getvalue().rpartition("\x1b[?25l")[2].partition("\n\x1b[?25h")[0]
+
+    with Progress() as progress:
+        progress.say("estimating a joint whose name is long, which leaves little room")
+        tell(Advanced("checks", 0.0))
+        time.sleep(0.3)
+        tell(Advanced("checks", 0.01, at_most=True))
+        time.sleep(0.3)
+    assert "\n" not in drawn()
+    with BatchProgress() as shown:
+        shown.begin([1] * 20)
+        shown.now("a log in a folder of a name that is long, of an experiment that took a whole night")
+        time.sleep(0.3)
+    assert "whole night" not in drawn()
+    assert "\n" not in drawn()
 
 
 def test_a_loop_that_may_end_earlier_says_at_most(screen):

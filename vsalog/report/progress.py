@@ -29,7 +29,7 @@ LINE_INTERVAL = 30.0
 
 STEPS = {
     "causes": "searching the sets of causes",
-    "checks": "checking signals and residuals",
+    "checks": "running checks",
     "equations": "linearising the equations",
     "estimate": "filtering",
     "experiments": "simulating candidates",
@@ -60,6 +60,11 @@ class _Left(ProgressColumn):
         return Text(f"{'at most ' if task.fields['at_most'] else ''}{left} left")
 
 
+def _cut() -> Column:
+    """Return the column of a bar's words: a bar is one line, which the terminal is wide enough for."""
+    return Column(ratio=1, no_wrap=True, overflow="ellipsis")
+
+
 class Progress:
     """What is being done, on stderr: a bar with an estimate of the time left on a terminal; which rig is used, everywhere.
 
@@ -75,8 +80,7 @@ class Progress:
 
     def __init__(self, replaced: Sequence[Path] = (), rigs: bool = True) -> None:
         self._console = Console(stderr=True, highlight=False)
-        wrapped = Column(ratio=1, no_wrap=False)
-        columns = SpinnerColumn(), TextColumn("{task.description}", table_column=wrapped), BarColumn(16), _Left()
+        columns = SpinnerColumn(), TextColumn("{task.description}", table_column=_cut()), BarColumn(16), _Left()
         self._shown = self._console.is_terminal and verbosity() > Verbosity.QUIET
         self._bar = Bar(*columns, console=self._console, transient=True, disable=not self._shown, expand=True)
         self._task = self._bar.add_task("starting", total=None, begun=time.monotonic(), at_most=False)
@@ -199,8 +203,8 @@ class BatchProgress:
         self.done, self._of, self._now, self._announced = 0, of, "", False
         self._console = Console(stderr=True, highlight=False)
         self._shown = self._console.is_terminal and verbosity() > Verbosity.QUIET
-        columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
-        self._bar = Bar(*columns, console=self._console, transient=True, disable=not self._shown)
+        columns = TextColumn("{task.description}", table_column=_cut()), BarColumn(16), TimeElapsedColumn()
+        self._bar = Bar(*columns, console=self._console, transient=True, disable=not self._shown, expand=True)
         self._logs = self._bytes = self._done_bytes = self._kept = self._failed = 0
         self._start = self._last = self._added = time.monotonic()
 
