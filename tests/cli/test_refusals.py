@@ -192,6 +192,9 @@ def test_a_joint_that_stands_still(run, bench):
         (["--tune", "window=1e300"], "window"),
         (["--tune", "window=1e9"], "window"),
         (["--tune", "window=1e308"], "window"),
+        (["--tune", "window=1e-4"], "--tune window=SECONDS to 0.006 s"),
+        (["-e", "residual-rls", "--tune", "window=1e-4"], "--tune window=SECONDS to 0.006 s"),
+        (["-e", "direct", "--tune", "window=1e-4"], "--tune window=SECONDS to 0.004 s"),
         (["--tune", "filter=kinematic", "--tune", "settle=1e300"], "settle"),
         (["--joint", "kne"], "did you mean 'knee'"),
         (["--set", "joint.knee.motor.inertia=heavy"], "inertia"),
@@ -200,11 +203,21 @@ def test_a_joint_that_stands_still(run, bench):
         (["--rig", "vsa3"], "did you mean 'vsa2'"),
         (["-o", "nowhere/out.parquet"], "nowhere"),
         (["-o", "log.csv"], "is the log itself"),
+        (["-o", "trace.csv"], "trace.parquet"),
+        (["--figures", "figures.svg"], "figures.svg/"),
         (["--mcap", "log.csv"], "is the log itself"),
     ],
 )
 def test_options_that_cannot_be(refused, bench, options, said):
     assert said in refused("estimate", "log.csv", *options, cwd=bench)
+
+
+@pytest.mark.parametrize("command", ["diagnose", "validate"])
+def test_a_folder_with_the_name_of_a_page(refused, bench, command):
+    logs = ["log.model.toml"] if command == "validate" else []
+    message = refused(command, *logs, "log.csv", "-o", "page.html", cwd=bench)
+    assert "--report page.html" in message
+    assert not (bench / "page.html").exists()
 
 
 def test_an_observer_that_never_settles(refused, simulate, tmp_path):

@@ -7,7 +7,7 @@ from pathlib import Path
 import rich_click as click
 
 from vsalog.cli import complete
-from vsalog.cli.options import LogPath, force_option, page_option, reading_options, rig_options
+from vsalog.cli.options import FolderPath, LogPath, force_option, page_option, reading_options, rig_options
 
 
 @click.command(short_help="Find the causes of the simulation's errors, extend the rig, and measure the gain.")
@@ -48,7 +48,7 @@ from vsalog.cli.options import LogPath, force_option, page_option, reading_optio
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=FolderPath(),
     metavar="DIR",
     help="Folder for diagnosis.json, diagnosis.html and extended.rig.toml; default: the current one.",
 )

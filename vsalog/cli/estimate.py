@@ -7,7 +7,7 @@ from pathlib import Path
 import rich_click as click
 
 from vsalog.cli import complete
-from vsalog.cli.options import LogPath, force_option, reading_options, rig_options
+from vsalog.cli.options import FolderPath, LogPath, force_option, reading_options, rig_options
 from vsalog.cli.pairs import pairs
 from vsalog.estimators.registry import methods
 
@@ -63,7 +63,7 @@ from vsalog.estimators.registry import methods
 )
 @click.option(
     "--figures",
-    type=click.Path(path_type=Path),
+    type=FolderPath(),
     metavar="DIR",
     help="Write the figures as SVG, PNG and PDF too.",
 )

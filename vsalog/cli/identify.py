@@ -6,7 +6,7 @@ from pathlib import Path
 
 import rich_click as click
 
-from vsalog.cli.options import LogPath, force_option, reading_options, rig_options
+from vsalog.cli.options import FolderPath, LogPath, force_option, reading_options, rig_options
 
 
 @click.command(short_help="Fit the rig's parameters to a log, with intervals, and report which of them it determines.")
@@ -48,7 +48,7 @@ from vsalog.cli.options import LogPath, force_option, reading_options, rig_optio
 @click.option("--report", type=click.Path(path_type=Path), metavar="FILE", help="Write a page, which opens offline.")
 @click.option(
     "--figures",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FolderPath(),
     metavar="DIR",
     help="Draw the numbers with their intervals, as SVG, PNG and PDF.",
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,10 +12,11 @@ import rich_click as click
 
 from vsalog.cli import complete
 from vsalog.cli.pairs import pairs
+from vsalog.core.printable import named
 
 
 class LogPath(click.Path):
-    """The path of a log; of a ``file://`` address, as file managers and browsers give it, the path in it."""
+    """The path of a log, with a name; of a ``file://`` address, as file managers and browsers give it, the path in it."""
 
     def __init__(self) -> None:
         super().__init__(path_type=Path)
@@ -23,6 +25,25 @@ class LogPath(click.Path):
         """Return the path."""
         if isinstance(value, str) and value.lower().startswith("file://"):
             value = unquote(urlsplit(value).path, errors="surrogateescape")
+        return named(Path(os.fsdecode(super().convert(value, param, ctx))))
+
+
+FILES = (".csv", ".htm", ".html", ".json", ".mcap", ".parquet", ".pdf", ".png", ".svg", ".toml")
+"""Suffixes of files: a folder that is to be made is not meant to have such a name."""
+
+
+class FolderPath(click.Path):
+    """The path of a folder for results."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path, file_okay=False)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path."""
+        text = os.fspath(value)
+        if text.lower().endswith(FILES) and not Path(text).is_dir():
+            page = f"; --report {text} names the page" if text.lower().endswith((".htm", ".html")) else ""
+            self.fail(f"'{text}' is a file's name; name a folder, '{text}/' for one of that name{page}", param, ctx)
         return super().convert(value, param, ctx)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import rich_click as click
 
 from vsalog.cli import complete
-from vsalog.cli.options import force_option
+from vsalog.cli.options import FolderPath, force_option
 
 
 @click.command(short_help="Print the papers' numbers next to ours.")
@@ -23,7 +23,7 @@ from vsalog.cli.options import force_option
 @click.option("--json", "as_json", is_flag=True, help="Print the rows as one JSON document on stdout.")
 @click.option(
     "--plots",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=FolderPath(),
     metavar="DIR",
     help="Write figures like the papers' into this folder, as SVG.",
 )

@@ -8,7 +8,7 @@ from typing import Any
 
 import rich_click as click
 
-from vsalog.cli.options import LogPath, force_option, page_option, reading_options, rig_options
+from vsalog.cli.options import FolderPath, LogPath, force_option, page_option, reading_options, rig_options
 
 
 class Percent(click.FloatRange):
@@ -66,13 +66,11 @@ def _in_order(model: Path, logs: tuple[Path, ...]) -> tuple[Path, tuple[Path, ..
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=FolderPath(),
     metavar="DIR",
     help="Folder for report.json and report.html; default: the current one.",
 )
-@click.option(
-    "--figures", type=click.Path(path_type=Path), metavar="DIR", help="Write the figures as SVG, PNG and PDF too."
-)
+@click.option("--figures", type=FolderPath(), metavar="DIR", help="Write the figures as SVG, PNG and PDF too.")
 @page_option
 @force_option
 @click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON document on stdout.")

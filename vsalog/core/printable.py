@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
+from pathlib import Path
 from shlex import quote
 
 LONGEST_TEXT = 256
@@ -25,6 +26,11 @@ def printable(text: str) -> str:
 def command(*words: object) -> str:
     """Return a command of vsalog as it is typed: each word, such as a path, is quoted where a shell would change it."""
     return printable(" ".join(["vsalog", *(quote(str(word)) for word in words)]))
+
+
+def named(path: Path) -> Path:
+    """Return a path that ends with a name, for messages and the names of results; ``.`` and ``..`` end with none."""
+    return path if path.name not in ("", "..") else path.resolve()
 
 
 def plural(count: int, noun: str) -> str:
