@@ -18,7 +18,7 @@ from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.windows import PART_OF_RUN, SHORTER, WIDER, WINDOWS, most_moved, rms, with_window
 from vsalog.filters.derivative_weights import derivative_weights
-from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
+from vsalog.filters.savitzky_golay import samples_of, savgol_filter, savgol_weights
 from vsalog.uncertainty.errors_in_variables import MOST_NOISE
 from vsalog.uncertainty.sensor_error import sensor_error, without_missing
 
@@ -101,7 +101,7 @@ def reading_window(device: Device, signals: JointSignals, tuning: Tuning) -> flo
     (Stein's unbiased risk estimate; Stein, Ann. Statist. 9(6), 1981). It is no longer than the usual one, or the tuning's.
     """
     part = most_moved(signals, [r for view in device.transmissions for r in view.deflection_roles(signals.roles)])
-    longest = WINDOWS[0] if tuning.window is None else 2 * round(0.5 * tuning.window / signals.period) + 1
+    longest = WINDOWS[0] if tuning.window is None else samples_of(tuning.window, signals.period, tuning.degree)
     tried = [w for w in (*SHORTER, WINDOWS[0]) if tuning.degree < w <= longest] or [longest]
     errors = {
         window: sum(_risk(view, part, window, tuning.degree) for view in device.transmissions) for window in tried

@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.errors import FilterError
-from vsalog.core.look import LONGEST_RUN
 from vsalog.core.signals import LONGER, JointSignals
 from vsalog.filters.derivative_weights import derivative_polynomials, derivative_weights
 from vsalog.filters.kinematic import KinematicSettings, kinematic_filter
 from vsalog.filters.savitzky_golay import (
     Polynomials,
     filter_together,
+    samples_of,
     savgol_lag,
     savgol_polynomials,
     savgol_weights,
@@ -140,14 +140,9 @@ class Conditioner:
             for role in self.moving
         }
         self.settle = 100 if settle is None else round(settle / self.period)
-        # The weights are computed before the log's length is known.
-        if kind != "kinematic" and window > LONGEST_RUN * self.period:
-            raise FilterError(
-                f"a window of {window:.3g} s has more than {LONGEST_RUN} samples at {1.0 / self.period:.4g} Hz; shorten it with"
-                " --tune window=SECONDS"
-            )
         self.window = 2 * round(0.5 * window / self.period) + 1
         if kind != "kinematic":
+            self.window = samples_of(window, self.period, degree)
             if self.exact:
                 self.weights = derivative_weights(self.window, degree, 2, self.period)
                 self.polynomials = derivative_polynomials(self.window, degree, 2)

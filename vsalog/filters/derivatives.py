@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.errors import FilterError
-from vsalog.core.look import LONGEST_RUN
 from vsalog.core.signals import LONGER, JointSignals
 from vsalog.filters.conditioning import Preparation
 from vsalog.filters.derivative_weights import derivative_polynomials, derivative_weights
-from vsalog.filters.savitzky_golay import filter_together, savgol_lag, savgol_polynomials, savgol_weights
+from vsalog.filters.savitzky_golay import filter_together, samples_of, savgol_lag, savgol_polynomials, savgol_weights
 
 Array = NDArray[np.float64]
 
@@ -67,13 +66,8 @@ class Derivatives:
     def __init__(
         self, orders: Mapping[str, int], period: float, window: float, degree: int, before: Preparation | None = None
     ) -> None:
-        if window > LONGEST_RUN * period:
-            raise FilterError(
-                f"a window of {window:.3g} s has more than {LONGEST_RUN} samples at {1.0 / period:.4g} Hz; shorten it with"
-                " --tune window=SECONDS"
-            )
         self.orders, self.period, self.before = dict(orders), period, before
-        self.window = 2 * round(0.5 * window / period) + 1
+        self.window = samples_of(window, period, degree)
         highest = max(orders.values(), default=0)
         if highest <= 1:
             self.weights = savgol_weights(self.window, degree, highest, period)

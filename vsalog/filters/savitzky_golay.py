@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.compiled import compiled
 from vsalog.core.errors import FilterError
+from vsalog.core.look import LONGEST_RUN
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -58,6 +59,35 @@ class Polynomials(NamedTuple):
 def savgol_lag(window: int) -> int:
     """Return how many samples after its centre a window of that length ends: the look-ahead of the filter."""
     return window - 1 - window // 2
+
+
+def samples_of(window: float, period: float, degree: int) -> int:
+    """Return the length of a filter's window in samples, odd.
+
+    Parameters
+    ----------
+    window : [s], an estimator's ``window``
+    period : T [s]
+    degree : of the polynomial
+
+    Raises
+    ------
+    FilterError
+        The window is too long, or too short for the degree.
+    """
+    why = f"a window of {window:.3g} s"
+    if window > LONGEST_RUN * period:
+        raise FilterError(
+            f"{why} has more than {LONGEST_RUN} samples at {1.0 / period:.4g} Hz; shorten it with --tune window=SECONDS"
+        )
+    samples = 2 * round(0.5 * window / period) + 1
+    if samples <= degree:
+        least = 2 * (degree // 2 + 1) * period
+        raise FilterError(
+            f"{why} is too short for a polynomial of degree {degree} at {1.0 / period:.4g} Hz; lengthen it with --tune"
+            f" window=SECONDS to {least:.3g} s or more"
+        )
+    return samples
 
 
 def savgol_weights(window: int, degree: int, derivatives: int = 0, period: float = 1.0) -> Array:
