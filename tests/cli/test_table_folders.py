@@ -64,6 +64,22 @@ def test_estimate_and_validate(place):
     assert one == folder
 
 
+def test_the_current_folder_has_a_name_and_its_rig(place):
+    named, here = place / "exp1", []
+    for cwd, log in ((place, "exp1"), (named, "."), (named, "../exp1")):
+        (named / "rig.toml").write_text(RIG.format(motor="motor.", link="link."))
+        done = vsalog_run("estimate", log, "--json", "-o", place / "here/", cwd=cwd)
+        assert done.returncode == 0, done.stderr
+        document = json.loads(done.stdout)
+        here.append((document["outputs"]["trace"], document["joints"]))
+        assert (cwd / document["rig"]["path"]).samefile(named / "rig.toml")
+        (named / "rig.toml").write_text(RIG.format(motor="other.", link="link."))
+        done = vsalog_run("estimate", log, "--json", cwd=cwd)
+        assert (done.returncode, done.stderr[:14]) == (2, "vsalog: exp1: ")
+        (named / "rig.toml").unlink()
+    assert here[0] == here[1] == here[2]
+
+
 @pytest.mark.parametrize(("command", "options"), [("diagnose", ["--holdout", "OTHER"]), ("compare", ["-e", "qr-rls"])])
 def test_diagnose_and_compare(place, command, options):
     one, folder = both(place, command, "LOG", *options)

@@ -95,4 +95,4 @@ def identify(
         What the input is to blame for; the message says what, where and what to do.
     """
     options = Options(rig, names(joints), texts(set), rate, time, start, end, names(free), names(fix))
-    return warned(Identification(*run(Path(log), paths(holdouts), options)))
+    return warned(Identification(*run(paths(log)[0], paths(holdouts), options)))

@@ -18,7 +18,7 @@ from vsalog.core.errors import ReadError, VsalogError, VsalogWarning, did_you_me
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import merged
 from vsalog.core.notation import listed
-from vsalog.core.printable import printable
+from vsalog.core.printable import named, printable
 from vsalog.core.recording import Recording
 from vsalog.figures.interactive import interactive
 from vsalog.figures.paper import SIZES, check_matplotlib
@@ -212,7 +212,7 @@ def paths(given: Paths) -> list[Path]:
     for one in several:
         if not isinstance(one, str | Path):
             raise ReadError(f"a {type(one).__name__} is no path of a log")
-    return [Path(one) for one in several]
+    return [named(Path(one)) for one in several]
 
 
 def logs_of(given: Paths) -> list[Path]:

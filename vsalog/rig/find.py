@@ -43,7 +43,8 @@ def find_rig(log: Path, rig_text: str | None, given: Rig | str | Path | None = N
 
     Returns
     -------
-    the rig given; else the one in the log; else `LOG.rig.toml` next to `LOG.ext`; else `rig.toml` in the same folder; else None
+    the rig given; else the one in the log; else `LOG.rig.toml` next to `LOG.ext`; else `rig.toml` in a log that is a folder, else
+    in the folder that a log is in; else None
 
     Raises
     ------
@@ -90,8 +91,9 @@ def rig_beside(log: Path) -> Path | None:
     return next((path for path in _beside(log) if path.is_file()), None)
 
 
-def _beside(log: Path) -> tuple[Path, Path]:
-    return log.parent / f"{log.stem}.rig.toml", log.parent / "rig.toml"
+def _beside(log: Path) -> tuple[Path, ...]:
+    inside = (log / "rig.toml",) if log.is_dir() else ()
+    return (log.parent / f"{log.stem}.rig.toml", *inside, log.parent / "rig.toml")
 
 
 def _there(log: Path) -> Iterator[Path]:
