@@ -327,6 +327,18 @@ def test_the_foot_fitted_at_four_settings_holds_at_five_others(tmp_path):
     assert "validation.own_log" not in codes(joint["reasons"])
 
 
+def test_a_stiffness_that_is_not_judged_is_said_to_be(models, tmp_path):
+    done = call("validate", models["sea"], simulated(tmp_path, "again"), "--rig", "sea", "-o", tmp_path / "known")
+    assert "stiffness not judged" not in done.stdout
+    unknown = "joint.sea.transmission={type='unknown'}"
+    words = ("validate", models["sea"], SEA2, "--rig", "sea", "--set", unknown, "-o", tmp_path / "unknown")
+    done = call(*words)
+    assert done.exit_code == 0, done.stderr
+    assert "stiffness not judged" in done.stdout
+    (log,) = json.loads((tmp_path / "unknown" / "report.json").read_text())["logs"]
+    assert log["joints"][0]["stiffness"] is None
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

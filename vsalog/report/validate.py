@@ -184,6 +184,8 @@ def _section(joint: JointReport, log: str, charts: Charts, title: str) -> Sectio
         judged = joint.stiffness
         word, tone = f"stiffness {judged.verdict}", TONES[judged.verdict]
         items.append(Verdict(f"{joint.joint} in {log}", word, tone, (judged.sentence,)))
+    else:
+        items.append(Verdict(f"{joint.joint} in {log}", "stiffness not judged", "", (_unjudged(joint),)))
     items.append(Notes(joint.findings))
     if joint.period > 0.0:
         items.append(Words(f"{joint.duration:.4g} s at {1.0 / joint.period:.4g} Hz.", "page"))
@@ -191,6 +193,13 @@ def _section(joint: JointReport, log: str, charts: Charts, title: str) -> Sectio
     about = {part.transmission: tuple(_about(part)) for part in joint.transmissions}
     first, rest = led(charts, "torque", f"{log}, {joint.joint}: ", about)
     return Section(title, (*first, *items, *rest), verdict)
+
+
+def _unjudged(joint: JointReport) -> str:
+    """Return why a stiffness has no verdict."""
+    if any(c.quantity == "stiffness" and c.inside is not None for t in joint.transmissions for c in t.comparisons):
+        return "The rig's nominal stiffness is compared where the torque holds only."
+    return "The rig has no nominal stiffness, and the log no true one."
 
 
 def _scores(joint: JointReport) -> Table:
