@@ -38,22 +38,18 @@ def reason(rig):
 @pytest.mark.parametrize(
     ("roles", "motor", "words"),
     [
-        (("motor_position",), INERTIA, "no motor_torque is recorded; with motor_torque the motor's"),
-        (("motor_position",), "", "with motor_torque and the motor's inertia in the rig the motor's"),
-        (
-            ("deflection",),
-            INERTIA,
-            "no motor_torque or motor_position is recorded; with motor_torque and motor_position the",
-        ),
-        (("deflection", "motor_torque"), INERTIA, "no motor_position is recorded; with motor_position the"),
+        (("motor_position",), INERTIA, "motor_torque in the rig would"),
+        (("motor_position",), "", "motor_torque in the rig, with the motor's inertia, would"),
+        (("deflection",), INERTIA, "motor_torque and motor_position in the rig would"),
+        (("deflection", "motor_torque"), INERTIA, "motor_position in the rig would"),
         (("motor_position", "motor_torque"), "", "the motor's inertia is not known"),
     ],
 )
 def test_auto_names_what_lacks_and_not_what_is_there(roles, motor, words):
     found = reason(rig_with("link_position", "torque_sensor", *roles, motor=motor))
     assert words in found
-    lacking = found.partition("no motor_")[2].partition("is recorded")[0]
-    assert not [role for role in roles if role in f"motor_{lacking}"]
+    lacking = found.partition("; ")[2].partition(" in the rig")[0]
+    assert not [role for role in roles if role in lacking]
 
 
 def test_auto_says_what_one_more_sensor_would_add():
@@ -157,3 +153,18 @@ def test_numbers_out_of_range_leak_no_warning_from_any_part_of_an_estimate(bench
         warnings.simplefilter("error")
         estimate_joint([recording], name, joint, replace(choice, method=Method))
     assert set(met) == {"build", "model", "findings"}
+
+
+def test_a_guessed_torque_before_an_unknown_gear_is_not_said_to_be_used(samples, tmp_path):
+    """What is printed of the guess and of the estimator's choice do not contradict each other."""
+    head, *rows = (samples / "sea_exp1.csv").read_text(encoding="utf-8").splitlines()
+    halved = ((*cells[:2], str(0.5 * float(cells[2])), *cells[3:]) for cells in (row.split(",") for row in rows))
+    (tmp_path / "log.csv").write_text("\n".join((head, *map(",".join, halved))), encoding="utf-8")
+    with pytest.warns(vsalog.VsalogWarning):
+        found = vsalog.estimate(tmp_path / "log.csv", end="5")
+    (guessed,) = (finding for finding in found.findings if finding.code == "rig.guessed")
+    (joint,) = found.rig.joints.values()
+    for role in ("motor_position", "motor_torque", "link_position", "torque_sensor"):
+        words = guessed.evidence["roles"].partition(f"{role} = ")[2].partition(")")[0]
+        assert ("not used" in words) == (getattr(joint.signals, role) is None) == (role == "motor_torque")
+    assert "recorded" not in found[0].reason

@@ -20,4 +20,4 @@ def test_a_motor_that_is_moved_as_prescribed_has_no_torque_in_it(run, tmp_path, 
     assert done.returncode == 0, done.stderr
     (joint,) = json.loads(done.stdout)["joints"]
     assert joint["estimator"] == "smoother"
-    assert "no motor_torque is recorded" in joint["reason"]
+    assert "motor_torque in the rig" in joint["reason"]

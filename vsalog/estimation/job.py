@@ -38,6 +38,7 @@ from vsalog.readers import Reader, open_reader, read
 from vsalog.rig import Rig
 from vsalog.rig.find import find_rig, tell_rig
 from vsalog.rig.guess import guess_roles
+from vsalog.rig.guess_types import JointGuess
 from vsalog.rig.template import rig_template
 
 Progress = Callable[[str], None]
@@ -329,24 +330,28 @@ def _rig(log: Path | Recording, opened: Reader | None, options: Options) -> Rig 
 
 def _guess(recording: Recording) -> tuple[Rig, list[Finding]]:
     """Guess the rig of a log that has none, with a warning that it was guessed."""
-    guess, name = guess_roles(recording), recording.path.name
+    guess, name, path = guess_roles(recording), recording.path.name, recording.path
     if not guess.joints:
         raise RigError(
             f"no rig was found in or next to {name}, and no channel of it looks like a joint's position or deflection."
             f" '{command('inspect', recording.path)}' lists the channels,"
             f" '{command('init', recording.path)}' writes a rig to fill in"
         )
-    roles = "; ".join(
-        f"{joint.name}: "
-        + ", ".join(f"{role} = '{g.channel}' (confidence {g.confidence:.0%})" for role, g in joint.roles.items())
-        for joint in guess.joints
-    )
-    path = recording.path
-    rig = path.with_name(f"{path.stem}.rig.toml") if path.exists() else f"{path.stem}.rig.toml"  # of an address
-    evidence = {"roles": roles, "name": str(path), "rig": str(rig)}
+    rig = Rig.from_toml(rig_template(recording, guess, with_beginnings=False), f"the rig guessed for {name}")
+    roles = "; ".join(f"{joint.name}: {_roles_of(joint, rig)}" for joint in guess.joints)
+    file = path.with_name(f"{path.stem}.rig.toml") if path.exists() else f"{path.stem}.rig.toml"  # of an address
+    evidence = {"roles": roles, "name": str(path), "rig": str(file)}
     guessed = Finding(code="rig.guessed", value=len(guess.joints), evidence=evidence)
-    text = rig_template(recording, guess, with_beginnings=False)
-    return Rig.from_toml(text, f"the rig guessed for {name}"), of_log(name, [guessed, *guess.findings])
+    return rig, of_log(name, [guessed, *guess.findings])
+
+
+def _roles_of(joint: JointGuess, rig: Rig) -> str:
+    """Return the guessed channels, and which of them are not used, as a torque before an unknown gear."""
+    used = set(offered_roles(rig.joints[joint.name]))
+    unused = {role: "" if role in used else ", not used before the rig is completed" for role in joint.roles}
+    return ", ".join(
+        f"{role} = '{g.channel}' (confidence {g.confidence:.0%}{unused[role]})" for role, g in joint.roles.items()
+    )
 
 
 def _setpoints(rig: Rig, text: str | None, count: int) -> tuple[Rig, tuple[float | None, ...]]:

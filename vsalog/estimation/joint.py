@@ -260,11 +260,10 @@ def _whole_log(device: Device, offered: Collection[str], motors: bool, sensor: b
     lacking = dict.fromkeys(
         r for v in device.transmissions for r in (v.motor_torque, v.motor_position) if r not in offered
     )
-    inertia, roles = "" if known else " and the motor's inertia in the rig", " and ".join(lacking)
+    inertia, roles = "" if known else ", with the motor's inertia,", " and ".join(lacking)
     return (
         "there is a torque sensor, and every instant is estimated from the whole log;"
-        f" no {roles.replace(' and ', ' or ')} is recorded; with {roles}{inertia} the motor's equation would add to it and be"
-        " a cross-check"
+        f" {roles} in the rig{inertia} would add the motor's equation to it, a cross-check"
     )
 
 
