@@ -110,6 +110,34 @@ def test_an_estimate_is_what_the_command_writes_and_says(bench, printed):
     assert repr(found) == "<vsalog Estimate: Stiffness of log.csv>"
 
 
+def test_every_object_is_one_line_that_says_what_it_is_about(bench):
+    shown = {
+        repr(one)
+        for one in (
+            vsalog.Rig.load("rig.toml"),
+            vsalog.read("log.csv"),
+            vsalog.inspect("log.csv"),
+            vsalog.simulate("sea", duration="1 s"),
+        )
+    }
+    assert shown == {
+        "<vsalog Rig: rig.toml, 1 joint>",
+        "<vsalog Recording: log.csv, csv, 4 channels>",
+        "<vsalog Inspection: Inspection of log.csv>",
+        "<vsalog Simulation: Simulation of preset sea>",
+    }
+
+
+def test_a_spring_to_begin_with_is_asked_for_as_the_rig_has_it(bench):
+    """A Python user has no option of the command line."""
+    with pytest.raises(vsalog.VsalogError) as refused:
+        vsalog.identify("log.csv")
+    head, _, line = str(refused.value).rpartition(": ")
+    assert "--" not in head
+    rig = Path("rig.toml").read_text(encoding="utf-8").replace("[joint.knee]\n", f"[joint.knee]\n{line}\n")
+    assert vsalog.Rig.load(rig).joints["knee"].transmission.stiffness == 100.0
+
+
 def test_results_say_what_the_command_prints_as_json(bench, printed, samples):
     """The whole document, so the same code made it."""
     printed("estimate", "log.csv", "-e", "direct")

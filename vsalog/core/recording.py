@@ -13,7 +13,7 @@ from vsalog.core.column import is_mapped
 from vsalog.core.errors import BindingError, did_you_mean
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
-from vsalog.core.printable import command
+from vsalog.core.printable import command, plural, printable
 
 Stamps = NDArray[np.int64]
 Values = NDArray[np.float64]
@@ -80,7 +80,7 @@ class Stream:
     delay_spread: float = float("nan")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Recording:
     """A log: the requested channels, and the findings about it.
 
@@ -112,6 +112,10 @@ class Recording:
     rig_text: str | None = None
     findings: tuple[Finding, ...] = ()
     absolute_time: bool = True
+
+    def __repr__(self) -> str:
+        about = f"{self.format}, {plural(len(self.channels), 'channel')}"
+        return f"<vsalog Recording: {printable(self.path.name)}, {about}>"
 
     @property
     def notes(self) -> tuple[str, ...]:

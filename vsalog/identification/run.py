@@ -252,7 +252,8 @@ def _require_springs(name: str, joint: Any) -> None:
         if isinstance(getattr(joint, key, None), UnknownTransmission):
             raise DiagnosisError(
                 f"joint '{name}': the rig does not state the type of its spring, so nothing can be simulated or fitted; state it"
-                f""" with a first value, as by --set joint.{name}.{key}='{{type = "linear", stiffness = "100 N*m/rad"}}'"""
+                f" with a first value under [joint.{name}] in the rig:"
+                f""" {key} = {{ type = "linear", stiffness = "100 N*m/rad" }}"""
             )
 
 

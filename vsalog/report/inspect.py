@@ -47,7 +47,8 @@ _LONG = ((172_800.0, "d", 86_400.0), (7_200.0, "h", 3_600.0), (120.0, "min", 60.
 def inspection_document(found: Inspection) -> Document:
     """Return what is in several logs."""
     logs = (Section(_title(report), tuple(_log(report))) for report in found.logs)
-    return Document("Inspection", ", ".join(log.path for log in found.logs), tuple(logs), found)
+    title = f"Inspection of {', '.join(log.path for log in found.logs)}"
+    return Document(title, "Contents, faults and probable roles", tuple(logs), found)
 
 
 def inspection_page(found: Inspection, options: Options) -> Document:

@@ -154,7 +154,8 @@ def plan_document(found: Plan, files: Mapping[str, str] = {}) -> Document:  # fm
         Section(f"Joint {joint.joint}", tuple(_items(joint, found.scenario, bool(files)))) for joint in found.joints
     ]
     items.append(Section("", (Facts(tuple(files.items())),), where="terminal"))
-    return Document("Plan", "Which causes the sensors separate", tuple(items), found)
+    title = f"Plan for {', '.join(joint.joint for joint in found.joints)}"
+    return Document(title, "Which causes the sensors separate", tuple(items), found)
 
 
 def _items(joint: document.JointPlan, scenario: str, written: bool) -> Iterator[Block]:

@@ -54,7 +54,7 @@ def written_document(job: Job, recording: Recording, written: bool = True) -> Do
             for c in recording.channels.values()
         ],
     }
-    return Document("Simulation", "", (Words(words),), data)
+    return Document(f"Simulation of {shown(job.rig.where)}", "", (Words(words),), data)
 
 
 def written_page(document: Document, recording: Recording, rig: str) -> Document:
@@ -119,7 +119,7 @@ def replay_document(job: ReplayJob, joints: Mapping[str, JointReplay], written: 
         },
         "left_out": dict(job.left_out),
     }
-    return Document("Replay", "", tuple(lines), data)
+    return Document(f"Replay of {shown(job.log.name)}", "", tuple(lines), data)
 
 
 def _drive(role: str, how: str) -> str:

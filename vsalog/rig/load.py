@@ -13,6 +13,7 @@ import msgspec
 
 from vsalog.core.documents import read_text, toml_tables
 from vsalog.core.errors import RigError, did_you_mean
+from vsalog.core.printable import plural, printable
 from vsalog.core.toml import parse_toml
 from vsalog.core.units import shown
 from vsalog.rig.checks import check_rig
@@ -23,7 +24,7 @@ from vsalog.rig.uncertain import Path as KeyPath
 from vsalog.rig.uncertain import Tolerance, put_stated, value_at
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Rig:
     """A loaded rig: every value checked and in SI, the preset it started from worked in.
 
@@ -43,6 +44,9 @@ class Rig:
     def __post_init__(self) -> None:
         if not isinstance(self.file, RigFile):
             raise RigError(f"a {type(self.file).__name__} is no rig: Rig.load(PATH) and Rig.preset(NAME) load one")
+
+    def __repr__(self) -> str:
+        return f"<vsalog Rig: {printable(self.where)}, {plural(len(self.joints), 'joint')}>"
 
     def __str__(self) -> str:
         return self.where
