@@ -39,3 +39,41 @@ def test_the_snippets_of_a_page_run(name, request, tmp_path, monkeypatch):
     for image, source in page.images.items() if every else ():
         assert (tmp_path / source).is_file()
         assert (ROOT / "docs" / "images" / image).is_file(), "run: python -m docs.make_images"
+
+
+def test_a_number_that_is_stale_is_noticed():
+    step = snippets.Step("command", "vsalog estimate log.csv", "stiffness  20.1 N·m/rad\n  …\nexcited 99 %\n")
+    snippets.compare(step, ["stiffness 20.1 N·m/rad\n± 1 %\nexcited\n99 %\n", ""])
+    for said in ("stiffness 20.2 N·m/rad excited 99 %", "stiffness 20.1 N·m/rad"):
+        with pytest.raises(AssertionError):
+            snippets.compare(step, [said, ""])
+
+
+def test_what_a_page_says_is_printed_belongs_to_its_command(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(
+        """
+    $ vsalog inspect a.csv
+    1 stream
+    $ vsalog inspect b.csv
+    2 streams
+
+A block:
+
+    vsalog estimate a.csv
+
+```text
+20 N·m/rad
+```
+
+```text
+for example
+```
+"""
+    )
+    steps = snippets.read(page).steps
+    assert [(step.text, step.printed.strip(), step.begins) for step in steps] == [
+        ("vsalog inspect a.csv", "1 stream", True),
+        ("vsalog inspect b.csv", "2 streams", False),
+        ("vsalog estimate a.csv", "20 N·m/rad", True),
+    ]
