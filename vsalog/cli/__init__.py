@@ -40,10 +40,6 @@ if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
 
-CLOSED = 141
-"""Exit code where the reader of the output closed it: 128 and the number of SIGPIPE, as of other tools."""
-
-
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]}, params=message_options())
 @click.version_option(__version__, prog_name="vsalog")
 def cli() -> None:
@@ -120,7 +116,7 @@ def _run() -> int:
     except SystemExit as end:
         # rich and click end with 1, a bug's code, where a reader such as "head" closed the pipe.
         if isinstance(end.__context__, BrokenPipeError):
-            return CLOSED
+            return _closed()
         return end.code if isinstance(end.code, int) else 1
     except click.ClickException as error:
         error.show()
@@ -129,12 +125,17 @@ def _run() -> int:
         click.echo("vsalog: interrupted; no file is half written", err=True)
         return 130
     except BrokenPipeError:
-        return CLOSED
+        return _closed()
     except Exception as error:
         if debugging():
             traceback.print_exc()
         return _explain(error)
     return code if isinstance(code, int) else 0
+
+
+def _closed() -> int:
+    """Return the exit code where the reader of the output closed it, which is that of SIGPIPE, also where there is none."""
+    return 128 + getattr(signal, "SIGPIPE", 13)
 
 
 def _explain(error: Exception) -> int:
