@@ -290,6 +290,15 @@ def test_what_a_wide_loop_remembers_of_the_time_before_the_log_is_not_the_spring
     assert np.median(errors(columns, truth)[0]) < 0.005
 
 
+def test_the_lag_of_a_causal_filter_is_no_loop():
+    def lively(at):
+        return 3.0 * np.sin(2.0 * np.pi * 0.31 * at) + 3.0 * np.sin(2.0 * np.pi * 1.3 * at)
+
+    t, signals, _ = machine(spring=lambda phi: 60.0 * phi, drive=lively, noise=0.005, step=0.25 * STEP)
+    _, fold, state = estimated(t, without(signals, "torque_sensor"), filter="kinematic")
+    assert not {f.code for f in fold.findings(state)} & {"spring.loop", "spring.corner"}
+
+
 @pytest.mark.parametrize(("exponent", "shape"), [(1.0, 0.5), (2.0, 1.0), (2.0, 0.5), (3.0, 0.7), (2.0, 2.0)])
 def test_a_loop_of_any_form_is_fitted(exponent, shape):
     """By nine elements that slip at once or after Dahl the stiffness was 0.2 to 1 % off, in a band of 50 to 70 %."""

@@ -136,8 +136,8 @@ class ShapeSearch:
         best = straight if spline == basis else self._tried(spline)
         # Fewer functions resolve a change in shorter intervals: in long ones it may look like another shape.
         best = straight if straight.is_needed_after(best) else best
-        if basis.branches:
-            # A loop already: a corner of it would be one of either branch.
+        # With branches a corner would be one of either; what a causal filter delays looks like a loop.
+        if basis.branches or plain.conditioner.kind != "savitzky-golay":
             return self._chosen(best)
         sudden = self._tried(spline, tuple(Element(slip) for slip in self._slips))
         loop = sudden.is_needed_after(max(straight, best, key=lambda own: own.evidence))
