@@ -217,7 +217,7 @@ def test_the_page_says_all_of_it():
     text = diagnosis_page(told, [friction_evidence()], EXTENDED)
     for part in ("partly explained", "One.", "Three.", "0.2000 ± 0.0020 N·m", "motor.stribeck_friction", "Move slower.",
                  "Raise the torque slowly.", "Armstrong (1994)", "Sweep it.", "Beware.", "other.mcap", "0" * 64, "1" * 64,
-                 "95 % (90 … 98)", "12 % of the error is unexplained", "<ins>+coulomb = 0.2</ins>"):  # fmt: skip
+                 "95 % (90 … 98)", "12 % of the error beyond noise is unexplained", "<ins>+coulomb = 0.2</ins>"):  # fmt: skip
         assert part in text, part
     names = [json.loads(d)["name"] for d in re.findall(r'<script type="application/json"[^>]*>(.*?)</script>', text)]
     assert names == ["simulation", "simulation_expanded", "cause", "gain", "equations", "unexplained"]

@@ -62,7 +62,7 @@ def test_everything_is_reported_within_the_width(capsys, monkeypatch, columns):
     for part in ("log.mcap: partly explained", "torque 0.2000 ± 0.0020 N·m", "torque 1.204 ± 0.061 N·m", "width 0.0123 rad",
                  "98 %", "91 %", "62 %", "8 %", "motor.coulomb_friction", "transmission.damping", "link.coulomb_friction",
                  "0.008", "0.0004", "0.0002", "95 % (90 … 98)", "−25 % (−40 … −10)", "torque sensor [N·m]",
-                 "on the held-out log", "12 % of the error is unexplained; it is on the motor side and depends on",
+                 "on the held-out log", "12 % of the error beyond noise is unexplained; it is on the motor side and depends on",
                  "Raise the torque slowly.", "Load it at two speeds.", "Sweep it.", "longer than eighty columns are wide.",
                  "diagnosis.html", "diagnosis.json", "extended.rig.toml"):  # fmt: skip
         assert part in flat(out), part
@@ -166,7 +166,7 @@ def test_the_remainder_in_words():
     loop = remainder(depends_on=("deflection", "deflection_rate", "time"), curve_back=remainder().curve)
     assert "a loop over deflection: up and down differ" in unexplained_words(loop)
     assert unexplained_words(remainder(depends_on=())).endswith("depends on none of the signals checked.")
-    assert unexplained_words(remainder(where=None, depends_on=())) == "12 % of the error is unexplained."
+    assert unexplained_words(remainder(where=None, depends_on=())) == "12 % of the error beyond noise is unexplained."
 
 
 @pytest.mark.parametrize("columns", [80, 160])

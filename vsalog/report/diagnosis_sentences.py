@@ -243,7 +243,9 @@ def confidence_text(cause: FoundCause) -> str:
 
 def confidence_words(cause: FoundCause) -> str:
     """Return a cause's confidence, the error it removes, and the change of the stiffness."""
-    words = f"confidence {confidence_text(cause)}; it removes {share_text(cause.error_removed)} of the error"
+    words = (
+        f"confidence {confidence_text(cause)}; it removes {share_text(cause.error_removed)} of the error beyond noise"
+    )
     change = cause.stiffness_change
     return words if change is None else f"{words}, and changes the estimated stiffness by {share_text(change)}"
 
@@ -257,7 +259,7 @@ def unexplained_words(left: Unexplained) -> str:
     """Describe what no cause explains."""
     if nothing_left(left) and left.where is None:
         return "The residuals of this log's equations are noise."
-    words = f"{share_text(left.fraction)} of the error is unexplained"
+    words = f"{share_text(left.fraction)} of the error beyond noise is unexplained"
     if left.where is None:
         return f"{words}."
     names = [signal_name(name) for name in left.depends_on]
