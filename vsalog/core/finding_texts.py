@@ -443,7 +443,9 @@ TEXTS: dict[str, Text] = {
         DIAGNOSE,
     ),
     "error.late_encoder": Text(
-        "the error grows with a position's velocity: one encoder is late against the other.", DIAGNOSE
+        "the error grows with a position's velocity: the rig has too little damping or too much, or one encoder is late against"
+        " the other.",
+        DIAGNOSE,
     ),
     "error.friction": Text(
         "the error has the sign of the velocity: friction or hysteresis is missing; the two sides are {apart:.3g} N·m apart.",
