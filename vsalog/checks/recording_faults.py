@@ -260,7 +260,8 @@ TEXTS = {
     "signal.exchanged": Text(
         "{part} are exchanged: with them swapped, the squared residual of the joint's equations is {left:.1%} of the present"
         " one.",
-        "Exchange their channels in the rig.",
+        "Exchange their channels in the rig. Next to a torque sensor alone, exchanged positions look like its wrong sign:"
+        " set 'sign = -1' of torque_sensor if the positions are right.",
         FALSE_ALARM,
         SYMPTOMS,
     ),
