@@ -11,6 +11,8 @@ import pytest
 from command_line import vsalog_run
 from scipy.integrate import solve_ivp
 
+pytestmark = pytest.mark.share(2)
+
 EFFECT = """
 from vsalog.effects.base import Effect, OneNumber
 

@@ -38,6 +38,8 @@ from vsalog.report.estimate import write_estimate
 from vsalog.report.outputs import Outputs
 from vsalog.rig import Rig
 
+pytestmark = pytest.mark.share(2)
+
 START, MS = 1_700_000_000_000_000_000, 1_000_000
 RIG = """
 [joint.j]

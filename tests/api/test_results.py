@@ -27,6 +27,8 @@ import matplotlib
 matplotlib.use("agg")
 from matplotlib import pyplot
 
+pytestmark = pytest.mark.share(2)
+
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
 # Commands whose results are files, or texts.
 OF_FILES = {"batch", "explain", "export", "init", "plot", "reproduce", "warm"}

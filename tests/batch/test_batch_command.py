@@ -13,6 +13,8 @@ from vsalog.estimation.job import Options, prepare
 from vsalog.report.estimate import write_estimate
 from vsalog.report.outputs import Outputs
 
+pytestmark = pytest.mark.share(2)
+
 
 @pytest.fixture
 def call(monkeypatch, capsys, here, tmp_path):

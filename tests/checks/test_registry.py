@@ -14,6 +14,8 @@ from vsalog.checks.check import OfSignals, without_superseded
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import TEXTS
 
+pytestmark = pytest.mark.share(2)
+
 
 def test_names_are_unique_and_what_is_superseded_has_a_text():
     assert {check.name for check in checks()} == {

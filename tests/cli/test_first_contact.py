@@ -19,7 +19,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.io import savemat
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 TIME = np.arange(0.0, 8.0, 0.004)
 LINK = ((0.5, 2.1, 0.3), (0.2, 5.3, 1.0))

@@ -25,6 +25,8 @@ import matplotlib
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+pytestmark = pytest.mark.share(2)
+
 
 @pytest.fixture(scope="module")
 def traces(tmp_path_factory, samples):

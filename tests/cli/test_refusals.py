@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from knee import RIG, write_log
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 
 def test_the_bench_itself_works(run, bench):

@@ -11,6 +11,8 @@ import vsalog
 from vsalog.core.progress import Advanced, counted, watched
 from vsalog.report.progress import STEPS
 
+pytestmark = pytest.mark.share(2)
+
 OTHER = RIG.replace("inertia = 0.1", "inertia = 0.2")
 
 

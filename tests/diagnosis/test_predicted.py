@@ -14,7 +14,7 @@ from vsalog.residuals.channels import channels_of
 from vsalog.residuals.windows import begun, player_of, shoot, windows_of
 from vsalog.rig import Rig
 
-pytestmark = pytest.mark.share(4)
+pytestmark = pytest.mark.share(6)
 
 PERIOD, SECONDS = 2e-3, 6.0
 LINKLESS = re.sub(r"\[joint\.arm\.link\][^[]*", "", ELASTIC)

@@ -31,7 +31,7 @@ from vsalog.simulation.experiments import awas_experiment, vsa2_experiment
 from vsalog.simulation.scenario import Scenario
 from vsalog.simulation.simulate import simulate
 
-pytestmark = pytest.mark.share(3)
+pytestmark = pytest.mark.share(5)
 SEA = Rig.preset("sea").file
 PERIOD, SECONDS = 2e-3, 24.0
 STEP = float(np.deg2rad(0.01))

@@ -8,7 +8,7 @@ from elastic_drive import DAMPING, INERTIA, elastic_drive, write_log
 
 from vsalog.rig import Rig
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 
 def identified(folder, *options):

@@ -12,6 +12,8 @@ from scipy.interpolate import CubicSpline
 from vsalog.checks.fault_search import faults_of
 from vsalog.core.signals import JointSignals
 
+pytestmark = pytest.mark.share(3)
+
 PERIOD, STIFFNESS = 0.002, 150.0
 
 

@@ -23,6 +23,8 @@ from vsalog.rig.guess import guess_roles
 from vsalog.rig.schema import AntagonisticJoint, ElasticJoint, SerialJoint
 from vsalog.rig.template import preset_template, rig_template, toml_string
 
+pytestmark = pytest.mark.share(2)
+
 COLUMNS = {"motor_position": MOTOR, "link_position": LINK, "motor_current": MOTOR_TORQUE, "effort": TORQUE}
 
 
