@@ -11,7 +11,7 @@ import pytest
 from command_line import vsalog_run
 from scipy.integrate import solve_ivp
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 EFFECT = """
 from vsalog.effects.base import Effect, OneNumber

@@ -38,7 +38,7 @@ from vsalog.report.estimate import write_estimate
 from vsalog.report.outputs import Outputs
 from vsalog.rig import Rig
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 START, MS = 1_700_000_000_000_000_000, 1_000_000
 RIG = """

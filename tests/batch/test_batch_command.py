@@ -13,7 +13,7 @@ from vsalog.estimation.job import Options, prepare
 from vsalog.report.estimate import write_estimate
 from vsalog.report.outputs import Outputs
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 
 @pytest.fixture

@@ -25,6 +25,8 @@ from vsalog.report.outputs import Outputs
 from vsalog.writers.dataset import day, in_dataset
 from vsalog.writers.trace import TraceWriter
 
+pytestmark = pytest.mark.share(2)
+
 PAGE = Path(__file__).parent.parent.parent / "docs" / "how-to" / "batch.md"
 
 

@@ -20,7 +20,7 @@ from vsalog.batch.lock import locked
 from vsalog.batch.records import Settings
 from vsalog.batch.storage import Store
 
-pytestmark = pytest.mark.share(4)
+pytestmark = pytest.mark.share(5)
 
 JOINT = "</script><script>alert(1)</script><img src=x onerror=alert(2)> \"'` ../../x=y"
 EVIL = f"{JOINT}\n\x00\x1b[31m"  # joints have to be printable

@@ -18,7 +18,7 @@ from vsalog.cli.batch import parse_size
 from vsalog.core.errors import BatchError
 from vsalog.core.memory import cores
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from vsalog.batch import run as whole_run
 from vsalog.batch.records import Settings
 from vsalog.core.errors import BatchError
 
-pytestmark = pytest.mark.share(5)
+pytestmark = pytest.mark.share(6)
 
 
 def test_killed_again_and_again_it_ends_as_if_it_never_was(tmp_path, here):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from vsalog.checks.cross_check import _is_noise
 
-pytestmark = pytest.mark.share(3)
+pytestmark = pytest.mark.share(4)
 
 PERIOD, COUNT = 2e-3, 10_000
 SCALE, UNRELATED, INERTIA = "cross_check.torque_scale", "cross_check.torque_unrelated", "link.inertia_differs"

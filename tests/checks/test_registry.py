@@ -14,7 +14,7 @@ from vsalog.checks.check import OfSignals, without_superseded
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import TEXTS
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 
 def test_names_are_unique_and_what_is_superseded_has_a_text():

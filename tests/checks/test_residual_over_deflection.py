@@ -8,7 +8,7 @@ import pytest
 from command_line import vsalog_run
 from elastic_arm import RIG
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 PERIOD, COUNT = 2e-3, 10_000
 SHAPE, HIDES = "residual.shape_over_deflection", "deflection.hides_shape"

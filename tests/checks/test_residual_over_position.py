@@ -8,7 +8,7 @@ import pytest
 from command_line import vsalog_run
 from elastic_arm import RIG
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 PERIOD, COUNT, STIFFNESS = 2e-3, 10_000, 60.0
 SHAPE, FOLLOWS = "residual.shape_over_position", "residual.follows_motion"

@@ -7,6 +7,8 @@ import pytest
 from command_line import vsalog_run
 from elastic_arm import RIG
 
+pytestmark = pytest.mark.share(2)
+
 PERIOD, COUNT, STIFFNESS, STEP = 2e-3, 10_000, 2.0, 1e-3
 T = np.arange(COUNT) * PERIOD
 

@@ -15,6 +15,8 @@ from rosbags import rosbag1
 from rosbags.typesys import Stores, get_typestore
 from scipy.io import savemat
 
+pytestmark = pytest.mark.share(2)
+
 ROWS, STEP, STIFFNESS = 1000, 2_000_000, 20.0
 RIG = """
 [joint.knee]

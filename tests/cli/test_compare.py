@@ -8,7 +8,7 @@ from knee import lay
 
 import vsalog
 
-pytestmark = pytest.mark.share(3)
+pytestmark = pytest.mark.share(4)
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,8 @@ import pytest
 from command_line import vsalog_run
 from knee import RIG, lay
 
+pytestmark = pytest.mark.share(2)
+
 COMMANDS = {
     "estimate": [
         "estimate",

@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from vsalog.core.model import ModelFile
 from vsalog.simulation.experiments import awas_experiment, elastic_experiment, vsa2_experiment
 
-pytestmark = pytest.mark.share(4)
+pytestmark = pytest.mark.share(5)
 
 
 def columns(path, transmission):

@@ -11,6 +11,8 @@ from docs.make_findings import pages as findings
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import TEXTS, merged
 
+pytestmark = pytest.mark.share(2)
+
 
 @pytest.mark.parametrize("pages", [findings, causes], ids=["findings", "causes"])
 def test_the_command_says_what_the_reference_says(command, tmp_path, pages):

@@ -17,7 +17,7 @@ from command_line import vsalog_run
 from vsalog.cli import cli
 from vsalog.rig import Rig
 
-pytestmark = pytest.mark.share(3)
+pytestmark = pytest.mark.share(4)
 
 TIME = np.arange(0.0, 6.0, 0.005)
 THETA = 0.5 * np.sin(2.1 * TIME) + 0.1 * np.sin(7.3 * TIME)

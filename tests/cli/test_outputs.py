@@ -8,6 +8,8 @@ from knee import RIG, write_log
 from vsalog.core.errors import WriteError
 from vsalog.report.outputs import require_new, sealed
 
+pytestmark = pytest.mark.share(2)
+
 
 def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}

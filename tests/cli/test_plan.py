@@ -17,7 +17,7 @@ from vsalog.readers import read
 from vsalog.rig import Rig
 from vsalog.simulation.scenario import Scenario
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 RIG = """
 [joint.arm]

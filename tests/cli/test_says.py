@@ -11,7 +11,7 @@ import vsalog
 from vsalog.core.progress import Advanced, counted, watched
 from vsalog.report.progress import STEPS
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 OTHER = RIG.replace("inertia = 0.1", "inertia = 0.2")
 

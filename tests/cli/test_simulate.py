@@ -13,7 +13,7 @@ from vsalog.rig.load import preset_text
 from vsalog.simulation.scenario import built_in
 from vsalog.simulation.scenario_generic import GENERIC
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 OUTPUTS = ["a.mcap", "a.bag", "a.csv", "a.parquet", "a/"]
 ELASTIC = """

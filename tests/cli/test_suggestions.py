@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from knee import write_log
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 from command_line import vsalog_run
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 SAMPLE = Path(__file__).parents[2] / "sample_logs" / "sea_exp1.csv"
 NAMED = {"log", "logs", "log_sha256", "holdout", "holdout_sha256", "rig", "settings"}

@@ -24,6 +24,8 @@ from vsalog.residuals.system import build_system
 from vsalog.rig import Rig
 from vsalog.simulation import simulate
 
+pytestmark = pytest.mark.share(2)
+
 # The names that stay, one side of a joint after the other.
 NAMES = [
     *(

@@ -9,7 +9,7 @@ from vsalog.core.errors import DiagnosisError
 from vsalog.diagnosis.run import Options, diagnose
 from vsalog.report.diagnosis_sentences import worded
 
-pytestmark = pytest.mark.share(6)
+pytestmark = pytest.mark.share(7)
 
 CHAIN = """
 [chain]

@@ -20,6 +20,8 @@ from vsalog.residuals.channels import channels_of
 from vsalog.residuals.windows import begun, by_states, in_windows, shoot, windows_of
 from vsalog.rig import Rig
 
+pytestmark = pytest.mark.share(2)
+
 ROLES = {"link_position", "torque_sensor", "pressure_1", "pressure_2"}
 
 

@@ -22,7 +22,7 @@ from vsalog.rig.schema import Friction, Link, Motor
 from vsalog.simulation.machine import build
 from vsalog.simulation.play import play
 
-pytestmark = pytest.mark.share(4)
+pytestmark = pytest.mark.share(5)
 
 PERIOD = 2e-3
 

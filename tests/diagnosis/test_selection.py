@@ -11,7 +11,7 @@ from vsalog.residuals.channels import channels_of
 from vsalog.residuals.kinds import balance_for
 from vsalog.residuals.system import build_system
 
-pytestmark = pytest.mark.share(4)
+pytestmark = pytest.mark.share(5)
 
 
 def system_of(found, joint, hold=0.5):

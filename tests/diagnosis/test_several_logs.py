@@ -12,7 +12,7 @@ from vsalog.core.errors import DiagnosisError
 from vsalog.diagnosis.run import Options, diagnose
 from vsalog.rig import Rig
 
-pytestmark = pytest.mark.share(6)
+pytestmark = pytest.mark.share(7)
 
 RIG = """
 [joint.a]

@@ -13,7 +13,7 @@ from vsalog.rig import Rig
 from vsalog.simulation.scenario import Scenario
 from vsalog.simulation.simulate import simulate
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 ROWS = slice(2500, None, 400)
 EXTERNAL = "external_stiffness"

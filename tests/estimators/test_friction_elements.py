@@ -5,6 +5,8 @@ import pytest
 
 from vsalog.estimators.loops import Element, loops_among, refined, with_another
 
+pytestmark = pytest.mark.share(2)
+
 TIME = np.arange(0.0, 10.0, 0.01)
 DEFLECTION = 0.04 * np.sin(2.0 * TIME) + 0.02 * np.sin(7.3 * TIME + 1.0)
 SLIPS = tuple(0.03 * 0.5 ** np.arange(0.0, 4.5, 0.5))

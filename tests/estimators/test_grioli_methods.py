@@ -25,6 +25,8 @@ from vsalog.filters.derivatives import Derivatives
 from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.simulation.experiments import awas_experiment, vsa2_experiment
 
+pytestmark = pytest.mark.share(2)
+
 T, COUNT = 1e-3, 8_000
 INERTIA, DAMPING, WEIGHT = 0.03, 0.05, 0.4  # of the link
 B, D = 0.02, 0.1  # of the motor

@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 from command_line import vsalog_run
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 
 def vsalog(*args, cwd):

@@ -18,7 +18,7 @@ from vsalog.reproduce.rows import Row
 from vsalog.reproduce.serio2011 import PRINTED, by_default, simulated_by
 from vsalog.simulation.experiments import awas_rig
 
-pytestmark = pytest.mark.share(3)
+pytestmark = pytest.mark.share(4)
 
 T = 1e-3
 

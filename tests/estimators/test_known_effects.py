@@ -23,7 +23,7 @@ from vsalog.rig import Rig
 from vsalog.rig.schema import BoucWen, Friction, SlipElement
 from vsalog.simulation import simulate, sine, sum_of
 
-pytestmark = pytest.mark.share(5)
+pytestmark = pytest.mark.share(6)
 
 SEA = Rig.preset("sea").file
 PLAIN = SEA.joint["sea"]

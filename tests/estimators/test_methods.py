@@ -16,7 +16,7 @@ from vsalog.estimators.tuning import read_tuning
 from vsalog.rig.schema import AntagonisticJoint, LinearTransmission
 from vsalog.simulation.experiments import awas_experiment, elastic_experiment, vsa2_experiment
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 
 def signals_of(experiment):

@@ -15,6 +15,8 @@ from vsalog.rig import Rig
 from vsalog.simulation.scenario import Scenario
 from vsalog.simulation.simulate import simulate
 
+pytestmark = pytest.mark.share(2)
+
 RIG = Rig.preset("pam").file
 JOINT = RIG.joint["pam"]
 SENSOR = 500.0

@@ -27,6 +27,8 @@ from vsalog.rig.schema import SimpleFriction, TonduFriction
 from vsalog.simulation.pneumatic import simulate_pneumatic
 from vsalog.simulation.scenario import Scenario
 
+pytestmark = pytest.mark.share(2)
+
 replace = msgspec.structs.replace
 RIG = Rig.preset("pam").file
 JOINT = RIG.joint["pam"]

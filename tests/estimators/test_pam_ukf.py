@@ -14,6 +14,8 @@ from vsalog.estimation.joint import choose, estimate_joint
 from vsalog.readers import read
 from vsalog.rig import Rig
 
+pytestmark = pytest.mark.share(2)
+
 
 def vsalog(*args, cwd):
     done = vsalog_run(*args, cwd=cwd)

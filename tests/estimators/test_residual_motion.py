@@ -20,7 +20,7 @@ from vsalog.estimators.residual_motion import (
     motion_rows_start,
 )
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 PERIOD, STIFFNESS = 1e-3, 20.0
 TIME = np.arange(20_000) * PERIOD

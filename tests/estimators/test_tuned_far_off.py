@@ -9,7 +9,7 @@ from scipy.signal import freqz
 
 from vsalog.filters.savitzky_golay import savgol_cutoff, savgol_weights
 
-pytestmark = pytest.mark.share(3)
+pytestmark = pytest.mark.share(4)
 
 
 @pytest.mark.parametrize(("window", "degree"), [(51, 5), (101, 5), (201, 4), (1601, 5), (101, 15)])

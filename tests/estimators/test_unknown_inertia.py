@@ -8,6 +8,8 @@ import pytest
 from command_line import vsalog_run
 from elastic_drive import INERTIA, elastic_drive, write_log
 
+pytestmark = pytest.mark.share(2)
+
 RIG = """
 [joint.elbow]
 kind = "elastic"

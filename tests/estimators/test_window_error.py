@@ -19,6 +19,8 @@ from vsalog.estimators.registry import method
 from vsalog.estimators.window_error import CHOOSING, Driven, _square_error, exact_window
 from vsalog.filters.derivative_weights import derivative_weights
 
+pytestmark = pytest.mark.share(2)
+
 K, B, D = 60.0, 0.04, 0.3
 MOTOR = Driven("motor_torque", "motor_position", None)
 

@@ -25,7 +25,7 @@ from tests.hidden_effects.rig_file import CHANNELS
 from vsalog.readers import read
 from vsalog.rig.load import Rig
 
-pytestmark = pytest.mark.share(4)
+pytestmark = pytest.mark.share(5)
 
 ROOT = Path(__file__).parents[2]
 

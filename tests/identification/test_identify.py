@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from vsalog.rig import Rig
 
-pytestmark = pytest.mark.share(4)
+pytestmark = pytest.mark.share(5)
 
 SEA = """
 [joint.a]

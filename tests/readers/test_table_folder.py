@@ -18,6 +18,8 @@ from vsalog.rig.guess import guess_roles
 from vsalog.rig.load import Rig
 from vsalog.rig.schema import RigidJoint
 
+pytestmark = pytest.mark.share(2)
+
 T = np.arange(400) * 0.02
 NAMES = ["Rotation", "Pitch", "Wrist_Roll"]
 

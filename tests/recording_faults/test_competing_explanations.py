@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from vsalog.checks.fault_search import faults_of
 from vsalog.core.signals import JointSignals
 
-pytestmark = pytest.mark.share(3)
+pytestmark = pytest.mark.share(4)
 
 PERIOD, STIFFNESS = 0.002, 150.0
 

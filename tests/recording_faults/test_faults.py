@@ -19,7 +19,7 @@ from vsalog.readers import read
 from vsalog.rig.find import find_rig
 from vsalog.rig.guess import guess_roles
 
-pytestmark = pytest.mark.share(6)
+pytestmark = pytest.mark.share(7)
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,8 @@ from vsalog.core.recording import Channel, Recording, Stream
 from vsalog.inspection.joint_faults import joint_faults
 from vsalog.rig.guess import guess_roles
 
+pytestmark = pytest.mark.share(2)
+
 PERIOD = 2e-3
 T = np.arange(10_000) * PERIOD
 STAMPS = (T * 1e9).astype(np.int64)

@@ -23,7 +23,7 @@ from vsalog.reproduce.measure import Setting, Study, estimate, mean_relative, ms
 from vsalog.reproduce.rows import Result, Row, Spread, Verdict
 from vsalog.simulation.experiments import vsa2_experiment
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 # Neither the report's seeds nor those the settings were chosen with.
 SEEDS_OF_TESTS = (101, 102, 103)

@@ -8,6 +8,8 @@ from vsalog.estimators.qr import QrState, qr_block
 from vsalog.estimators.rls import RlsState, rls_block
 from vsalog.uncertainty.long_run import long_run_block, long_run_covariance, long_run_start
 
+pytestmark = pytest.mark.share(2)
+
 SAMPLES = 3000
 
 

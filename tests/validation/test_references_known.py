@@ -6,7 +6,7 @@ import pytest
 
 from tests.validation.conftest import SAMPLES, call
 
-pytestmark = pytest.mark.share(2)
+pytestmark = pytest.mark.share(3)
 
 MOTOR, SPRING = "joint.sea.motor.", "joint.sea.transmission."
 # Each effect and the reference that it reaches.

@@ -15,7 +15,7 @@ from vsalog.core.document_schema import document_schema, schema_text
 from vsalog.rig.load import preset_text
 from vsalog.validation import document
 
-pytestmark = pytest.mark.share(4)
+pytestmark = pytest.mark.share(5)
 
 DOCS = Path(__file__).parents[2] / "docs"
 SEA2 = SAMPLES / "sea_exp2.bag"
