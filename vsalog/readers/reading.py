@@ -37,7 +37,7 @@ def open_reader(path: str | PathLike[str], rate: float | None = None) -> Reader:
 
     Parameters
     ----------
-    path : path
+    path : str or Path
         A file, the folder of a ROS 2 bag or of tables that belong together, or an address of a file, which is downloaded first.
     rate : float, optional
         Samples per second [Hz] of tables that have no time column.
@@ -100,7 +100,7 @@ def read(
 
     Parameters
     ----------
-    path : path
+    path : str or Path
         A file, the folder of a ROS 2 bag or of tables that belong together, or an address of a file, which is downloaded first.
     wanted : collection of str, optional
         Names of the channels to decode and keep; None is all of them. Names that the log lacks are ignored.
@@ -164,7 +164,7 @@ def open_container(path: Path, kind: str) -> Container:
 
     Parameters
     ----------
-    path : path
+    path : str or Path
         A file, or the folder of a ROS 2 bag.
     kind : str
         As by `vsalog.readers.sniff.sniff`.

@@ -106,7 +106,7 @@ class Window:
         ----------
         reader : Reader
             The log, opened for this: its first samples are read.
-        path : path
+        path : Path
             Of the log, for messages.
         time : str
             Which clock; see `vsalog.readers.read`.
