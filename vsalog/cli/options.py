@@ -13,6 +13,7 @@ import rich_click as click
 from vsalog.cli import complete
 from vsalog.cli.pairs import pairs
 from vsalog.core.printable import named
+from vsalog.writers.atomic import FILE_SUFFIXES
 
 
 class LogPath(click.Path):
@@ -28,10 +29,6 @@ class LogPath(click.Path):
         return named(Path(os.fsdecode(super().convert(value, param, ctx))))
 
 
-FILES = (".csv", ".htm", ".html", ".json", ".mcap", ".parquet", ".pdf", ".png", ".svg", ".toml")
-"""Suffixes of files: a folder that is to be made is not meant to have such a name."""
-
-
 class FolderPath(click.Path):
     """The path of a folder for results."""
 
@@ -41,7 +38,7 @@ class FolderPath(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the path."""
         text = os.fspath(value)
-        if text.lower().endswith(FILES) and not Path(text).is_dir():
+        if text.lower().endswith(FILE_SUFFIXES) and not Path(text).is_dir():
             page = f"; --report {text} names the page" if text.lower().endswith((".htm", ".html")) else ""
             self.fail(f"'{text}' is a file's name; name a folder, '{text}/' for one of that name{page}", param, ctx)
         return super().convert(value, param, ctx)

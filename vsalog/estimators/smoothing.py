@@ -571,13 +571,14 @@ class Smoother:
         """
         best = self._settled_round(self.changing, LIMITS.most_rounds)
         if self.changing or best.no_change > FALSE_ALARM:
-            found = self._chosen(best)
-            if self.changing or found[1].change.constant:
-                return self, *found
+            chosen = self._chosen(best)
+            if self.changing or chosen[1].change.constant:
+                return self, *chosen
         same = self.collected, self.samples, None, self.loops, self.shown
         changing, constant = Smoother(self.solver, *same, True), Smoother(replace(self.solver, constant=True), *same)
         changed = changing._settled_round(True, LIMITS.most_rounds)
         unchanged = constant._settled_round(False, LIMITS.most_rounds)
+        # The first noise of the one has no steady change in it, which the other's noise may take up.
         if max(best.evidence, changed.evidence) - unchanged.evidence > -math.log(FALSE_ALARM):
             return changing, *changing._chosen(changed)
         return constant, *constant._chosen(unchanged)

@@ -20,10 +20,7 @@ from vsalog.estimation.job import sha256
 from vsalog.report.document import Document
 from vsalog.report.html import page_of
 from vsalog.rig.find import rig_beside
-from vsalog.writers.atomic import check_path, made_folder, together, write_text
-
-OTHER_FORMATS = (".csv", ".h5", ".hdf5", ".html", ".json", ".mat", ".mcap", ".npz", ".toml", ".tsv", ".txt", ".xlsx")
-"""Suffixes that promise another file than Parquet."""
+from vsalog.writers.atomic import FILE_SUFFIXES, check_path, made_folder, together, write_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +72,7 @@ class Outputs:
         for path in (outputs.trace, outputs.model, outputs.mcap, outputs.page):
             if path is not None and any(path.exists() and log.exists() and path.samefile(log) for log in logs):
                 raise WriteError(f"{path}: is the log itself; choose another name with -o")
-        if trace.suffix.lower() in OTHER_FORMATS:
+        if trace.suffix.lower() in FILE_SUFFIXES and trace.suffix.lower() != ".parquet":
             raise WriteError(
                 f"{trace}: a trace is a Parquet file, '{trace.with_suffix('.parquet')}'; for CSV, open that in Python:"
                 " pandas.read_parquet(FILE).to_csv(OTHER)"

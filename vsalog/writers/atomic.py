@@ -12,6 +12,11 @@ from pathlib import Path
 
 from vsalog.core.errors import WriteError
 
+FILE_SUFFIXES = (
+    ".csv", ".h5", ".hdf5", ".htm", ".html", ".json", ".mat", ".mcap", ".npz", ".parquet", ".pdf", ".png", ".svg", ".toml",
+    ".tsv", ".txt", ".xlsx",
+)  # fmt: skip
+"""Suffixes that promise a file of a format: no folder is made of such a name, and no file of another format."""
 _INTERRUPTIONS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
